@@ -1,0 +1,58 @@
+"""The errors a user can meet. Each message says what was expected, what was found, where, and the remedy."""
+
+from __future__ import annotations
+
+
+class VibridentError(Exception):
+    """Base of every error that vibrident raises on purpose."""
+
+
+class InputError(VibridentError):
+    """The input cannot be used as it is.
+
+    Args:
+        problem: one sentence, what is wrong.
+        expected: what a valid input has there.
+        found: what was there instead.
+        where: file, line, column, key or record.
+        remedy: what the user can do about it.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        expected: str = "",
+        found: str = "",
+        where: str = "",
+        remedy: str = "",
+    ) -> None:
+        self.problem = problem
+        self.expected = expected
+        self.found = found
+        self.where = where
+        self.remedy = remedy
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        lines = [self.problem]
+        for label in ("expected", "found", "where", "remedy"):
+            text = getattr(self, label)
+            if text:
+                lines.append(f"  {label + ':':<10}{text}")
+        return "\n".join(lines)
+
+    def __reduce__(self) -> tuple[object, ...]:  # keyword-only arguments survive a worker process
+        return (_rebuild_input_error, (type(self), self.__dict__.copy()))
+
+
+def _rebuild_input_error(kind: type[InputError], fields: dict[str, str]) -> InputError:
+    return kind(**fields)
+
+
+class ModelError(InputError):
+    """The model cannot be built or cannot be used with these data."""
+
+
+class NotConverged(VibridentError):
+    """The estimator stopped before it reached an optimum; the message says where and why."""

@@ -1,0 +1,306 @@
+"""The one result of an identification: values only, schema ``vibrident.result/1``, to and from JSON.
+
+Reports, plots, exports and the page render from it alone, without the data and without JAX.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args
+
+from vibrident.errors import InputError
+
+SCHEMA = "vibrident.result/1"
+
+WarningCode = Literal[
+    "lack_of_fit",
+    "weakly_determined",
+    "at_bound",
+    "band_sensitive",
+    "nonlinear",
+    "clipped",
+    "dead_channel",
+    "drift",
+    "polarity",
+    "aliasing",
+    "short_record",
+    "reference_noise",
+    "estimators_disagree",
+    "units_suspect",
+]
+WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class ResultWarning:
+    """One doubt about the result: a contracted code and a sentence for a person."""
+
+    code: WarningCode
+    message: str
+
+    def __post_init__(self) -> None:
+        if self.code not in WARNING_CODES:
+            raise ValueError(f"warning code {self.code!r} is not in the contracted list {WARNING_CODES}")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An identified or derived parameter.
+
+    Attributes:
+        value: best estimate, in ``unit``.
+        unit: unit of value, standard uncertainty and interval.
+        standard_uncertainty: u (GUM), same unit; None where it cannot be stated.
+        interval_95: limits of the 95 % coverage interval; None at an end that the data do not bound.
+        identifiable: False where the data do not determine the parameter.
+        derived: True for a function of the estimated parameters.
+    """
+
+    value: float
+    unit: str
+    standard_uncertainty: float | None
+    interval_95: tuple[float | None, float | None]
+    identifiable: bool = True
+    derived: bool = False
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of the estimated parameters: names, and matrix of shape (names, names)."""
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well the model's prediction meets the data.
+
+    For records the residual is measured minus predicted response in time, in the response unit; for a table it is
+    the complex response in its unit. With e the residual and y the measured response:
+    rmse = √mean(e²), mae = mean|e|, mse = rmse², r2 = 1 − mse/var(y), rpd = sd(y)/rmse (population sd),
+    nrmse = rmse/sd(y). ``chi2_reduced`` compares the deviation at the excited frequencies with its
+    uncertainty; ``degrees_of_freedom`` belongs to it.
+    """
+
+    rmse: float
+    mae: float
+    mse: float
+    r2: float
+    rpd: float
+    nrmse: float
+    chi2_reduced: float | None
+    degrees_of_freedom: int
+    adequate: bool
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Complex sensitivity over frequency: response per unit reference quantity, lag negative.
+
+    All tuples have the same length; uncertainties are standard uncertainties (k = 1).
+    """
+
+    frequency_hz: tuple[float, ...]
+    magnitude: tuple[float, ...]
+    phase_deg: tuple[float | None, ...]
+    magnitude_uncertainty: tuple[float | None, ...]
+    phase_deg_uncertainty: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class MeasuredCurve(Curve):
+    """What the data say at each excited frequency, and how far the model is from it.
+
+    Attributes:
+        deviation_percent: 100 (model − measured)/measured, of the magnitude.
+        deviation_phase_deg: model − measured phase; None where there is no measured phase.
+        record: name of the record each point comes from.
+    """
+
+    deviation_percent: tuple[float, ...] = ()
+    deviation_phase_deg: tuple[float | None, ...] = ()
+    record: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A short excerpt of one record for pictures: measured and predicted response, and the residual."""
+
+    record: str
+    time_s: tuple[float, ...]
+    measured: tuple[float, ...]
+    predicted: tuple[float, ...]
+    unit: str
+    rmse: float
+    nrmse: float
+
+
+@dataclass(frozen=True)
+class Training:
+    """How the estimator went: loss and parameters at each iteration of its optimiser."""
+
+    optimiser: str
+    status: str
+    iterations: int
+    loss: tuple[float, ...]
+    parameters: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Result:
+    """The outcome of one identification. See DESIGN's contract for each field's meaning.
+
+    Attributes:
+        model: model name, such as "accelerometer+delay".
+        estimator: estimator that produced the values.
+        settings: what was chosen, by the user or by ``auto``, with the reason.
+        provenance: package and library versions, file names and SHA-256, seed, time.
+        parameters: name to parameter.
+        correlation: of the estimated parameters.
+        fit: fit metrics.
+        response: the model's curve.
+        measured: the data's curve.
+        warnings: doubts; empty for a clean calibration of an adequate model.
+        sensor: free text of the calibration file.
+        reference: quantity and unit of the reference.
+        response_unit: unit of the response channel.
+        signals: excerpts for pictures.
+        training: trace of the optimiser.
+        weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
+    """
+
+    model: str
+    estimator: str
+    settings: Mapping[str, Any]
+    provenance: Mapping[str, Any]
+    parameters: Mapping[str, Parameter]
+    correlation: Correlation
+    fit: Fit
+    response: Curve
+    measured: MeasuredCurve
+    warnings: tuple[ResultWarning, ...] = ()
+    sensor: Mapping[str, str] = field(default_factory=dict)
+    reference: Mapping[str, str] = field(default_factory=dict)
+    response_unit: str = "V"
+    signals: tuple[Signal, ...] = ()
+    training: Training | None = None
+    weights: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def warning_codes(self) -> tuple[str, ...]:
+        """Codes of the warnings, in order, without repeats."""
+        return tuple(dict.fromkeys(w.code for w in self.warnings))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types only; numbers that are not finite become None."""
+        return {"schema": SCHEMA, **_plain(asdict(self))}
+
+    def to_json(self) -> str:
+        """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write ``result.json`` at ``path``, whole or not at all; return the path."""
+        target = Path(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            partial.write_text(self.to_json(), encoding="utf-8")
+            partial.replace(target)
+        finally:
+            partial.unlink(missing_ok=True)
+        return target
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Result:
+        """Build a result from ``to_dict``'s form.
+
+        Raises:
+            InputError: the document has another schema or lacks a field.
+        """
+        found = document.get("schema") if isinstance(document, Mapping) else type(document).__name__
+        if found != SCHEMA:
+            raise InputError(
+                "This is not a vibrident result.",
+                expected=f'"schema": "{SCHEMA}"',
+                found=repr(found),
+                remedy="give the result.json that `vibrident identify` wrote",
+            )
+        try:
+            training = document.get("training")
+            return cls(
+                model=document["model"],
+                estimator=document["estimator"],
+                settings=document["settings"],
+                provenance=document["provenance"],
+                parameters={name: _build(Parameter, p) for name, p in document["parameters"].items()},
+                correlation=_build(Correlation, document["correlation"]),
+                fit=_build(Fit, document["fit"]),
+                response=_build(Curve, document["response"]),
+                measured=_build(MeasuredCurve, document["measured"]),
+                warnings=tuple(_build(ResultWarning, w) for w in document["warnings"]),
+                sensor=document.get("sensor", {}),
+                reference=document.get("reference", {}),
+                response_unit=document.get("response_unit", "V"),
+                signals=tuple(_build(Signal, s) for s in document.get("signals", ())),
+                training=None if training is None else _build(Training, training),
+                weights=document.get("weights", {}),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                "The result file is incomplete or damaged.",
+                expected=f"all fields of {SCHEMA}",
+                found=f"{type(error).__name__}: {error}",
+                remedy="run `vibrident identify` again",
+            ) from error
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Result:
+        """Read a result file.
+
+        Raises:
+            InputError: the file cannot be read or is not a result.
+        """
+        try:
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise InputError(
+                "The result file cannot be read.",
+                expected="a JSON file written by `vibrident identify`",
+                found=str(error),
+                where=str(path),
+                remedy="check the path",
+            ) from error
+        return cls.from_dict(document)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def _build(kind: type[_T], document: Mapping[str, Any]) -> _T:
+    known = {f.name for f in fields(kind)}  # type: ignore[arg-type]
+    return kind(**{key: _tuples(value) for key, value in document.items() if key in known})
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, Mapping):
+        return {key: _tuples(item) for key, item in value.items()}
+    return value
