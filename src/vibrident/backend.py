@@ -1,0 +1,78 @@
+"""The only door to JAX: float64, the compilation cache, and a version that computes rightly.
+
+JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU. The pinned 0.10.1 does
+not; any other version gets the flag that cures it and must pass ``check_arithmetic`` before anything is computed.
+Import ``jax``, ``jnp`` and ``lax`` from here, never from JAX itself.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+from pathlib import Path
+
+TRUSTED_VERSION = "0.10.1"
+_CURE = "--xla_cpu_experimental_ynn_fusion_type="
+
+_installed = importlib.metadata.version("jax")
+# Cached kernels carry two tuning hints that XLA's loader reports as "unsupported features" on stderr, harmlessly.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+if _installed != TRUSTED_VERSION and _CURE not in os.environ.get("XLA_FLAGS", ""):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_CURE}".strip()
+
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from jax import lax  # noqa: E402
+
+__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax"]
+
+
+def cache_folder() -> Path | None:
+    """Folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None where the variable is empty."""
+    chosen = os.environ.get("VIBRIDENT_CACHE")
+    if chosen is not None:
+        return Path(chosen) if chosen else None
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "vibrident" / f"jax-{_installed}"
+
+
+def arithmetic_error() -> float:
+    """Largest relative error of the computation that faulty JAX releases get wrong.
+
+    ``jit`` of ``sum(vmap(A @ x))`` in float64 against NumPy; 0 to a few ulp where JAX is sound, 1e235 or NaN where not.
+    """
+    rng = np.random.default_rng(20240501)
+    matrix, vectors = rng.standard_normal((3, 3)), rng.standard_normal((512, 3))
+    computed = jax.jit(lambda a, x: jnp.sum(jax.vmap(lambda v: a @ v)(x), axis=0))(matrix, vectors)
+    expected = np.sum(vectors @ matrix.T, axis=0)
+    error = np.max(np.abs(np.asarray(computed) - expected)) / np.max(np.abs(expected))
+    return float(error) if np.isfinite(error) else float("inf")
+
+
+def _configure() -> None:
+    jax.config.update("jax_enable_x64", True)
+    folder = cache_folder()
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            return  # a read-only home only costs compile time
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def _refuse_if_wrong() -> None:
+    if _installed == TRUSTED_VERSION:
+        return
+    error = arithmetic_error()
+    if not error < 1e-12:
+        raise ImportError(
+            f"JAX {_installed} computes wrong numbers on this machine (relative error {error:g} in a sum of matrix "
+            f"products). Install the tested version: pip install 'jax=={TRUSTED_VERSION}' 'jaxlib=={TRUSTED_VERSION}'"
+        )
+
+
+_configure()
+_refuse_if_wrong()

@@ -1,0 +1,20 @@
+"""Continuous state space → network weights W1…W4, and samples → what the input neurons see.
+
+One family: over a step the input is a polynomial Σ_j c_j P_j(2x − 1), x = t/Ts in [0, 1], P_j Legendre; the
+method says where the c_j come from and how the step is taken.
+
+| method | inputs a step | step | order |
+|---|---|---|---|
+| ``euler`` | a_k | (I + Ts A): the paper's | 1 |
+| ``tustin`` | mean of a_k, a_{k+1} | trapezoidal rule | 2 |
+| ``zoh`` | a_k held | exact exponential | 1 (exact for held signals) |
+| ``foh`` | line through a_k, a_{k+1} | exact exponential | 2 (exact for piecewise linear signals) |
+| ``bandlimited`` | q Legendre coefficients of the band-limited signal through the samples | exact exponential | spectral |
+"""
+
+from __future__ import annotations
+
+from vibrident.discretize.inputs import StepInputs, band_limited_inputs, sampled_inputs
+from vibrident.discretize.weights import METHODS, Method, Weights, method
+
+__all__ = ["METHODS", "Method", "StepInputs", "Weights", "band_limited_inputs", "method", "sampled_inputs"]

@@ -1,0 +1,149 @@
+"""What the network's input neurons see in each step: Legendre coefficients of the input over the step.
+
+None of this depends on the sensor's parameters, so it is done once, before training. For a record taken through an
+anti-alias filter the signal between samples is the band-limited one; its coefficients over the step from t_k to
+t_{k+1} are weighted sums of the samples around it:
+
+    c_j(k) = (2j + 1) ∫₀¹ a(t_k + x Ts) P_j(2x − 1) dx = Σ_n h_j[n] a_{k+n},
+
+with h_j from the Kaiser-windowed sinc (Oppenheim & Schafer 2010, sec. 7.5). The Legendre series of a signal below
+0.4 fs converges for every sensor, however stiff: the j-th coefficient of a tone falls like the spherical Bessel
+function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from vibrident.records import BoolArray, FloatArray
+
+#: Highest frequency, as a fraction of the sampling rate, for which band-limited inputs are accurate.
+USABLE_BAND = 0.4
+#: Samples used on either side of a step.
+HALF_WIDTH = 40
+#: Kaiser β for the half width above: interpolation error below 1e-7 up to 0.43 of the sampling rate.
+KAISER_BETA = 16.0
+#: Error allowed for cutting the Legendre series, relative to the response.
+SERIES_TOLERANCE = 1e-10
+MAX_TERMS = 12
+
+
+@dataclass(frozen=True)
+class StepInputs:
+    """Legendre coefficients of the input over each step, aligned with the response samples.
+
+    Step k's output, read at ``fraction`` of the step, belongs to response sample k.
+
+    Attributes:
+        coefficients: shape (steps, terms).
+        usable: shape (steps,), False where a sample that the coefficients need is missing or not valid.
+        fraction: where in the step the output is read, in [0, 1).
+    """
+
+    coefficients: FloatArray
+    usable: BoolArray
+    fraction: float
+
+
+def terms_needed(rate_times_step: float) -> int:
+    """Number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
+
+    The error of leaving out the terms from j = q on is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest
+    ω in the usable band, with the second factor at most one.
+    """
+    from scipy.special import spherical_in, spherical_jn
+
+    highest = math.pi * USABLE_BAND  # ω Ts / 2
+    for q in range(2, MAX_TERMS):
+        # |j_q| of a complex rate is bounded by the modified function over its exponential growth.
+        sensor = min(1.0, float(spherical_in(q, rate_times_step / 2)))
+        if (2 * q + 1) * abs(float(spherical_jn(q, highest))) * sensor < SERIES_TOLERANCE:
+            return q
+    return MAX_TERMS
+
+
+@functools.lru_cache(maxsize=64)
+def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
+    """h_j[n] for n = 1 − half_width … half_width and a step that starts ``shift`` in [0, 1) samples late."""
+    offsets = np.arange(1 - half_width, half_width + 1) - shift
+    nodes, node_weights = legendre.leggauss(terms + 24)
+    x = 0.5 * (nodes + 1.0)
+    distance = x[:, None] - offsets[None, :]
+    inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
+    beta = KAISER_BETA * half_width / HALF_WIDTH
+    window = np.i0(beta * np.sqrt(inside)) / np.i0(beta)
+    kernel = np.sinc(distance) * window * (np.abs(distance) <= half_width)
+    basis = legendre.legvander(nodes, terms - 1)  # (nodes, terms)
+    filters = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T @ kernel
+    filters.flags.writeable = False
+    return filters
+
+
+def half_width_for(samples: int) -> int:
+    """Half width of the interpolation for a record of that many samples: short records get a shorter one."""
+    return int(min(HALF_WIDTH, max(4, samples // 12)))
+
+
+def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
+    """Legendre coefficients of the band-limited signal through ``samples``, ``delay_samples`` ago.
+
+    Args:
+        samples: shape (samples,), equally spaced.
+        valid: shape (samples,); steps whose interpolation would need an invalid sample are not usable.
+        terms: number of coefficients a step.
+        delay_samples: how much later the response channel is than the input, in samples; any sign.
+    """
+    from scipy import fft
+
+    n = samples.shape[0]
+    half = half_width_for(n)
+    whole = math.ceil(delay_samples)  # step k starts at sample k − whole + shift
+    shift = whole - delay_samples
+    filters = _filters(terms, half, shift)
+    clean = np.where(valid, samples, 0.0)
+    size = fft.next_fast_len(n + 2 * half, real=True)
+    spectrum = fft.rfft(clean, size)
+    kernels = fft.rfft(filters[:, ::-1], size, axis=-1)  # reversed: a correlation as a convolution
+    convolved = fft.irfft(spectrum * kernels, size, axis=-1)
+    # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k sits at k + half.
+    coefficients = convolved[:, half : half + n].T
+    return _delayed(coefficients, _supported(valid, half), whole, 0.0)
+
+
+def _supported(valid: BoolArray, half: int) -> BoolArray:
+    bad = np.concatenate([[0], np.cumsum(~valid)])
+    n = valid.shape[0]
+    k = np.arange(n)
+    first, last = k + 1 - half, k + half + 1
+    inside = (first >= 0) & (last <= n)
+    usable = np.zeros(n, dtype=bool)
+    usable[inside] = bad[last[inside]] == bad[first[inside]]
+    return usable
+
+
+def sampled_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
+    """Inputs that are held (terms = 1) or joined by straight lines (terms = 2) between samples."""
+    whole = math.ceil(delay_samples)
+    fraction = whole - delay_samples
+    if terms == 1:
+        return _delayed(samples[:, None], valid, whole, fraction)
+    following = np.append(samples[1:], samples[-1])
+    coefficients = np.stack([0.5 * (samples + following), 0.5 * (following - samples)], axis=1)
+    return _delayed(coefficients, valid & np.append(valid[1:], False), whole, fraction)
+
+
+def _delayed(coefficients: FloatArray, usable: BoolArray, whole: int, fraction: float) -> StepInputs:
+    """Move steps ``whole`` samples later, so that step k meets response sample k."""
+    n = usable.shape[0]
+    source = np.arange(n) - whole
+    inside = (source >= 0) & (source < n)
+    source = np.clip(source, 0, n - 1)
+    if whole:
+        coefficients, usable = coefficients[source], usable[source] & inside
+    return StepInputs(np.ascontiguousarray(coefficients), usable.copy(), fraction)

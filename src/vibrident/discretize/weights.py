@@ -1,0 +1,204 @@
+"""Network weights W1…W4 from the physics, by the name of the discretisation.
+
+The paper's layer (eq. 6) takes state x_k and inputs c_k to the new state and the output:
+
+    x_{k+1} = W3 x_k + W1 c_k
+    y_k     = W2 x_{k+1} + W4 c_k.
+
+Any exact or approximate step with x_{k+1} = Φ x_k + Γ c_k and y_k = C x_k + D c_k has this form with
+W3 = Φ, W1 = Γ, W2 = C Φ⁻¹, W4 = D − C Φ⁻¹ Γ (Table 1 for Euler). :class:`Weights` stores Φ, Γ and the output read
+from the old state, C and D, which never needs Φ⁻¹ (a stiff sensor's Φ has none to speak of); ``table`` gives W1…W4.
+
+A delay τ = (n − f) Ts moves the output inside the step: y(t_k + f Ts) needs only the step's own inputs. Its
+fraction f therefore lives in the output weights, and its whole samples n in the alignment of the records. (For the
+band-limited method the inputs are interpolated at the delay expected, and f holds what is left, near zero.)
+
+Zero-, first-order hold and the band-limited step share one matrix exponential (Van Loan 1978): with
+g(x)ᵀ = (P_0, …, P_{q−1})(2x − 1) = g(0)ᵀ e^{F x},
+
+    exp [[A Ts, Ts B g(0)ᵀ], [0, F]] = [[Φ, Γ], [0, e^F]].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibrident.backend import jax, jnp
+from vibrident.discretize.inputs import MAX_TERMS, StepInputs, band_limited_inputs, sampled_inputs, terms_needed
+from vibrident.errors import ModelError
+from vibrident.models.state_space import StateSpace
+from vibrident.records import BoolArray, FloatArray
+
+
+class Weights(NamedTuple):
+    """One step of the network.
+
+    Attributes:
+        transition: Φ = W3, shape (n, n).
+        drive: Γ = W1, shape (n, q).
+        output: C at the read-out instant, shape (n,).
+        feedthrough: D at the read-out instant, shape (q,).
+    """
+
+    transition: Any
+    drive: Any
+    output: Any
+    feedthrough: Any
+
+    def table(self) -> dict[str, Any]:
+        """W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
+        back = jnp.linalg.solve(self.transition.T, self.output)  # C Φ⁻¹
+        return {
+            "W1": self.drive,
+            "W2": back,
+            "W3": self.transition,
+            "W4": self.feedthrough - back @ self.drive,
+        }
+
+    @classmethod
+    def from_table(cls, w1: Any, w2: Any, w3: Any, w4: Any) -> Weights:
+        """The inverse of ``table``: y_k = W2 (W3 x_k + W1 c_k) + W4 c_k."""
+        return cls(transition=w3, drive=w1, output=w2 @ w3, feedthrough=w4 + w2 @ w1)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A discretisation.
+
+    Attributes:
+        name: as in settings and on the command line.
+        order: order of convergence for smooth signals; None where it is faster than any power.
+        fixed_terms: inputs a step; None where the sensor's stiffness decides.
+        step: (system, sampling interval, fraction f, terms) → Weights.
+    """
+
+    name: str
+    order: int | None
+    fixed_terms: int | None
+    step: Callable[[StateSpace, Any, Any, int], Weights]
+
+    def terms(self, rate_times_step: float, direct: bool = False) -> int:
+        """Number of inputs a step for a sensor with |λ| Ts = ``rate_times_step``.
+
+        ``direct``: the response contains the input itself, which no sensor smooths.
+        """
+        if self.fixed_terms is not None:
+            return self.fixed_terms
+        return MAX_TERMS if direct else terms_needed(rate_times_step)
+
+    def inputs(self, samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepInputs:
+        """What the input neurons see; see :mod:`vibrident.discretize.inputs`."""
+        make = band_limited_inputs if self.fixed_terms is None else sampled_inputs
+        return make(samples, valid, terms, delay_samples)
+
+    def weights(self, system: StateSpace, sampling_interval_s: Any, fraction: Any, terms: int) -> Weights:
+        """Weights of one step; ``fraction`` f in [0, 1] is where in the step the output is read."""
+        if len(system.d) > 1 and self.fixed_terms is not None:
+            raise ModelError(
+                "The response contains the derivative of this reference, which this discretisation does not have.",
+                expected="discretisation 'bandlimited', or the estimator 'ml'",
+                found=f"discretisation {self.name!r}",
+                where="velocity pickup with a displacement reference",
+                remedy="leave the discretisation at its default",
+            )
+        return self.step(system, sampling_interval_s, fraction, terms)
+
+
+def _legendre_shift(terms: int) -> np.ndarray:
+    """F with d/dx P_j(2x − 1) = Σ_k P_k(2x − 1) F[k, j]."""
+    shift = np.zeros((terms, terms))
+    for j in range(terms):
+        shift[j - 1 :: -2, j] = 2.0 * (2.0 * np.arange(j - 1, -1, -2) + 1.0) if j else 0.0
+    return shift
+
+
+def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
+    n = system.order
+    start = jnp.asarray((-1.0) ** np.arange(terms))  # P_j(−1)
+    shift = jnp.asarray(_legendre_shift(terms))
+    top = jnp.concatenate([system.a * ts, ts * system.b[:, None] * start], axis=1)
+    generator = jnp.concatenate([top, jnp.concatenate([jnp.zeros((terms, n)), shift], axis=1)], axis=0)
+    whole = jax.scipy.linalg.expm(generator)
+    if isinstance(fraction, float) and fraction == 0.0:  # read at the sample itself: no second exponential
+        output, basis = system.c, start
+        feedthrough = jnp.zeros(terms)
+    else:
+        part = jax.scipy.linalg.expm(generator * fraction)
+        output = system.c @ part[:n, :n]
+        feedthrough = system.c @ part[:n, n:]
+        basis = start @ part[n:, n:]
+    for m, d in enumerate(system.d):
+        feedthrough = feedthrough + d * basis
+        if m + 1 < len(system.d):
+            basis = basis @ shift / ts
+    return Weights(whole[:n, :n], whole[:n, n:], output, feedthrough)
+
+
+def _at_fraction(weights: Weights, fraction: Any) -> Weights:
+    """Read the output between two samples by a straight line, which keeps a second-order method's order."""
+    if isinstance(fraction, float) and fraction == 0.0:
+        return weights
+    after = weights.output @ weights.transition
+    output = (1.0 - fraction) * weights.output + fraction * after
+    feedthrough = weights.feedthrough + fraction * (weights.output @ weights.drive)
+    return Weights(weights.transition, weights.drive, output, feedthrough)
+
+
+def _direct(system: StateSpace) -> Any:
+    return system.d[0] if system.d else 0.0
+
+
+def _euler_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
+    step = Weights(
+        jnp.eye(system.order) + ts * system.a,
+        (ts * system.b)[:, None],
+        system.c,
+        jnp.full((1,), _direct(system)),
+    )
+    return _at_fraction(step, fraction)
+
+
+def _tustin_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
+    half = 0.5 * ts * system.a
+    implicit = jnp.eye(system.order) - half
+    transition = jnp.linalg.solve(implicit, jnp.eye(system.order) + half)
+    drive = jnp.linalg.solve(implicit, ts * system.b)
+    zero = jnp.zeros_like(drive)
+    direct = _direct(system) * jnp.ones(())
+    # c_0 is the mean of both ends and c_1 half their difference, so the line at f is c_0 + (2 f − 1) c_1.
+    feedthrough = jnp.stack([direct, direct * (2.0 * fraction - 1.0)])
+    step = Weights(transition, jnp.stack([drive, zero], axis=1), system.c, feedthrough)
+    return _at_fraction(step, fraction)
+
+
+METHODS: dict[str, Method] = {
+    m.name: m
+    for m in (
+        Method("euler", 1, 1, _euler_step),
+        Method("zoh", 1, 1, _exponential_step),
+        Method("foh", 2, 2, _exponential_step),
+        Method("tustin", 2, 2, _tustin_step),
+        Method("bandlimited", None, None, _exponential_step),
+    )
+}
+
+
+def method(name: str) -> Method:
+    """The discretisation of that name.
+
+    Raises:
+        ModelError: there is none.
+    """
+    if name not in METHODS:
+        raise ModelError(
+            f"The discretisation {name!r} is not known.",
+            expected=" | ".join(METHODS),
+            found=repr(name),
+            where="discretisation",
+            remedy="choose one from the list",
+        )
+    return METHODS[name]

@@ -1,0 +1,55 @@
+"""Sensor models: one core a file, add-ons beside them, put together by name.
+
+``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core or add-on is one file and one line in the
+tables below.
+"""
+
+from __future__ import annotations
+
+import difflib
+
+from vibrident.errors import ModelError
+from vibrident.models.accelerometer import ACCELEROMETER
+from vibrident.models.base import AddOn, Core, ParameterSpec, Rational, SensorModel
+from vibrident.models.delay import DELAY
+from vibrident.models.velocity_pickup import VELOCITY_PICKUP
+
+CORES: dict[str, Core] = {core.name: core for core in (ACCELEROMETER, VELOCITY_PICKUP)}
+ADD_ONS: dict[str, AddOn] = {addon.name: addon for addon in (DELAY,)}
+
+__all__ = ["ADD_ONS", "CORES", "ParameterSpec", "Rational", "SensorModel", "parse"]
+
+
+def parse(name: str) -> SensorModel:
+    """Build the model that ``name`` says: a core, then add-ons joined by "+", in any order.
+
+    Raises:
+        ModelError: the core or an add-on is unknown, or an add-on is named twice.
+    """
+    first, *rest = (part.strip() for part in name.split("+"))
+    if first not in CORES:
+        raise _unknown("sensor model", first, CORES, name)
+    for index, part in enumerate(rest):
+        if part not in ADD_ONS:
+            raise _unknown("add-on", part, ADD_ONS, name)
+        if part in rest[:index]:
+            raise ModelError(
+                f"The add-on {part!r} is named twice.",
+                expected="each add-on at most once",
+                found=repr(name),
+                where="model",
+                remedy=f"leave one {part!r} out",
+            )
+    ordered = [addon for addon in ADD_ONS if addon in rest]
+    return SensorModel("+".join([first, *ordered]), CORES[first], tuple(ADD_ONS[part] for part in ordered))
+
+
+def _unknown(kind: str, part: str, table: dict[str, Core] | dict[str, AddOn], name: str) -> ModelError:
+    near = difflib.get_close_matches(part, table, n=1)
+    return ModelError(
+        f"The {kind} {part!r} is not known.",
+        expected=" | ".join(table),
+        found=repr(name),
+        where="model",
+        remedy=f"did you mean {near[0]!r}?" if near else f"choose a {kind} from the list",
+    )

@@ -1,0 +1,160 @@
+"""What every sensor model is made of: parameters with units and bounds, a rational transfer function, a delay.
+
+The formulas use only arithmetic operators, so the same lines serve NumPy arrays, JAX arrays and JAX tracers; a
+model needs no array library of its own. A sensor is linear and time-invariant here:
+
+    response(s) = gain · N(s)/D(s) · e^{−s τ} · acceleration(s),   D monic.
+
+A reference given as velocity or displacement multiplies N by s or s².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from vibrident.records import Quantity
+
+#: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up to a constant.
+DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
+
+Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units except frequencies in Hz
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One parameter of a model.
+
+    Attributes:
+        name: contracted name.
+        unit: unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive.
+        kind: how the optimiser sees it. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
+            by its logarithm; ``positive``: linear, reflected at zero; ``time``: linear, in units of the shortest
+            time scale of the data.
+    """
+
+    name: str
+    unit: str
+    kind: Literal["gain", "log", "positive", "time"]
+
+
+@dataclass(frozen=True)
+class Rational:
+    """gain · N(s)/D(s): coefficients in ascending powers of s, D monic.
+
+    ``angular_scale`` (rad/s) is a typical rate of the system; states are scaled by it to keep numbers near one.
+    """
+
+    gain: Any
+    numerator: tuple[Any, ...]
+    denominator: tuple[Any, ...]
+    angular_scale: Any
+
+
+@dataclass(frozen=True)
+class Core:
+    """The sensor proper, without add-ons."""
+
+    name: str
+    title: str
+    parameters: tuple[ParameterSpec, ...]
+    rational: Callable[[Parameters], Rational]
+    derived: Callable[[Parameters], dict[str, tuple[Any, str]]]
+
+
+@dataclass(frozen=True)
+class AddOn:
+    """What stands in series with, or beside, the core. ``rational`` changes the core's transfer function."""
+
+    name: str
+    title: str
+    parameters: tuple[ParameterSpec, ...]
+    rational: Callable[[Parameters, Rational], Rational] | None = None
+    delay: Callable[[Parameters], Any] | None = None
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """A core with its add-ons; ``name`` is what result.json says."""
+
+    name: str
+    core: Core
+    add_ons: tuple[AddOn, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[ParameterSpec, ...]:
+        """All parameters, core first."""
+        return self.core.parameters + tuple(spec for addon in self.add_ons for spec in addon.parameters)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all parameters, core first."""
+        return tuple(spec.name for spec in self.parameters)
+
+    @property
+    def gain_name(self) -> str:
+        """Name of the parameter that the response is proportional to."""
+        return next(spec.name for spec in self.parameters if spec.kind == "gain")
+
+    def rational(self, parameters: Parameters, quantity: Quantity = "acceleration") -> Rational:
+        """Rational part of the transfer function from the reference quantity to the response."""
+        system = self.core.rational(parameters)
+        for addon in self.add_ons:
+            if addon.rational is not None:
+                system = addon.rational(parameters, system)
+        zeros = (0.0,) * DERIVATIVES[quantity]
+        return Rational(system.gain, zeros + system.numerator, system.denominator, system.angular_scale)
+
+    def delay_s(self, parameters: Parameters) -> Any:
+        """Delay of the response channel behind the reference channel, s; positive: the response comes later."""
+        return sum(addon.delay(parameters) for addon in self.add_ons if addon.delay is not None)
+
+    @property
+    def has_delay(self) -> bool:
+        """True where the model has a delay parameter."""
+        return any(addon.delay is not None for addon in self.add_ons)
+
+    def frequency_response(self, parameters: Parameters, frequency_hz: Any, quantity: Quantity = "acceleration") -> Any:
+        """Complex response per unit of the reference quantity, for e^{+jωt}.
+
+        Args:
+            parameters: name to value.
+            frequency_hz: shape (points,).
+            quantity: what the reference is.
+
+        Returns:
+            Complex array of shape (points,), response unit per SI unit of the quantity; lag has negative phase.
+        """
+        s = 2j * np.pi * frequency_hz
+        system = self.rational(parameters, quantity)
+        response = system.gain * polynomial(system.numerator, s) / polynomial(system.denominator, s)
+        if self.has_delay:
+            response = response * _exponential(-s * self.delay_s(parameters))
+        return response
+
+    def derived(self, parameters: Parameters) -> dict[str, tuple[Any, str]]:
+        """Derived quantities that the contract names: name to (value, unit template)."""
+        return self.core.derived(parameters)
+
+    def as_mapping(self, values: Any) -> dict[str, Any]:
+        """Name the entries of a vector of parameters, shape (parameters,)."""
+        return {name: values[index] for index, name in enumerate(self.parameter_names)}
+
+
+def polynomial(coefficients: tuple[Any, ...], s: Any) -> Any:
+    """Value of a polynomial with ascending coefficients at ``s``, by Horner's rule."""
+    value = coefficients[-1] + 0.0 * s
+    for coefficient in reversed(coefficients[:-1]):
+        value = value * s + coefficient
+    return value
+
+
+def _exponential(z: Any) -> Any:
+    if isinstance(z, (np.ndarray, np.generic, complex)):
+        return np.exp(z)
+    import jax.numpy as jnp  # only tracers and JAX arrays come here, so JAX is loaded already
+
+    return jnp.exp(z)

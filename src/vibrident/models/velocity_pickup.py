@@ -1,0 +1,44 @@
+"""Electrodynamic velocity pickup: a coil on the mass in a magnet's field, V = G ẋ.
+
+With ẍ + 2 δ ωn ẋ + ωn² x = a (x: displacement of the case against the mass, PAPER eq. 1),
+
+    V/a = G s / (s² + 2 δ ωn s + ωn²),   V/v = G s² / (s² + 2 δ ωn s + ωn²).
+
+Geophones and electrodynamic seismometers; G is the generator constant (V per m/s, signed).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibrident.models.base import Core, Parameters, ParameterSpec, Rational
+
+
+def _rational(parameters: Parameters) -> Rational:
+    wn = 2.0 * np.pi * parameters["natural_frequency"]
+    damping = parameters["damping_ratio"]
+    return Rational(parameters["generator_constant"], (0.0, 1.0), (wn * wn, 2.0 * damping * wn, 1.0), wn)
+
+
+def _derived(parameters: Parameters) -> dict[str, tuple[Any, str]]:
+    fn, damping = parameters["natural_frequency"], parameters["damping_ratio"]
+    derived = {"natural_angular_frequency": (2.0 * np.pi * fn, "rad/s")}
+    if 2.0 * damping * damping < 1.0:
+        # |V/v| is the high-pass counterpart of |V/a| of an accelerometer: its peak lies at fn/√(1 − 2 δ²).
+        derived["resonance_frequency"] = (fn / (1.0 - 2.0 * damping * damping) ** 0.5, "Hz")
+    return derived
+
+
+VELOCITY_PICKUP = Core(
+    name="velocity-pickup",
+    title="velocity pickup (electrodynamic coil, second order)",
+    parameters=(
+        ParameterSpec("generator_constant", "{response}/({reference_integrated})", "gain"),
+        ParameterSpec("natural_frequency", "Hz", "log"),
+        ParameterSpec("damping_ratio", "1", "positive"),
+    ),
+    rational=_rational,
+    derived=_derived,
+)

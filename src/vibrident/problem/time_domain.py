@@ -1,0 +1,251 @@
+"""The residual in time: measured response minus the unrolled network's, weighted by each record's noise.
+
+    r_k = (y_k − ŷ_k(θ; x0, b)) / σ_record
+
+with the initial state x0 and the offset b of every segment eliminated exactly. The derivative is the variable projection
+of Kaufman (1975): differentiate with x0 and b held, then take out what they could imitate. Its Gauss–Newton step is the
+joint step over all unknowns, and its gradient is the exact gradient.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.backend import jax, jnp, lax
+from vibrident.discretize import Method, Weights
+from vibrident.errors import InputError
+from vibrident.models import SensorModel
+from vibrident.models.state_space import realise
+from vibrident.network.unroll import (
+    Lanes,
+    Nuisance,
+    fit_nuisance,
+    nuisance_response,
+    projection,
+    respond,
+)
+from vibrident.problem.coordinates import Coordinates
+from vibrident.records import BoolArray, FloatArray, Quantity, Record
+
+#: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
+CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What of the problem's shape is fixed when it is compiled."""
+
+    model: SensorModel
+    method: Method
+    quantity: Quantity
+    terms: int
+    segments: int
+
+
+@dataclass(frozen=True, eq=False)
+class TimeProblem:
+    """Records of one sensor, cut into lanes, ready for any estimator that works in time.
+
+    Attributes:
+        layout: model, discretisation, quantity, number of inputs, number of segments.
+        records: the records, in order.
+        lanes: their steps.
+        intervals_s: distinct sampling intervals, shape (R,).
+        fractions: read-out fraction at ``delay_s``, shape (R,).
+        delay_s: delay at which the inputs were interpolated.
+        record_of_segment: shape (S,).
+        sample: shape (L, M), index of each step in its record, −1 for padding.
+    """
+
+    layout: Layout
+    records: tuple[Record, ...]
+    lanes: Lanes
+    intervals_s: FloatArray
+    fractions: FloatArray
+    delay_s: float
+    record_of_segment: np.ndarray
+    sample: np.ndarray
+
+    @classmethod
+    def build(
+        cls,
+        records: Sequence[Record],
+        model: SensorModel,
+        method: Method,
+        quantity: Quantity,
+        start: dict[str, float],
+    ) -> TimeProblem:
+        """Interpolate the inputs at the expected delay and cut the records into lanes.
+
+        Args:
+            records: at least one; a record without reference is a free decay, its input is zero.
+            model: the sensor model.
+            method: the discretisation.
+            quantity: what the reference is.
+            start: start values of the parameters; the natural frequency and damping set how many inputs a step
+                are needed, the delay where they are interpolated.
+
+        Raises:
+            InputError: no record is long enough.
+        """
+        delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
+        intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
+        proper = not realise(model.rational(start, quantity)).d
+        fastest = 2.0 * np.pi * start["natural_frequency"] * _fastest(start["damping_ratio"])
+        terms = max(method.terms(fastest * ts, direct=not proper) for ts in intervals)
+        order = len(model.rational(start, quantity).denominator) - 1
+        pieces, fractions = [], np.zeros(len(intervals))
+        for index, record in enumerate(records):
+            reference = np.zeros(record.samples) if record.reference is None else np.array(record.reference)
+            if record.reference is not None:
+                reference -= reference[record.mask].mean() if record.mask.any() else 0.0
+            valid = record.mask if record.reference is not None else np.ones(record.samples, dtype=bool)
+            step = method.inputs(reference, valid, terms, delay * record.sampling_rate_hz)
+            fractions[rate[index]] = step.fraction
+            for run in _runs(step.usable):
+                if np.sum(record.mask[run]) > 2 * (order + 1):
+                    pieces.append((index, run, step.coefficients[run]))
+        if not pieces:
+            raise InputError(
+                "No record is long enough for the network.",
+                expected=f"more than {2 * (order + 1)} samples that can be used after interpolation",
+                found=f"{max(r.samples for r in records)} samples in the longest record",
+                where="records",
+                remedy="use longer records, or the estimator 'ml'",
+            )
+        lanes, sample = _cut(pieces, records, rate, terms)
+        layout = Layout(model, method, quantity, terms, len(pieces))
+        owners = np.array([piece[0] for piece in pieces])
+        return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, sample)
+
+    @property
+    def degrees_of_freedom(self) -> FloatArray:
+        """Samples less initial states and offset, for every record, shape (records,)."""
+        per_lane = np.asarray(jnp.sum(self.lanes.weight, axis=0))
+        owners = self.record_of_segment[np.asarray(self.lanes.segment)]
+        counts = np.bincount(owners, weights=per_lane, minlength=len(self.records))
+        order = 1 + len(self.layout.model.core.rational(_ONES).denominator) - 1
+        return counts - order * np.bincount(self.record_of_segment, minlength=len(self.records))
+
+    @property
+    def data(self) -> tuple[Any, ...]:
+        """Arrays that ``residual`` needs beside the parameters and the noise."""
+        return self.lanes, self.intervals_s, self.fractions, self.delay_s
+
+    def by_lane(self, per_record: FloatArray) -> FloatArray:
+        """Spread one value a record over its lanes, shape (M,)."""
+        return np.asarray(per_record)[self.record_of_segment[np.asarray(self.lanes.segment)]]
+
+    def weights(self, parameters: dict[str, Any]) -> Weights:
+        """Network weights of the sensor, one set a sampling interval (leading axis R)."""
+        return _weights(parameters, self.layout, self.intervals_s, self.fractions, self.delay_s)
+
+    def predict(self, coordinates: Coordinates, z: Any) -> tuple[list[FloatArray], Nuisance]:
+        """Predicted response of every record (NaN where the network gives none), and the nuisance found."""
+        weights = self.weights(coordinates.physical(jnp.asarray(z)))
+        response, nuisance = _predict(weights, self.lanes, self.layout.segments)
+        flat = np.asarray(response).T.ravel()
+        index = self.sample.T.ravel()
+        owner = np.repeat(self.by_lane(np.arange(len(self.records))), self.sample.shape[0])
+        predicted = []
+        for number, record in enumerate(self.records):
+            mine = (owner == number) & (index >= 0)
+            series = np.full(record.samples, np.nan)
+            series[index[mine]] = flat[mine]
+            predicted.append(series)
+        return predicted, nuisance
+
+
+_ONES = {"sensitivity": 1.0, "generator_constant": 1.0, "natural_frequency": 1.0, "damping_ratio": 1.0}
+
+
+@functools.partial(jax.jit, static_argnames=("segments",))
+def _predict(weights: Weights, lanes: Lanes, segments: int) -> tuple[Any, Nuisance]:
+    p = projection(weights, lanes, segments)
+    zero = Nuisance(jnp.zeros((segments, weights.output.shape[-1])), jnp.zeros(segments))
+    nuisance = fit_nuisance(p, lanes, lanes.response - respond(weights, lanes, zero))
+    return respond(weights, lanes, nuisance), nuisance
+
+
+def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> Weights:
+    system = realise(layout.model.rational(parameters, layout.quantity))
+    if not layout.model.has_delay:
+        return jax.vmap(lambda ts: layout.method.weights(system, ts, 0.0, layout.terms))(jnp.asarray(intervals))
+    late = layout.model.delay_s(parameters) - delay
+
+    def one(ts: Any, fraction: Any) -> Weights:
+        return layout.method.weights(system, ts, fraction - late / ts, layout.terms)
+
+    return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
+
+
+def time_residual(weights: Weights, lanes: Lanes, noise: Any, segments: int) -> Any:
+    """Weighted residual of the network with these weights, shape (L·M,); see the module's text.
+
+    Args:
+        weights: one set a sampling interval (leading axis R); may be traced, tied to the physics or free.
+        lanes: the data.
+        noise: standard deviation of the response noise, by lane, shape (M,).
+        segments: number of segments.
+    """
+    frozen = lax.stop_gradient(weights)
+    p = projection(frozen, lanes, segments)
+    zero = Nuisance(jnp.zeros((segments, weights.output.shape[-1])), jnp.zeros(segments))
+    nuisance = fit_nuisance(p, lanes, lanes.response - respond(frozen, lanes, zero))
+    raw = (lanes.response - respond(weights, lanes, nuisance)) * lanes.weight
+    imitated = nuisance_response(p, lanes, fit_nuisance(p, lanes, raw))
+    return ((raw - imitated) * lanes.weight / noise).ravel()
+
+
+def physical_residual(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Any:
+    """``time_residual`` of the tied network: weights from the physics at coordinates ``z``."""
+    lanes, intervals, fractions, delay = data
+    weights = _weights(coordinates.physical(z), layout, intervals, fractions, delay)
+    return time_residual(weights, lanes, noise, layout.segments)
+
+
+def _fastest(damping: float) -> float:
+    """Largest |pole| over ωn: one when underdamped, δ + √(δ² − 1) when not."""
+    return damping + np.sqrt(damping * damping - 1.0) if damping > 1.0 else 1.0
+
+
+def _runs(usable: BoolArray) -> list[slice]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _cut(
+    pieces: list[tuple[int, slice, FloatArray]], records: Sequence[Record], rate: np.ndarray, terms: int
+) -> tuple[Lanes, np.ndarray]:
+    """Cut segments into chunks of CHUNK steps, the last one padded with weight zero."""
+    counts = [-(-(piece[1].stop - piece[1].start) // CHUNK) for piece in pieces]
+    total = sum(counts)
+    inputs = np.zeros((total, CHUNK, terms))
+    response, weight = np.zeros((total, CHUNK)), np.zeros((total, CHUNK))
+    sample = np.full((total, CHUNK), -1)
+    first, segment, rates = np.zeros(total, dtype=bool), np.zeros(total, dtype=int), np.zeros(total, dtype=int)
+    lane = 0
+    for number, ((index, run, coefficients), count) in enumerate(zip(pieces, counts, strict=True)):
+        steps = run.stop - run.start
+        mine = slice(lane, lane + count)
+        mask = records[index].mask[run].astype(float)
+        inputs[mine].reshape(-1, terms)[:steps] = coefficients
+        response[mine].reshape(-1)[:steps] = records[index].response[run] * mask
+        weight[mine].reshape(-1)[:steps] = mask
+        sample[mine].reshape(-1)[:steps] = np.arange(run.start, run.stop)
+        first[lane], segment[mine], rates[mine] = True, number, rate[index]
+        lane += count
+    lanes = Lanes(
+        np.ascontiguousarray(np.moveaxis(inputs, 0, -1)),
+        np.ascontiguousarray(response.T),
+        np.ascontiguousarray(weight.T),
+        first,
+        segment,
+        rates,
+    )
+    return lanes, sample.T
