@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,8 @@ class Record:
         frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
         start_time_s: time of the first sample on the file's own clock.
+        reference_full_scale: largest magnitude the reference channel can hold, in its unit; None where unknown.
+        response_full_scale: largest magnitude the response channel can hold, in its unit; None where unknown.
         provenance: file, hash and history.
 
     Raises:
@@ -86,6 +88,8 @@ class Record:
     valid: BoolArray | None = None
     start_time_s: float = 0.0
     provenance: Provenance = Provenance()
+    reference_full_scale: float | None = None
+    response_full_scale: float | None = None
 
     def __post_init__(self) -> None:
         where = f"record {self.name!r}"
@@ -278,6 +282,7 @@ class Calibration:
         response_unit: unit of the response after scaling.
         sensor: free text for reports (manufacturer, type, serial_number, …).
         source: path of the calibration file; empty for data made in memory.
+        certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -292,6 +297,7 @@ class Calibration:
     response_unit: str = "V"
     sensor: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
+    certificate: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = self.source or "calibration in memory"
@@ -314,3 +320,4 @@ class Calibration:
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
+        object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))

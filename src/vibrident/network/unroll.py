@@ -114,15 +114,18 @@ def _inverse(normal: Any) -> Any:
     return inverse / diagonal[..., :, None] / diagonal[..., None, :]
 
 
+def imitable(p: Projection, lanes: Lanes, signal: Any) -> Any:
+    """Products of ``signal``, shape (L, M), with what states and offset add to the response; shape (S, n + 1)."""
+    n = p.rows.shape[-1]
+    moments = jnp.stack([_collect(p.rows[..., i], lanes.rate, signal) for i in range(n)])
+    states = jnp.einsum("iam,im->ma", p.carry, moments)
+    sums = jnp.concatenate([states, jnp.sum(signal, axis=0)[:, None]], axis=1)
+    return jax.ops.segment_sum(sums, lanes.segment, p.inverse.shape[0])
+
+
 def fit_nuisance(p: Projection, lanes: Lanes, signal: Any) -> Nuisance:
     """Least-squares initial states and offsets that explain ``signal``, shape (L, M)."""
-    weighted = signal * lanes.weight
-    n = p.rows.shape[-1]
-    moments = jnp.stack([_collect(p.rows[..., i], lanes.rate, weighted) for i in range(n)])
-    states = jnp.einsum("iam,im->ma", p.carry, moments)
-    sums = jnp.concatenate([states, jnp.sum(weighted, axis=0)[:, None]], axis=1)
-    totals = jax.ops.segment_sum(sums, lanes.segment, p.inverse.shape[0])
-    solved = jnp.einsum("sij,sj->si", p.inverse, totals)
+    solved = jnp.einsum("sij,sj->si", p.inverse, imitable(p, lanes, signal * lanes.weight))
     return Nuisance(solved[:, :-1], solved[:, -1])
 
 

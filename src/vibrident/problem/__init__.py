@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from vibrident.problem.coordinates import Coordinates
-
+from vibrident.problem.evidence import Evidence
+from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.problem.time_domain import TimeProblem
 
-__all__ = ["Coordinates", "TimeProblem"]
+__all__ = ["Coordinates", "Evidence", "FrequencyProblem", "TimeProblem"]

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,60 +25,59 @@ from vibrident.records import FloatArray
 BAND_MARGIN = 300.0
 
 
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["start", "band_hz"], meta_fields=["model"])
 @dataclass(frozen=True)
 class Coordinates:
-    """The map between coordinates z, shape (parameters,), and a model's parameters.
+    """The map between coordinates z, shape (parameters,), and a model's parameters. A JAX pytree.
 
     Attributes:
         model: whose parameters.
-        start: name to start value, physical units.
-        band_hz: lowest and highest frequency of the data.
+        start: start values in the model's order, physical units, shape (parameters,).
+        band_hz: lowest and highest frequency of the data, shape (2,).
     """
 
     model: SensorModel
-    start: Mapping[str, float]
-    band_hz: tuple[float, float]
+    start: Any
+    band_hz: Any
+
+    @classmethod
+    def at(cls, model: SensorModel, start: Mapping[str, float], band_hz: tuple[float, float]) -> Coordinates:
+        """Coordinates around start values given by name."""
+        return cls(model, np.array([float(start[name]) for name in model.parameter_names]), np.array(band_hz))
 
     @property
-    def time_unit_s(self) -> float:
+    def time_unit_s(self) -> Any:
         """Unit of the coordinates of kind ``time``: one radian at the highest frequency."""
         return 1.0 / (2.0 * np.pi * self.band_hz[1])
 
     @property
     def first(self) -> FloatArray:
-        """Coordinates of the start values."""
-        values = []
-        for spec in self.model.parameters:
-            start = self.start[spec.name]
-            values.append({"gain": 1.0, "log": 0.0, "positive": start, "time": start / self.time_unit_s}[spec.kind])
-        return np.array(values)
-
-    @property
-    def limits_hz(self) -> tuple[float, float]:
-        """Range in which frequencies are looked for."""
-        return self.band_hz[0] / BAND_MARGIN, self.band_hz[1] * BAND_MARGIN
+        """Coordinates of the start values, shape (parameters,)."""
+        kinds = [spec.kind for spec in self.model.parameters]
+        pairs = zip(kinds, np.asarray(self.start), strict=True)
+        unit = float(self.time_unit_s)
+        return np.array([{"gain": 1.0, "log": 0.0, "positive": v, "time": v / unit}[kind] for kind, v in pairs])
 
     def physical(self, z: Any) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced."""
         values = {}
-        low, high = self.limits_hz
+        low, high = self.band_hz[0] / BAND_MARGIN, self.band_hz[1] * BAND_MARGIN
         for index, spec in enumerate(self.model.parameters):
-            start = self.start[spec.name]
+            start = self.start[index]
             if spec.kind == "gain":
                 values[spec.name] = z[index] * start
             elif spec.kind == "log":
-                inside = jnp.clip(z[index], np.log(low / start), np.log(high / start))
-                values[spec.name] = start * jnp.exp(inside)
+                values[spec.name] = jnp.clip(start * jnp.exp(z[index]), low, high)
             elif spec.kind == "positive":
                 values[spec.name] = jnp.abs(z[index])
             else:
                 values[spec.name] = z[index] * self.time_unit_s
         return values
 
+    def values(self, z: Any) -> dict[str, float]:
+        """Name to physical value, as plain floats."""
+        return {name: float(value) for name, value in self.physical(jnp.asarray(z, dtype=float)).items()}
+
     def vector(self, z: Any) -> Any:
         """Physical values in the model's order, shape (parameters,)."""
         return jnp.stack([jnp.asarray(value) for value in self.physical(z).values()])
-
-    def slopes(self, z: Any) -> FloatArray:
-        """dp/dz of every parameter at ``z``, shape (parameters,)."""
-        return np.asarray(jnp.diagonal(jax.jacfwd(self.vector)(jnp.asarray(z, dtype=float))))

@@ -1,12 +1,10 @@
 """The residual in frequency: measured complex responses against the model's, weighted by their noise.
 
-Two kinds of data, one form. Records give complex amplitudes X (reference) and Y (response) of each tone with the covariance
-of their noise; the errors-in-variables residual is (Pintelon & Schoukens 2012, sec. 9.11)
-
-    e = Y − H X,   var e = C_yy − 2 Re(H* C_yx) + |H|² C_xx,
-
-its sum of squares over its variance the maximum-likelihood cost once the unknown true X is eliminated. A table gives |H|
-and its phase with standard uncertainties u; the residual is in those coordinates, (|H| − m)/u_m and (arg H − φ)/u_φ.
+Two kinds of data, one form. Records give complex amplitudes X (reference) and Y (response) of each tone; the residual
+Y − H X over its standard deviation is the errors-in-variables residual (Pintelon & Schoukens 2012, sec. 9.11): its sum of
+squares is the maximum-likelihood cost once the unknown true X is eliminated. The deviation depends on H and is refreshed
+between fits. A table gives |H| and its phase with standard uncertainties u; the residual is in those coordinates,
+(|H| − m)/u_m and (arg H − φ)/u_φ.
 """
 
 from __future__ import annotations
@@ -17,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from vibrident.backend import jnp
-from vibrident.measure.response import MeasuredResponse
+from vibrident.measure import MeasuredResponse
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import Coordinates
-from vibrident.records import Quantity, ResponseTable
+from vibrident.records import FloatArray, Quantity, ResponseTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +30,7 @@ class FrequencyProblem:
         quantity: what the reference is.
         polar: True for a table, whose uncertainties belong to magnitude and phase.
         has_phase: False for a table of magnitudes alone.
-        data: arrays of the residual: (f, X, Y, C_xx, C_yy, C_yx) or (f, m, φ, u_m, u_φ), each of shape (n,).
+        data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or (f, m, φ, u_m, u_φ).
     """
 
     model: SensorModel
@@ -42,10 +40,11 @@ class FrequencyProblem:
     data: tuple[Any, ...]
 
     @classmethod
-    def of_measured(cls, measured: MeasuredResponse, model: SensorModel, quantity: Quantity) -> FrequencyProblem:
-        """The errors-in-variables problem of what the records say at each excited frequency."""
-        m = measured
-        data = (m.frequency_hz, m.reference, m.response, m.reference_variance, m.response_variance, m.covariance)
+    def of_measured(
+        cls, measured: MeasuredResponse, deviation: FloatArray, model: SensorModel, quantity: Quantity
+    ) -> FrequencyProblem:
+        """The problem of what the records say; ``deviation`` is that of the real part of Y − H X, shape (n,)."""
+        data = (measured.frequency_hz, measured.reference, measured.response, deviation)
         return cls(model, quantity, False, True, data)
 
     @classmethod
@@ -76,6 +75,20 @@ class FrequencyProblem:
         """Lowest and highest frequency."""
         return float(np.min(self.data[0])), float(np.max(self.data[0]))
 
+    @property
+    def response(self) -> FloatArray:
+        """Measured complex sensitivity, shape (n,)."""
+        if self.polar:
+            return self.data[1] * np.exp(1j * self.data[2])
+        return self.data[2] / self.data[1]
+
+    @property
+    def relative_deviation(self) -> FloatArray:
+        """Relative standard deviation of the measured sensitivity, shape (n,)."""
+        if self.polar:
+            return self.data[3] / self.data[1]
+        return self.data[3] / np.maximum(np.abs(self.data[2]), 1e-300)
+
 
 def response_residual(z: Any, coordinates: Coordinates, polar: bool, has_phase: bool, quantity: Quantity, data: Any) -> Any:
     """Weighted residual, shape (equations,); see the module's text."""
@@ -88,10 +101,16 @@ def response_residual(z: Any, coordinates: Coordinates, polar: bool, has_phase: 
             return radial
         turn = jnp.angle(model * jnp.exp(-1j * phase))
         return jnp.concatenate([radial, turn / phase_u])
-    frequency, x, y, cxx, cyy, cyx = data
-    model = coordinates.model.frequency_response(parameters, frequency, quantity)
-    error = y - model * x
-    variance = cyy - 2.0 * jnp.real(jnp.conj(model) * cyx) + jnp.abs(model) ** 2 * cxx
-    # Variances are those of the real and of the imaginary part; they stay positive, and a floor guards rounding.
-    scaled = error / jnp.sqrt(jnp.maximum(variance, 1e-30 * jnp.abs(y) ** 2))
+    frequency, x, y, deviation = data
+    scaled = (y - coordinates.model.frequency_response(parameters, frequency, quantity) * x) / deviation
     return jnp.concatenate([jnp.real(scaled), jnp.imag(scaled)])
+
+
+def inverse_residual(z: Any, coordinates: Coordinates, quantity: Quantity, data: Any) -> Any:
+    """The paper's least-squares residual w (1/H_model − 1/H), complex, shape (n,); data: (f, H, w).
+
+    Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which is what makes the method simple (PAPER, LSM).
+    """
+    frequency, response, weight = data
+    model = coordinates.model.frequency_response(coordinates.physical(z), frequency, quantity)
+    return weight * (1.0 / model - 1.0 / response)

@@ -21,6 +21,7 @@ from vibrident.discretize import Method, Weights
 from vibrident.errors import InputError
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
+from vibrident.network.sensitivity import Normal, normal_equations
 from vibrident.network.unroll import (
     Lanes,
     Nuisance,
@@ -44,6 +45,7 @@ class Layout:
     method: Method
     quantity: Quantity
     terms: int
+    order: int
     segments: int
 
 
@@ -119,7 +121,7 @@ class TimeProblem:
                 remedy="use longer records, or the estimator 'ml'",
             )
         lanes, sample = _cut(pieces, records, rate, terms)
-        layout = Layout(model, method, quantity, terms, len(pieces))
+        layout = Layout(model, method, quantity, terms, order, len(pieces))
         owners = np.array([piece[0] for piece in pieces])
         return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, sample)
 
@@ -129,12 +131,14 @@ class TimeProblem:
         per_lane = np.asarray(jnp.sum(self.lanes.weight, axis=0))
         owners = self.record_of_segment[np.asarray(self.lanes.segment)]
         counts = np.bincount(owners, weights=per_lane, minlength=len(self.records))
-        order = 1 + len(self.layout.model.core.rational(_ONES).denominator) - 1
-        return counts - order * np.bincount(self.record_of_segment, minlength=len(self.records))
+        return counts - (self.layout.order + 1) * np.bincount(self.record_of_segment, minlength=len(self.records))
 
-    @property
+    @functools.cached_property
     def data(self) -> tuple[Any, ...]:
-        """Arrays that ``residual`` needs beside the parameters and the noise."""
+        """Arrays that the residual needs beside the parameters and the noise, on the device."""
+        return jax.device_put(self._arrays())
+
+    def _arrays(self) -> tuple[Any, ...]:
         return self.lanes, self.intervals_s, self.fractions, self.delay_s
 
     def by_lane(self, per_record: FloatArray) -> FloatArray:
@@ -159,9 +163,6 @@ class TimeProblem:
             series[index[mine]] = flat[mine]
             predicted.append(series)
         return predicted, nuisance
-
-
-_ONES = {"sensitivity": 1.0, "generator_constant": 1.0, "natural_frequency": 1.0, "damping_ratio": 1.0}
 
 
 @functools.partial(jax.jit, static_argnames=("segments",))
@@ -203,10 +204,20 @@ def time_residual(weights: Weights, lanes: Lanes, noise: Any, segments: int) -> 
 
 
 def physical_residual(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Any:
-    """``time_residual`` of the tied network: weights from the physics at coordinates ``z``."""
+    """``time_residual`` of the tied network, weights from the physics at coordinates ``z``; shape (L·M,)."""
     lanes, intervals, fractions, delay = data
     weights = _weights(coordinates.physical(z), layout, intervals, fractions, delay)
     return time_residual(weights, lanes, noise, layout.segments)
+
+
+def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
+    """Accumulated normal equations of ``physical_residual`` at ``z``."""
+    lanes, intervals, fractions, delay = data
+
+    def tied(z: Any) -> Weights:
+        return _weights(coordinates.physical(z), layout, intervals, fractions, delay)
+
+    return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments)
 
 
 def _fastest(damping: float) -> float:

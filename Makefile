@@ -1,0 +1,62 @@
+# Needs make and Python 3.11 to 3.14 (JAX 0.10.1 has wheels for these); everything else comes from PyPI.
+#
+#   VENV=/elsewhere make test     another environment than .venv
+#   PYTHON=/opt/python3.12 make   another interpreter to make it with
+#   JOBS=4 make test              more test processes
+#   PYTEST_ARGS="-k sine" make test
+
+VENV ?= .venv
+JOBS ?= 2
+PYTEST_ARGS ?=
+BIN := $(VENV)/bin
+CORE := $(VENV)/.installed
+DEV := $(VENV)/.installed-dev
+
+# Run each candidate: a shim may be on the PATH and yet have no interpreter behind it.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 python; do \
+	"$$p" -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' >/dev/null 2>&1 \
+	&& echo "$$p" && break; done)
+
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help demo test lint format bench clean
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(CORE)  ## simulated calibration, identification and report, into demo/
+	$(BIN)/vibrident demo --out demo
+
+test: $(DEV)  ## all tests
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(CI),--durations=10) $(PYTEST_ARGS)
+
+lint: $(DEV)  ## style, format and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+format: $(DEV)  ## rewrite the sources in the agreed format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(DEV)  ## benchmarks and long statistical studies
+	$(BIN)/python bench/run.py
+
+clean:  ## remove what make and the tools have made
+	rm -rf $(CORE) $(DEV) .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { \
+		echo "No usable Python found: expected 3.11 to 3.14 with venv (Debian: python3-venv); set PYTHON=..." >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(CORE): pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable .
+	@touch $@
+
+$(DEV): pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable '.[dev]'
+	@touch $@ $(CORE)

@@ -1,0 +1,115 @@
+"""Start values from the nonparametric response alone: no user ever gives one.
+
+A grid over natural frequency and damping, compared by magnitude; the gain's size from the mean ratio; its sign and the delay
+from the phase; then a few Levenberg–Marquardt runs from the best and most different candidates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.errors import NotConverged
+from vibrident.estimators.objectives import response_objective
+from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.models import SensorModel
+from vibrident.problem import Coordinates, FrequencyProblem
+from vibrident.records import FloatArray
+
+DAMPING_GRID = (0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
+FREQUENCIES_PER_DECADE = 24
+DECADES_OUTSIDE = 1.5
+CANDIDATES = 4
+MOST_POINTS = 300
+#: No point counts for more than this relative deviation would allow: the grid is coarse.
+LEAST_DEVIATION = 0.01
+
+
+def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, float]:
+    """Parameters near the optimum, by name, in physical units.
+
+    Raises:
+        NotConverged: no candidate leads to a finite fit.
+    """
+    candidates = _grid_candidates(problem, model)
+    best: tuple[float, dict[str, float]] | None = None
+    kind = (problem.polar, problem.has_phase, problem.quantity)
+    for candidate in candidates:
+        coordinates = Coordinates.at(model, candidate, problem.band_hz)
+        trace = levenberg_marquardt(
+            response_objective, coordinates.first, (coordinates, kind, problem.data), tolerance=1e-7
+        )
+        cost = trace.costs[-1]
+        if np.isfinite(cost) and (best is None or cost < best[0]):
+            best = (cost, coordinates.values(trace.last))
+    if best is None:
+        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+    return best[1]
+
+
+def _grid_candidates(problem: FrequencyProblem, model: SensorModel) -> list[dict[str, float]]:
+    frequency, response, deviation = _thinned(problem)
+    log_measured = np.log(np.abs(response))
+    weight = 1.0 / np.maximum(deviation, LEAST_DEVIATION) ** 2
+    low, high = np.log10(problem.band_hz[0]) - DECADES_OUTSIDE, np.log10(problem.band_hz[1]) + DECADES_OUTSIDE
+    naturals = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
+    scored = []
+    for natural in naturals:
+        for damping in DAMPING_GRID:
+            trial = _trial(model, natural, damping)
+            unit = model.frequency_response(trial, frequency, problem.quantity)
+            difference = log_measured - np.log(np.abs(unit))
+            mean = np.sum(weight * difference) / np.sum(weight)
+            score = float(np.sum(weight * (difference - mean) ** 2))
+            scored.append((score, {**trial, model.gain_name: float(np.exp(mean))}))
+    scored.sort(key=lambda pair: pair[0])
+    chosen: list[dict[str, float]] = []
+    for _, trial in scored:
+        if all(_different(trial, other) for other in chosen):
+            chosen.append(_with_sign_and_delay(trial, problem, model, frequency, response, weight))
+        if len(chosen) == CANDIDATES:
+            break
+    return chosen
+
+
+def _trial(model: SensorModel, natural: float, damping: float) -> dict[str, float]:
+    values = {"natural_frequency": float(natural), "damping_ratio": float(damping)}
+    return {name: values.get(name, 1.0 if name == model.gain_name else 0.0) for name in model.parameter_names}
+
+
+def _different(one: dict[str, float], other: dict[str, float]) -> bool:
+    ratio = abs(np.log(one["natural_frequency"] / other["natural_frequency"]))
+    return ratio > 0.2 or abs(np.log(one["damping_ratio"] / other["damping_ratio"])) > 1.0
+
+
+def _with_sign_and_delay(
+    trial: dict[str, float],
+    problem: FrequencyProblem,
+    model: SensorModel,
+    frequency: FloatArray,
+    response: NDArray[np.complex128],
+    weight: FloatArray,
+) -> dict[str, float]:
+    if not problem.has_phase:
+        return trial
+    turn = response / model.frequency_response(trial, frequency, problem.quantity)
+    turn = weight * turn / np.abs(turn)
+    if not model.has_delay:
+        sign = 1.0 if np.sum(turn).real >= 0 else -1.0
+        return {**trial, model.gain_name: sign * trial[model.gain_name]}
+    # The delay that lines all phases up, searched over some periods of the highest frequency either way.
+    delays = np.linspace(-6.0, 6.0, 481) / problem.band_hz[1]
+    sums = np.real(np.exp(2j * np.pi * delays[:, None] * frequency[None, :]) @ turn)
+    # Of nearly equal alignments the shortest delay is the likely one.
+    preference = np.abs(sums) * (1.0 - 1e-3 * np.abs(delays) * problem.band_hz[1])
+    best = int(np.argmax(preference))
+    sign = 1.0 if sums[best] >= 0 else -1.0
+    return {**trial, model.gain_name: sign * trial[model.gain_name], "delay": float(delays[best])}
+
+
+def _thinned(problem: FrequencyProblem) -> tuple[FloatArray, NDArray[np.complex128], FloatArray]:
+    usable = np.flatnonzero(np.abs(problem.response) > 0)
+    if usable.size > MOST_POINTS:
+        order = usable[np.argsort(np.asarray(problem.data[0])[usable])]
+        usable = order[np.linspace(0, order.size - 1, MOST_POINTS).astype(int)]
+    return np.asarray(problem.data[0])[usable], problem.response[usable], problem.relative_deviation[usable]

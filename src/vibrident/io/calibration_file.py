@@ -1,0 +1,247 @@
+"""The calibration file: what may stand in it, and how it is read. Data files are not touched here."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from vibrident.errors import InputError
+from vibrident.io.columns import unreadable
+from vibrident.io.schema_errors import schema_error
+from vibrident.records import Excitation, Quantity
+
+
+def _column(value: int | str) -> int | str:
+    if value == "" or (isinstance(value, int) and value < 1):
+        raise ValueError("not a column")
+    return value
+
+
+def _scale(value: float) -> float:
+    if value == 0:
+        raise ValueError("zero")
+    return value
+
+
+# A field's description is the "expected" of its error message.
+_Column = Annotated[int | str, AfterValidator(_column), Field(description="a column number from 1, or a header name")]
+_Scale = Annotated[float, AfterValidator(_scale), Field(allow_inf_nan=False, description="a finite number but 0")]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
+_Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
+_Text = Annotated[str, Field(min_length=1, description="text in quotes, not empty")]
+_File = Annotated[str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class SensorSection(BaseModel):
+    """[sensor]: the model, and free text for reports."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+    model: _Text = "accelerometer"
+
+
+class ReferenceSection(_Section):
+    """[reference]: the channel that the interferometer, reference transducer or drive gives."""
+
+    column: _Column | None = None
+    quantity: Quantity = "acceleration"
+    scale: _Scale = 1.0
+    unit: str = Field(default="", description="text in quotes")
+    standard_uncertainty: _NotNegative = 0.0
+    full_scale: _Positive | None = None
+
+
+class ResponseSection(_Section):
+    """[response]: the channel that the sensor under test gives."""
+
+    column: _Column | None = None
+    scale: _Scale = 1.0
+    unit: _Text = "V"
+    full_scale: _Positive | None = None
+
+
+class SamplingSection(_Section):
+    """[sampling]: a rate, or the column that holds the times."""
+
+    rate_hz: _Positive | None = None
+    time_column: _Column | None = None
+
+
+class RecordsEntry(_Section):
+    """One [[records]] entry: a file or a glob, and what is in it."""
+
+    file: _File
+    excitation: Excitation
+    frequency_hz: _Positive | None = None
+    start_s: _NotNegative | None = None
+    stop_s: _Positive | None = None
+    name: _Text | None = None
+    reference_file: _File | None = None
+    rate_hz: _Positive | None = None
+    start_time_s: _Number | None = None
+
+
+class TableSection(_Section):
+    """[table]: a tabulated response instead of records."""
+
+    file: _File
+    frequency: _Column
+    magnitude: _Column
+    phase: _Column | None = None
+    magnitude_uncertainty: _Column | None = None
+    phase_uncertainty: _Column | None = None
+    phase_unit: Literal["deg", "rad"] = "deg"
+
+
+class CalibrationFile(_Section):
+    """A calibration file, checked; see docs for the meaning of each key."""
+
+    sensor: SensorSection = SensorSection()
+    reference: ReferenceSection = ReferenceSection()
+    response: ResponseSection = ResponseSection()
+    sampling: SamplingSection = SamplingSection()
+    records: list[RecordsEntry] = Field(default=[], description="one or more [[records]], in double brackets")
+    table: TableSection | None = None
+    certificate: dict[str, Any] = Field(default={}, description="a section [certificate]")
+
+    @property
+    def sensor_text(self) -> dict[str, str]:
+        """The free text of [sensor]."""
+        return {key: str(value) for key, value in (self.sensor.model_extra or {}).items()}
+
+
+def read_calibration_file(path: Path) -> CalibrationFile:
+    """Read and check a calibration file.
+
+    Raises:
+        InputError: the file cannot be read, is not TOML, or its keys or values are not as agreed.
+    """
+    document = _parse(path)
+    where = str(path)
+    try:
+        calibration = CalibrationFile.model_validate(document)
+    except ValidationError as error:
+        raise schema_error(error, CalibrationFile, where) from None
+    _check_sensor(calibration, where)
+    _check_content(calibration, where)
+    return calibration
+
+
+def _parse(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise unreadable(str(path), error, "a calibration file (TOML)") from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            "The calibration file is not UTF-8 text.",
+            expected="a TOML file in UTF-8",
+            found=f"byte 0x{error.object[error.start]:02x}",
+            where=f"{path}, line {_line_of(error)}",
+            remedy="save it as UTF-8; data files belong under [[records]] file",
+        ) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # recursion: brackets nested by the hundred
+        message = str(error)
+        line = re.search(r"at line (\d+)", message)
+        raise InputError(
+            "The calibration file is not valid TOML.",
+            expected="TOML: [section], key = value, text in quotes",
+            found=message,
+            where=f"{path}, line {line.group(1)}" if line else f"{path}, end of the file",
+            remedy="correct that line",
+        ) from error
+
+
+def _line_of(error: UnicodeDecodeError) -> int:
+    return error.object[: error.start].count(b"\n") + 1
+
+
+def _check_sensor(calibration: CalibrationFile, where: str) -> None:
+    """[sensor] takes any key, so a misspelt ``model`` would pass for free text and change the result."""
+    for key, value in (calibration.sensor.model_extra or {}).items():
+        if difflib.get_close_matches(key.lower(), ["model"], n=1, cutoff=0.8):
+            raise InputError(
+                f"The key {key!r} looks like a misspelt 'model'.",
+                expected="model = …, or a free key that is no look-alike of it",
+                found=f"{key} = {value!r}",
+                where=f"{where}, [sensor]",
+                remedy="did you mean 'model'?",
+            )
+        if isinstance(value, dict | list):
+            raise InputError(
+                "[sensor] holds text for reports, one line a key.",
+                expected="text, a number or a date",
+                found=f"{key} = {value!r}"[:80],
+                where=f"{where}, [sensor] {key}",
+                remedy="write it as text",
+            )
+
+
+def _check_content(calibration: CalibrationFile, where: str) -> None:
+    """Check what keys mean together."""
+    if bool(calibration.records) == (calibration.table is not None):
+        raise InputError(
+            "A calibration needs either records or a table.",
+            expected="[[records]] or [table]",
+            found="both" if calibration.records else "neither",
+            where=where,
+            remedy="keep one of the two"
+            if calibration.records
+            else "add [[records]] with file and excitation, or [table]",
+        )
+    if calibration.table is not None:
+        return
+    if calibration.response.column is None:
+        raise _missing("[response] column", where)
+    if calibration.reference.column is None and any(entry.excitation != "decay" for entry in calibration.records):
+        raise _missing("[reference] column", where)
+    sampling = calibration.sampling
+    if sampling.rate_hz is not None and sampling.time_column is not None:
+        raise InputError(
+            "The sampling rate is given twice.",
+            expected="rate_hz or time_column",
+            found=f"rate_hz = {sampling.rate_hz!r} and time_column = {sampling.time_column!r}",
+            where=f"{where}, [sampling]",
+            remedy="keep the one that you trust",
+        )
+    for number, entry in enumerate(calibration.records, start=1):
+        _check_entry(entry, f"{where}, [[records]] entry {number}")
+
+
+def _check_entry(entry: RecordsEntry, where: str) -> None:
+    if entry.start_s is not None and entry.stop_s is not None and entry.stop_s <= entry.start_s:
+        raise InputError(
+            "The part of the record is empty.",
+            expected="stop_s above start_s",
+            found=f"start_s = {entry.start_s!r}, stop_s = {entry.stop_s!r}",
+            where=where,
+            remedy="correct one of the two",
+        )
+    if entry.frequency_hz is not None and entry.excitation != "sine":
+        raise InputError(
+            "Only a sine has one frequency.",
+            expected='frequency_hz with excitation = "sine" alone',
+            found=f"frequency_hz = {entry.frequency_hz!r} with excitation = {entry.excitation!r}",
+            where=where,
+            remedy="remove frequency_hz, or correct the excitation",
+        )
+
+
+def _missing(key: str, where: str) -> InputError:
+    section, name = key.split("] ")
+    return InputError(
+        f"The key {key} is missing.",
+        expected="a column number from 1, or a header name",
+        found="nothing",
+        where=f"{where}, {section}]",
+        remedy=f"add {name} = …",
+    )

@@ -1,0 +1,131 @@
+"""What every file format gives: ordered, perhaps named columns of numbers, and words for where a value stands."""
+
+from __future__ import annotations
+
+import difflib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from vibrident.errors import InputError
+from vibrident.records import FloatArray
+
+#: How many names a message lists before it says how many more there are.
+_NAMES_IN_MESSAGE = 12
+
+
+class ColumnFile(ABC):
+    """A file of columns, opened but not yet converted.
+
+    A position is a column's place in ``names``, from 0. What the user writes in the calibration file (a number
+    from 1, or a name) becomes a position through ``position_of``.
+    """
+
+    @property
+    @abstractmethod
+    def file(self) -> str:
+        """The file as messages name it."""
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """One name a column; repeats are possible, and "" stands for a column without a name."""
+
+    @property
+    @abstractmethod
+    def numbered(self) -> tuple[int, ...]:
+        """Positions that the column numbers 1, 2, … stand for; empty where numbers have no clear meaning."""
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Sampling rate that the file itself states, in samples per second; None where it states none."""
+        return None
+
+    @abstractmethod
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Convert the columns at these positions; each has shape (samples,) and may hold NaN.
+
+        Raises:
+            InputError: a column cannot be read as real numbers.
+        """
+
+    @abstractmethod
+    def locate(self, position: int, row: int) -> str:
+        """Words for where a value stands: file, line or sample, column. ``row`` counts samples from 0."""
+
+    def position_of(self, column: int | str, key: str) -> int:
+        """Return the position of the column that the calibration file asks for.
+
+        Args:
+            column: number from 1, or name.
+            key: the key that asks, such as "[response] column", for the message.
+
+        Raises:
+            InputError: there is no such column, or the name stands for several.
+        """
+        where = f"{self.file}, asked for by {key}"
+        if isinstance(column, int):
+            return self._position_of_number(column, where)
+        wanted = self._plain_name(column)
+        matches = [position for position, name in enumerate(self.names) if name == wanted]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            numbers = " or ".join(str(self.numbered.index(p) + 1) for p in matches if p in self.numbered)
+            raise InputError(
+                f"The column name {column!r} is not unique.",
+                expected="a name that stands once in the header, or a column number",
+                found=f"{len(matches)} columns of that name",
+                where=where,
+                remedy=f"use a column number instead: {numbers}",
+            )
+        named = [name for name in self.names if name]
+        nearest = difflib.get_close_matches(wanted, named, n=1, cutoff=0.4)
+        raise InputError(
+            f"There is no column named {column!r}.",
+            expected=self._offer(),
+            found=repr(column),
+            where=where,
+            remedy=f"did you mean {nearest[0]!r}?" if nearest else "give one of these names, or a column number from 1",
+        )
+
+    def _plain_name(self, name: str) -> str:
+        """Return the name in the form that ``names`` uses."""
+        return name.strip()
+
+    def _position_of_number(self, number: int, where: str) -> int:
+        if not self.numbered:
+            raise InputError(
+                "A column number has no clear meaning in this file.",
+                expected=self._offer(),
+                found=f"column {number}",
+                where=where,
+                remedy="give the name",
+            )
+        if not 1 <= number <= len(self.numbered):
+            raise InputError(
+                "There is no column of that number.",
+                expected=f"a number from 1 to {len(self.numbered)}",
+                found=f"column {number}",
+                where=where,
+                remedy="columns are counted from 1; " + self._offer(),
+            )
+        return self.numbered[number - 1]
+
+    def _offer(self) -> str:
+        named = [name for name in self.names if name]
+        if not named:
+            return f"a column number from 1 to {len(self.names)} (the file has no header)"
+        listed = ", ".join(repr(name) for name in named[:_NAMES_IN_MESSAGE])
+        more = len(named) - _NAMES_IN_MESSAGE
+        return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
+
+
+def unreadable(file: str, error: BaseException, expected: str) -> InputError:
+    """Return the InputError for a file that the system or a format library refuses."""
+    reasons: dict[type[BaseException], tuple[str, str]] = {
+        FileNotFoundError: ("no file of that name", "check the path; relative paths start at the calibration file"),
+        IsADirectoryError: ("a folder", "name a file, or a glob such as 'folder/*.csv'"),
+        PermissionError: ("a file that may not be read", "ask for the right to read it"),
+    }
+    found, remedy = reasons.get(type(error), (f"{type(error).__name__}: {error}", "check that the file is whole"))
+    return InputError("The file cannot be read.", expected=expected, found=found, where=file, remedy=remedy)

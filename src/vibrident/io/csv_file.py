@@ -1,0 +1,129 @@
+"""Text files of columns: CSV and its relatives, at the speed of pandas."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.errors import InputError
+from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number
+from vibrident.io.csv_lines import numbered_rows, row_lines
+from vibrident.records import FloatArray
+
+#: What pandas takes for a missing value.
+_NO_VALUE = frozenset(
+    {
+        *("", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A", "#NA"),
+        *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
+    }
+)
+
+
+class CsvFile(ColumnFile):
+    """A text file of columns; the layout comes from its first lines, the numbers from pandas' C parser."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._layout: CsvLayout = detect_layout(path, str(path))
+
+    @property
+    def file(self) -> str:
+        """The file as messages name it."""
+        return str(self._path)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The header's names; all "" without a header."""
+        return self._layout.names
+
+    @property
+    def numbered(self) -> tuple[int, ...]:
+        """Every column has its number."""
+        return tuple(range(len(self.names)))
+
+    @cached_property
+    def _row_lines(self) -> NDArray[np.int64]:
+        return row_lines(self._path, self.file, self._layout)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Parse these columns; each has shape (rows,). An empty cell is NaN.
+
+        Raises:
+            InputError: a row is ragged, or a cell of these columns is text.
+        """
+        try:
+            rows = self._row_lines.size
+            frame = self._parse(sorted(set(positions)))
+        except OSError as error:
+            raise unreadable(self.file, error, "a text file of columns") from error
+        except (ValueError, TypeError, OverflowError) as error:  # pandas.errors.ParserError is a ValueError
+            raise self._text_in(positions, error) from error
+        if len(frame) != rows:
+            raise InputError(
+                "The rows of the file cannot be told apart.",
+                expected=f"{rows} rows, one a line",
+                found=f"{len(frame)} rows; a quoted cell may hold a line end",
+                where=self.file,
+                remedy="export the data without line ends inside cells",
+            )
+        return tuple(frame[position].to_numpy() for position in positions)
+
+    def locate(self, position: int, row: int) -> str:
+        """File, line and column of a value."""
+        return f"{self.file}, line {self._row_lines[row]}, {self._column(position)}"
+
+    def _column(self, position: int) -> str:
+        name = self.names[position]
+        return f"column {position + 1}" + (f" ({name!r})" if name else "")
+
+    def _parse(self, positions: list[int]) -> Any:
+        import pandas
+
+        layout = self._layout
+        # Before 3.1 the default parser may miss the nearest float by one unit in the last place; since then it is
+        # exact, and naming the precision is deprecated.
+        old = tuple(int(part) for part in pandas.__version__.split(".")[:2]) < (3, 1)
+        exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
+        with self._path.open("rb") as stream:
+            stream.seek(layout.offset)
+            return pandas.read_csv(
+                stream,
+                sep=r"\s+" if layout.delimiter == BLANKS else layout.delimiter,
+                header=None,
+                usecols=positions,
+                dtype=np.float64,
+                decimal=layout.decimal,
+                skipinitialspace=True,
+                encoding=layout.encoding,
+                encoding_errors="replace",
+                engine="c",
+                **exact,
+            )
+
+    def _text_in(self, positions: Sequence[int], error: Exception) -> InputError:
+        """Find the first cell that the parser refused."""
+        sign = self._layout.decimal
+        for line, cells in numbered_rows(self._path, self._layout):
+            for position in positions:
+                cell = cells[position]
+                if cell not in _NO_VALUE and not is_number(cell, sign):
+                    return InputError(
+                        "A cell that must hold a number holds text.",
+                        expected=f"a number, with decimal sign {sign!r}",
+                        found=repr(cell[:40]),
+                        where=f"{self.file}, line {line}, {self._column(position)}",
+                        remedy="repair the cell, or name another column",
+                    )
+        return InputError(
+            "The numbers of the file cannot be read.",
+            expected=f"numbers with decimal sign {sign!r}",
+            found=str(error)[:200],
+            where=f"{self.file}, " + ", ".join(self._column(position) for position in positions),
+            remedy="check these columns",
+        )

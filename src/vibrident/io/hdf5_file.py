@@ -1,0 +1,169 @@
+"""HDF5 files: one-dimensional datasets, and the columns of two-dimensional ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.records import FloatArray
+
+_EXPECTED = "an HDF5 file with datasets of real numbers"
+
+
+@dataclass(frozen=True)
+class ArrayColumn:
+    """One column of an array in a file.
+
+    Attributes:
+        array: path of the dataset, or name of the variable.
+        column: column of a two-dimensional array, from 0; None for a one-dimensional one.
+        transposed: True where the samples run along the second axis.
+    """
+
+    array: str
+    column: int | None = None
+    transposed: bool = False
+
+    @property
+    def name(self) -> str:
+        """The name that a calibration file uses: "array", or "array:2" for column 2."""
+        return self.array if self.column is None else f"{self.array}:{self.column + 1}"
+
+    def of(self, array: Any) -> Any:
+        """Take this column from the array; of an HDF5 dataset, nothing else is read."""
+        if self.column is None:
+            return array[...]
+        return array[self.column, :] if self.transposed else array[:, self.column]
+
+
+def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
+    """Return the columns of an array: samples run along the longer axis. Scalars and arrays of 3 axes have none."""
+    long_axes = [length for length in shape if length != 1]
+    if len(shape) > 2 or len(long_axes) == 0 or 0 in shape:
+        return ()
+    if len(long_axes) == 1:
+        return (ArrayColumn(name),)
+    rows, columns = long_axes
+    return tuple(ArrayColumn(name, column, columns > rows) for column in range(min(shape)))
+
+
+class ArrayFile(ColumnFile):
+    """A file of named arrays; how an array is read is left to the format."""
+
+    def __init__(self, path: Path, columns: Sequence[ArrayColumn], refused: dict[str, str]) -> None:
+        """Take the usable columns, and what was refused: name to the reason."""
+        self._path = path
+        self._columns = tuple(columns)
+        self._refused = refused
+        if not self._columns:
+            reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
+            raise InputError(
+                "The file holds no columns of numbers.",
+                expected="arrays of real numbers with one or two dimensions",
+                found=reasons or "no arrays",
+                where=str(path),
+                remedy="store the signals as plain numeric arrays",
+            )
+
+    @property
+    def file(self) -> str:
+        """The file as messages name it."""
+        return str(self._path)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each column: "array", or "array:2" for column 2 of a two-dimensional array."""
+        return tuple(column.name for column in self._columns)
+
+    @property
+    def numbered(self) -> tuple[int, ...]:
+        """The columns of the two-dimensional array, where there is just one; of the array, where it is alone."""
+        tables = {column.array for column in self._columns if column.column is not None}
+        if len(tables) == 1:
+            return tuple(i for i, column in enumerate(self._columns) if column.column is not None)
+        return (0,) if len(self._columns) == 1 else ()
+
+    def position_of(self, column: int | str, key: str) -> int:
+        """Return the position of a column; see ColumnFile. Says why an array was refused."""
+        if isinstance(column, str) and self._plain_name(column) in self._refused:
+            raise InputError(
+                f"The array {column!r} cannot be used.",
+                expected="an array of real numbers with one or two dimensions",
+                found=self._refused[self._plain_name(column)],
+                where=f"{self.file}, asked for by {key}",
+                remedy="store the signal as a plain numeric array",
+            )
+        return super().position_of(column, key)
+
+    def locate(self, position: int, row: int) -> str:
+        """File, array and sample of a value."""
+        return f"{self.file}, array {self.names[position]!r}, sample {row + 1}"
+
+    def _plain_name(self, name: str) -> str:
+        return name.strip().strip("/")
+
+
+class Hdf5File(ArrayFile):
+    """An HDF5 file. Only the datasets that are needed are read."""
+
+    def __init__(self, path: Path) -> None:
+        """List the datasets.
+
+        Raises:
+            InputError: the file is not HDF5, or holds no dataset of real numbers.
+        """
+        import h5py
+
+        columns: list[ArrayColumn] = []
+        refused: dict[str, str] = {}
+
+        def visit(name: str, item: Any) -> None:
+            if not isinstance(item, h5py.Dataset) or name.startswith("#"):  # MATLAB keeps its objects in #refs#
+                return
+            reason = _reason_against(item)
+            usable = () if reason else columns_of(name, item.shape)
+            columns.extend(usable)
+            if not usable:
+                refused[name] = reason or f"of shape {item.shape}"
+
+        try:
+            with h5py.File(path, "r") as file:
+                file.visititems(visit)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise unreadable(str(path), error, _EXPECTED) from error
+        super().__init__(path, columns, refused)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these columns; each has shape (samples,).
+
+        Raises:
+            InputError: the file is damaged or needs a filter that is not there.
+        """
+        import h5py
+
+        try:
+            with h5py.File(self._path, "r") as file:
+                columns = [self._columns[position] for position in positions]
+                return tuple(np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+
+
+def _reason_against(dataset: Any) -> str:
+    """Return why a dataset cannot be a column; "" where it can."""
+    matlab = dataset.attrs.get("MATLAB_class", b"")
+    kind = matlab.decode("ascii", "replace") if isinstance(matlab, bytes) else str(matlab)
+    if kind in {"cell", "char", "function_handle", "string"} or "MATLAB_object_decode" in dataset.attrs:
+        return f"a MATLAB {kind} and not numbers"
+    if "MATLAB_empty" in dataset.attrs or dataset.shape is None:
+        return "empty"
+    if dataset.dtype.kind in "iufb":
+        return ""
+    words = {"c": "complex", "O": "text or references", "S": "text", "V": "compound (a table of mixed fields)"}
+    return f"{words.get(dataset.dtype.kind, str(dataset.dtype))} and not real numbers"

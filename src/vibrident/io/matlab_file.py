@@ -1,0 +1,71 @@
+"""MATLAB files: up to version 7.2 through SciPy, 7.3 (which is HDF5) through h5py. Only plain numeric arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.hdf5_file import ArrayColumn, ArrayFile, Hdf5File, columns_of
+from vibrident.records import FloatArray
+
+_EXPECTED = "a MATLAB file with numeric arrays"
+_NUMERIC = frozenset(
+    {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+)
+
+
+def open_matlab_file(path: Path) -> ColumnFile:
+    """Open a MATLAB file of any version.
+
+    Raises:
+        InputError: the file is no MATLAB file, or holds no plain numeric array.
+    """
+    import h5py
+
+    return Hdf5File(path) if path.is_file() and h5py.is_hdf5(path) else MatlabFile(path)
+
+
+class MatlabFile(ArrayFile):
+    """A MATLAB file up to version 7.2. Cells, structures and objects are refused by name, never unpacked."""
+
+    def __init__(self, path: Path) -> None:
+        """List the variables.
+
+        Raises:
+            InputError: the file is no MATLAB file, or holds no plain numeric array.
+        """
+        import scipy.io
+
+        try:
+            variables = scipy.io.whosmat(path, appendmat=False)
+        except Exception as error:  # damaged files raise anything, from OSError to zlib.error
+            raise unreadable(str(path), error, _EXPECTED) from error
+        columns: list[ArrayColumn] = []
+        refused: dict[str, str] = {}
+        for name, shape, kind in variables:
+            usable = columns_of(name, shape) if kind in _NUMERIC else ()
+            columns.extend(usable)
+            if not usable:
+                refused[name] = f"of shape {shape}" if kind in _NUMERIC else f"a MATLAB {kind} and not a numeric array"
+        super().__init__(path, columns, refused)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these columns; each has shape (samples,).
+
+        Raises:
+            InputError: the file is damaged, or an array is complex.
+        """
+        import scipy.io
+
+        columns = [self._columns[position] for position in positions]
+        try:
+            arrays = scipy.io.loadmat(self._path, appendmat=False, variable_names=[c.array for c in columns])
+            complex_names = [c.name for c in columns if np.iscomplexobj(arrays[c.array])]
+            if complex_names:
+                raise ValueError(f"{complex_names[0]!r} is complex and not real")
+            return tuple(np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns)
+        except Exception as error:
+            raise unreadable(self.file, error, _EXPECTED) from error

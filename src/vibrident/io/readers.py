@@ -1,0 +1,47 @@
+"""Which reader belongs to which file ending. A new format is one module and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from vibrident.errors import InputError
+from vibrident.io.columns import ColumnFile
+from vibrident.io.csv_file import CsvFile
+from vibrident.io.hdf5_file import Hdf5File
+from vibrident.io.matlab_file import open_matlab_file
+from vibrident.io.wav_file import WavFile
+
+READERS: Mapping[str, Callable[[Path], ColumnFile]] = MappingProxyType(
+    {
+        ".csv": CsvFile,
+        ".txt": CsvFile,
+        ".dat": CsvFile,
+        ".asc": CsvFile,
+        ".tsv": CsvFile,
+        ".h5": Hdf5File,
+        ".hdf5": Hdf5File,
+        ".hdf": Hdf5File,
+        ".mat": open_matlab_file,
+        ".wav": WavFile,
+    }
+)
+
+
+def open_columns(path: Path) -> ColumnFile:
+    """Open a data file with the reader for its ending; numbers are converted only when asked for.
+
+    Raises:
+        InputError: the ending is not known, or the file is not what its ending says.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(
+            "The file's format is not known.",
+            expected="a file ending in " + ", ".join(READERS),
+            found=repr(path.suffix) if path.suffix else "no ending",
+            where=str(path),
+            remedy="rename the file, or export it as CSV or HDF5",
+        )
+    return reader(path)

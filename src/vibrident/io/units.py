@@ -1,0 +1,49 @@
+"""The unit of the reference: by contract its scale leads to the SI unit, so a stated unit can only confirm that."""
+
+from __future__ import annotations
+
+from vibrident.errors import InputError
+from vibrident.records import REFERENCE_UNITS, STANDARD_GRAVITY
+
+_SPELLINGS = {
+    "m/s^2": {"m/s^2", "m/s2", "m/s/s", "m*s^-2", "ms^-2", "m*s-2", "ms-2", "m/(s^2)", "m/(s*s)"},
+    "m/s": {"m/s", "m*s^-1", "ms^-1", "m*s-1", "ms-1"},
+    "m": {"m"},
+}
+#: What one of a common file unit is in SI, for the remedy.
+_IN_SI = {
+    "acceleration": {"g": STANDARD_GRAVITY, "gn": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1e3, "mm/s^2": 1e-3,
+                     "gal": 1e-2, "mgal": 1e-5, "cm/s^2": 1e-2},
+    "velocity": {"mm/s": 1e-3, "um/s": 1e-6, "nm/s": 1e-9, "cm/s": 1e-2, "in/s": 0.0254, "km/s": 1e3},
+    "displacement": {"mm": 1e-3, "um": 1e-6, "nm": 1e-9, "cm": 1e-2, "in": 0.0254, "km": 1e3},
+}  # fmt: skip
+_PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None})
+
+
+def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
+    """Return the reference's unit after scaling.
+
+    A drive keeps its own unit. For the other quantities it is the SI unit: ``unit`` may spell it, or, where a scale
+    leads from it to SI, name the unit in the file.
+
+    Raises:
+        InputError: ``unit`` belongs to another quantity, or is not SI while the scale is 1.
+    """
+    si = REFERENCE_UNITS[quantity]
+    if quantity == "drive":
+        return unit or si
+    plain = unit.translate(_PLAIN).replace("**", "^")
+    if not plain or plain in _SPELLINGS[si]:
+        return si
+    other = next((name for name, spellings in _SPELLINGS.items() if plain in spellings), None)
+    if other is None and scale != 1.0:
+        return si
+    factor = _IN_SI[quantity].get(plain.lower())
+    remedy = f"set scale = {factor!r} (times the present scale)" if factor else "correct unit, quantity or scale"
+    raise InputError(
+        f"The unit of the reference does not fit the quantity {quantity!r}.",
+        expected=f"{si} after scaling",
+        found=f"unit = {unit!r} with scale = {scale!r}",
+        where=f"{where}, [reference] unit",
+        remedy=remedy,
+    )

@@ -1,0 +1,72 @@
+"""WAV files: one column a channel, full scale is 1."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.records import FloatArray
+
+_EXPECTED = "a WAV file"
+
+
+class WavFile(ColumnFile):
+    """A WAV file. Integer samples become float64 in [−1, 1); float samples stay as they are."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the header.
+
+        Raises:
+            InputError: the file is no WAV file.
+        """
+        import soundfile
+
+        self._path = path
+        try:
+            path.open("rb").close()  # the system's own reason is clearer than libsndfile's
+            header = soundfile.info(str(path))
+        except (OSError, RuntimeError) as error:
+            raise unreadable(str(path), error, _EXPECTED) from error
+        self._channels = int(header.channels)
+        self._rate_hz = float(header.samplerate)
+
+    @property
+    def file(self) -> str:
+        """The file as messages name it."""
+        return str(self._path)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names are "channel 1", "channel 2" and so on."""
+        return tuple(f"channel {number}" for number in range(1, self._channels + 1))
+
+    @property
+    def numbered(self) -> tuple[int, ...]:
+        """Every channel has its number."""
+        return tuple(range(self._channels))
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples per second, from the file's header."""
+        return self._rate_hz
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these channels; each has shape (samples,).
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        import soundfile
+
+        try:
+            samples, _ = soundfile.read(str(self._path), dtype="float64", always_2d=True)
+        except (OSError, RuntimeError) as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+        return tuple(np.array(samples[:, position], dtype=np.float64) for position in positions)
+
+    def locate(self, position: int, row: int) -> str:
+        """File, channel and sample of a value."""
+        return f"{self.file}, {self.names[position]}, sample {row + 1}"

@@ -1,0 +1,211 @@
+"""A calibration as files that ``read`` takes back: one CSV a record, or one for the table, and calibration.toml."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.io.toml_text import toml_section
+from vibrident.records import Calibration, FloatArray, Record, ResponseTable
+
+CALIBRATION_FILE = "calibration.toml"
+_UNSAFE = re.compile(r"[^\w.+-]+")
+
+
+def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) -> Path:
+    """Write the calibration into a folder; return the path of its calibration.toml.
+
+    A record becomes a CSV file with the columns time_s, reference_<quantity> and response, in physical units; every
+    float is written so that it reads back as itself. A free decay has no reference column. All files appear together,
+    calibration.toml last; files of the same names are replaced, others stay.
+
+    Args:
+        folder: made where it does not exist.
+        calibration: records or table; history and hashes are not written, the new files have their own.
+
+    Raises:
+        InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot say.
+    """
+    target = Path(folder)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    _refuse_masks(calibration)
+    _refuse_equal_names(calibration)
+    try:
+        partial.mkdir(parents=True)
+        try:
+            files = _write_data(partial, calibration)
+            (partial / CALIBRATION_FILE).write_text(_toml(calibration, files), encoding="utf-8")
+            target.mkdir(parents=True, exist_ok=True)
+            for name in (*files, CALIBRATION_FILE):
+                (partial / name).replace(target / name)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise InputError(
+            "The calibration cannot be written.",
+            expected="a folder that can be written",
+            found=f"{type(error).__name__}: {error.strerror or error}",
+            where=str(target),
+            remedy="name another folder, or make room; nothing was left half-written",
+        ) from error
+    return target / CALIBRATION_FILE
+
+
+def _refuse_masks(calibration: Calibration) -> None:
+    for record in calibration.records:
+        if not record.mask.all():
+            raise InputError(
+                "A record with samples left out cannot be written.",
+                expected="records whose samples are all valid",
+                found=f"{int(np.sum(~record.mask))} of {record.samples} samples left out",
+                where=f"record {record.name!r}",
+                remedy="write the calibration before samples are left out",
+            )
+
+
+def _refuse_equal_names(calibration: Calibration) -> None:
+    names = [record.name for record in calibration.records]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                "Two records have the same name.",
+                expected="a name of its own for each record",
+                found=repr(name),
+                where="calibration to be written",
+                remedy="change one of the names",
+            )
+
+
+def _write_data(folder: Path, calibration: Calibration) -> list[str]:
+    if calibration.table is not None:
+        _write_columns(folder / "table.csv", _table_columns(calibration.table))
+        return ["table.csv"]
+    files: list[str] = []
+    for record in calibration.records:
+        files.append(_file_name(record.name, files))
+        _write_columns(folder / files[-1], _record_columns(record, calibration.quantity))
+    return files
+
+
+def _file_name(record_name: str, taken: list[str]) -> str:
+    """Return a file name for the record that every system takes and no other record has."""
+    stem = _UNSAFE.sub("_", record_name.removesuffix(".csv")).strip("._") or "record"
+    used = {name.casefold() for name in taken}
+    candidates = (f"{stem}.csv", *(f"{stem}_{number}.csv" for number in range(2, len(taken) + 3)))
+    return next(name for name in candidates if name.casefold() not in used)
+
+
+def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
+    columns = {"time_s": record.start_time_s + record.time_s}
+    if _has_reference(record):
+        assert record.reference is not None
+        columns[f"reference_{quantity}"] = record.reference
+    columns["response"] = record.response
+    return columns
+
+
+def _has_reference(record: Record) -> bool:
+    return record.reference is not None and record.excitation != "decay"
+
+
+def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
+    columns = {
+        "frequency_hz": table.frequency_hz,
+        "magnitude": table.magnitude,
+        "phase_rad": table.phase_rad,
+        "magnitude_uncertainty": table.magnitude_uncertainty,
+        "phase_uncertainty_rad": table.phase_uncertainty_rad,
+    }
+    return {name: values for name, values in columns.items() if values is not None}
+
+
+def _write_columns(path: Path, columns: Mapping[str, FloatArray]) -> None:
+    """Write columns with the shortest digits that read back exactly; plain Python is faster here than pandas."""
+    texts = [map(repr, values.tolist()) for values in columns.values()]
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(",".join(columns) + "\n")
+        stream.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
+
+
+def _toml(calibration: Calibration, files: list[str]) -> str:
+    reference: dict[str, Any] = {
+        "quantity": calibration.quantity,
+        "scale": 1.0,
+        "unit": calibration.reference_unit,
+        "standard_uncertainty": calibration.reference_standard_uncertainty,
+    }
+    response: dict[str, Any] = {"scale": 1.0, "unit": calibration.response_unit}
+    sections = [toml_section("[sensor]", {**calibration.sensor, "model": calibration.model})]
+    if calibration.table is not None:
+        sections += [toml_section("[reference]", reference), toml_section("[response]", response)]
+        sections.append(_table_section(calibration.table, files[0]))
+    else:
+        sections += _record_sections(calibration, files, reference, response)
+    if calibration.certificate:
+        sections.append(toml_section("[certificate]", calibration.certificate))
+    return "\n".join(sections)
+
+
+def _table_section(table: ResponseTable, file: str) -> str:
+    keys = {
+        "frequency": "frequency_hz",
+        "magnitude": "magnitude",
+        "phase": "phase_rad",
+        "magnitude_uncertainty": "magnitude_uncertainty",
+        "phase_uncertainty": "phase_uncertainty_rad",
+    }
+    written = _table_columns(table)
+    columns = {key: column for key, column in keys.items() if column in written}
+    return toml_section("[table]", {"file": file, **columns, "phase_unit": "rad"})
+
+
+def _record_sections(
+    calibration: Calibration, files: list[str], reference: dict[str, Any], response: dict[str, Any]
+) -> list[str]:
+    records = calibration.records
+    if any(_has_reference(record) for record in records):
+        reference = {"column": f"reference_{calibration.quantity}", **reference}
+    reference["full_scale"] = _common(
+        [r.reference_full_scale for r in records if _has_reference(r)], "reference_full_scale"
+    )
+    response = {"column": "response", **response}
+    response["full_scale"] = _common([r.response_full_scale for r in records], "response_full_scale")
+    rate = records[0].sampling_rate_hz
+    return [
+        toml_section("[reference]", reference),
+        toml_section("[response]", response),
+        toml_section("[sampling]", {"rate_hz": float(rate)}),
+        *(toml_section("[[records]]", _entry(r, f, rate)) for r, f in zip(records, files, strict=True)),
+    ]
+
+
+def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
+    return {
+        "file": file,
+        "name": record.name or None,
+        "excitation": record.excitation,
+        "frequency_hz": record.frequency_hz,
+        "rate_hz": record.sampling_rate_hz if record.sampling_rate_hz != common_rate_hz else None,
+        "start_time_s": record.start_time_s or None,
+    }
+
+
+def _common(values: list[float | None], field: str) -> float | None:
+    """Return the value that all records share; the calibration file states one a channel."""
+    distinct = set(values)
+    if len(distinct) > 1:
+        raise InputError(
+            "The records differ in a value that the calibration file states once.",
+            expected=f"one {field} for all records",
+            found=", ".join(str(value) for value in list(distinct)[:5]),
+            where="calibration to be written",
+            remedy="write the records as two calibrations",
+        )
+    return next(iter(distinct), None)

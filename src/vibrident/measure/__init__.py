@@ -1,0 +1,10 @@
+"""What the data say before any model: their quality, the tones in them, their nonparametric response. No JAX."""
+
+from __future__ import annotations
+
+from vibrident.measure.bands import measure_bands
+from vibrident.measure.quality import Finding, screen
+from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.tones import measure_tones
+
+__all__ = ["Finding", "MeasuredResponse", "measure_bands", "measure_tones", "screen"]

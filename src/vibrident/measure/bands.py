@@ -1,0 +1,70 @@
+"""Response over narrow bands for motion that is not a sine: sweeps, random, multisine, shock.
+
+H = Σ Y X* / Σ |X|² over the spectral lines of a band (the H1 estimate; Bendat & Piersol 2010, sec. 6.1), for bands that hold
+enough of the excitation. Start values and pictures come from it, never the identified parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import fft
+
+from vibrident.measure.response import MeasuredResponse
+from vibrident.records import FloatArray, Record
+
+LINES_IN_BAND = 6
+BANDS_PER_OCTAVE = 12
+#: A band counts when its excitation per line is above this part of the strongest band's.
+LEAST_POWER = 1e-5
+
+
+def measure_bands(records: Sequence[Record]) -> MeasuredResponse | None:
+    """Banded response of records with a reference; None where no band holds excitation."""
+    parts = [part for index, r in enumerate(records) if (part := _measure(index, r)) is not None]
+    return MeasuredResponse.join(parts) if parts else None
+
+
+def band_edges(samples: int, rate: float) -> FloatArray:
+    """First bin of each band and the end of the last: log-spaced, at least LINES_IN_BAND lines wide; ints as floats."""
+    edges, last = [1], int(0.45 * samples)
+    while edges[-1] < last:
+        edges.append(max(edges[-1] + LINES_IN_BAND, int(edges[-1] * 2 ** (1 / BANDS_PER_OCTAVE))))
+    edges[-1] = max(last, edges[-2] + 1) if len(edges) > 1 else last
+    return np.array(edges, dtype=float)
+
+
+def _measure(index: int, record: Record) -> MeasuredResponse | None:
+    if record.reference is None:
+        return None
+    n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
+    window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
+    window = window * mask
+    signals = np.stack([np.asarray(record.reference), record.response], axis=1)
+    signals = signals - signals[mask].mean(axis=0)
+    spectrum = fft.rfft(signals * window[:, None], axis=0) * 2.0 / np.sum(window)
+    edges = band_edges(n, rate).astype(int)
+    power = np.array([np.mean(np.abs(spectrum[a:b, 0]) ** 2) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    keep = np.flatnonzero(power > LEAST_POWER * power.max())
+    if power.max() == 0 or keep.size == 0:
+        return None
+    width = int(np.max(edges[keep + 1] - edges[keep]))
+    shape = (keep.size, width)
+    hz, x, y, weight = np.ones(shape), np.zeros(shape, complex), np.zeros(shape, complex), np.zeros(shape)
+    frequency, reference, response = np.zeros(keep.size), np.zeros(keep.size, complex), np.zeros(keep.size, complex)
+    for row, band in enumerate(keep):
+        lines = slice(edges[band], edges[band + 1])
+        count = lines.stop - lines.start
+        bx, by = spectrum[lines, 0], spectrum[lines, 1]
+        total = np.sum(np.abs(bx) ** 2)
+        centre = np.sum(np.arange(lines.start, lines.stop) * np.abs(bx) ** 2) / total
+        frequency[row] = centre * rate / n
+        reference[row], response[row] = np.sqrt(total), np.sum(by * np.conj(bx)) / np.sqrt(total)
+        hz[row, :count] = np.arange(lines.start, lines.stop) * rate / n
+        x[row, :count], y[row, :count], weight[row, :count] = bx / np.sqrt(2), by / np.sqrt(2), 1.0
+    freedom = np.maximum(2.0 * weight.sum(axis=1) - 2.0, 1.0)
+    owner = np.full(keep.size, index)
+    return MeasuredResponse(
+        frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2))
+    )

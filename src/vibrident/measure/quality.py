@@ -1,0 +1,194 @@
+"""Is a record fit for use? Plateaus of an overdriven channel, channels without signal, too few periods, aliasing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vibrident.errors import InputError
+from vibrident.measure.response import MeasuredResponse
+from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.result import WarningCode
+
+#: A run of samples at a channel's extreme is a plateau when the slopes around it would have carried a free signal
+#: this many times further than the run's own spread, over at least so many samples.
+PLATEAU_RATIO = 8.0
+PLATEAU_SAMPLES = 4
+PLATEAU_TOLERANCE = 2e-3
+PLATEAU_GUARD = 2
+#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
+ALIAS_POWER = 0.01
+FEWEST_PERIODS = 2.0
+#: A tone is heard above this many standard deviations of its amplitude.
+SILENT_SIGMA = 5.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One doubt about the data."""
+
+    code: WarningCode
+    message: str
+
+
+def screen(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """Mark samples that must not be used, leave out dead records, and say what was found.
+
+    Raises:
+        InputError: no record is left.
+    """
+    kept, findings = [], []
+    for record in records:
+        dead = _dead(record)
+        if dead:
+            findings.append(Finding("dead_channel", f"{record.name}: {dead}; the record is left out."))
+            continue
+        record, clipped = _without_plateaus(record)
+        findings += clipped
+        if record.mask.sum() < 8:
+            findings.append(Finding("clipped", f"{record.name}: nothing usable is left; the record is left out."))
+            continue
+        findings += _aliasing(record)
+        kept.append(record)
+    if not kept:
+        raise InputError(
+            "No record can be used.",
+            expected="at least one record in which both channels carry a signal",
+            found="; ".join(f.message for f in findings),
+            where="records",
+            remedy="check the columns of [reference] and [response] with `vibrident inspect`",
+        )
+    return tuple(kept), tuple(findings)
+
+
+def _dead(record: Record) -> str:
+    """Why the record holds no signal at all; empty where it does."""
+    channels = [("response", record.response)]
+    if record.reference is not None:
+        channels.insert(0, ("reference", record.reference))
+    for label, values in channels:
+        values = np.asarray(values)[record.mask]
+        if values.size == 0 or np.ptp(values) == 0.0:
+            return f"the {label} channel never changes"
+    return ""
+
+
+def _without_plateaus(record: Record) -> tuple[Record, list[Finding]]:
+    findings = []
+    channels = [("response", record.response)]
+    if record.reference is not None:
+        channels.insert(0, ("reference", record.reference))
+    for label, values in channels:
+        bad = plateaus(np.asarray(values), record.mask)
+        if bad.any():
+            level = float(np.median(np.asarray(values)[bad]))
+            count = int(np.sum(bad & record.mask))
+            record = record.without(bad, f"{label} clipped near {level:.6g}")
+            findings.append(
+                Finding(
+                    "clipped",
+                    f"{record.name}: the {label} channel stays on a plateau near {level:.6g}; {count} of "
+                    f"{record.samples} samples are left out of the fit.",
+                )
+            )
+    return record, findings
+
+
+def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
+    """Samples on a plateau at either extreme, with a guard of two samples around; shape (samples,).
+
+    A free signal turns round within a run of m samples only if the slopes before and after carry it about v m/4 beyond
+    the run's ends; a clipped one stays flat. The test compares the two, so it needs no full scale, and neither a slow sine's
+    flat top, nor coarse quantisation, nor the rest before a shock looks clipped.
+    """
+    bad = np.zeros(values.shape, dtype=bool)
+    resolution = _resolution(values[valid])
+    for _ in range(4):
+        good = valid & ~bad
+        if good.sum() < 8:
+            break
+        found = np.zeros_like(bad)
+        low, high = values[good].min(), values[good].max()
+        tolerance = PLATEAU_TOLERANCE * (high - low)
+        for at_extreme in (good & (values >= high - tolerance), good & (values <= low + tolerance)):
+            for first, last in _runs_of(at_extreme):
+                if _is_plateau(values, first, last, resolution):
+                    found[max(0, first - PLATEAU_GUARD) : last + 1 + PLATEAU_GUARD] = True
+        if not found.any():
+            break
+        bad |= found
+    return bad
+
+
+def _is_plateau(values: FloatArray, first: int, last: int, resolution: float) -> bool:
+    length = last - first + 1
+    if length < PLATEAU_SAMPLES:
+        return False
+    inside = values[first : last + 1]
+    slopes = []
+    if first >= 2:
+        slopes.append(np.max(np.abs(np.diff(values[first - 2 : first + 1]))))
+    if last + 2 < values.shape[0]:
+        slopes.append(np.max(np.abs(np.diff(values[last : last + 3]))))
+    if not slopes:
+        return False
+    expected = min(slopes) * length / 4.0
+    return bool(expected > max(PLATEAU_RATIO * np.ptp(inside), 8.0 * resolution))
+
+
+def _resolution(values: FloatArray) -> float:
+    """Smallest step between values that occur, an upper bound of the quantisation where there is one."""
+    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
+    return float(np.min(steps)) if steps.size else 0.0
+
+
+def _runs_of(flags: BoolArray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _aliasing(record: Record) -> list[Finding]:
+    if record.reference is None:
+        return []
+    values = np.where(record.mask, np.asarray(record.reference) - np.asarray(record.reference)[record.mask].mean(), 0.0)
+    power = np.abs(fft.rfft(values * np.hanning(record.samples))) ** 2
+    total = float(power.sum())
+    above = float(power[int(0.9 * power.shape[0]) :].sum())
+    if total > 0 and above > ALIAS_POWER * total:
+        return [
+            Finding(
+                "aliasing",
+                f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of the sampling "
+                "rate, where no anti-alias filter leaves any; content above half the rate would look the same.",
+            )
+        ]
+    return []
+
+
+def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list[Finding]:
+    """Sine records that hold fewer than two periods."""
+    findings = []
+    for record, frequency in zip(records, frequencies_hz, strict=True):
+        periods = frequency * record.mask.sum() / record.sampling_rate_hz
+        if periods < FEWEST_PERIODS:
+            findings.append(Finding("short_record", f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz."))
+    return findings
+
+
+def silent_channels(tones: MeasuredResponse) -> list[Finding]:
+    """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
+    findings = []
+    for label, amplitude, lines in (
+        ("reference", tones.reference, tones.line_reference),
+        ("response", tones.response, tones.line_response),
+    ):
+        noise = np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1))
+        heard = np.abs(amplitude) > SILENT_SIGMA * noise
+        if not heard.any():
+            findings.append(
+                Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
+            )
+    return findings

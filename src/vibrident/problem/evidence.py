@@ -1,0 +1,94 @@
+"""A calibration made ready: fit records, the tones in them, the response by bands, and what was found on the way."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.measure import Finding, MeasuredResponse, measure_bands, measure_tones, screen
+from vibrident.measure.quality import short_records, silent_channels
+from vibrident.models import SensorModel
+from vibrident.problem.frequency_domain import FrequencyProblem
+from vibrident.records import Calibration, Quantity, Record
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What an estimator gets.
+
+    Attributes:
+        calibration: as read.
+        model: the sensor model to identify.
+        records: records that passed the screening; empty for a table.
+        tones: what the sine records say at their frequencies; ``record`` counts in ``records``. None without sines.
+        bands: the same for other motion with a reference; None without.
+        findings: doubts about the data.
+    """
+
+    calibration: Calibration
+    model: SensorModel
+    records: tuple[Record, ...]
+    tones: MeasuredResponse | None
+    bands: MeasuredResponse | None
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
+        """Screen the records and measure their nonparametric response.
+
+        Raises:
+            InputError: no record can be used.
+        """
+        if calibration.table is not None:
+            return cls(calibration, model, (), None, None, ())
+        records, findings = screen(calibration.records)
+        sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
+        others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
+        tones = _renumbered(measure_tones([records[i] for i in sines]), sines) if sines else None
+        bands = measure_bands([records[i] for i in others]) if others else None
+        bands = _renumbered(bands, others) if bands is not None else None
+        more: list[Finding] = []
+        if tones is not None:
+            more += short_records([records[i] for i in sines], tones.frequency_hz)
+            more += silent_channels(tones)
+        return cls(calibration, model, records, tones, bands, (*findings, *more))
+
+    @property
+    def quantity(self) -> Quantity:
+        """What the reference is."""
+        return self.calibration.quantity
+
+    @property
+    def only_sines(self) -> bool:
+        """True where every record is a sine."""
+        return bool(self.records) and all(r.excitation == "sine" for r in self.records)
+
+    @functools.cached_property
+    def first_look(self) -> FrequencyProblem | None:
+        """The response before any model, for start values; None where nothing but free decays was recorded."""
+        if self.calibration.table is not None:
+            return FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
+        parts = [m for m in (self.tones, self.bands) if m is not None]
+        if not parts:
+            return None
+        measured = MeasuredResponse.join(parts)
+        return FrequencyProblem.of_measured(measured, measured.error_deviation(), self.model, self.quantity)
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency of the data."""
+        if self.first_look is not None:
+            return self.first_look.band_hz
+        longest = max(self.records, key=lambda r: r.duration_s)
+        return 1.0 / longest.duration_s, 0.4 * longest.sampling_rate_hz
+
+
+def _renumbered(measured: MeasuredResponse | None, records: list[int]) -> MeasuredResponse | None:
+    """Count records as in the whole list."""
+    if measured is None:
+        return None
+    fields = {name: getattr(measured, name) for name in measured.__dataclass_fields__}
+    fields["record"] = np.asarray(records)[measured.record]
+    return MeasuredResponse(**fields)

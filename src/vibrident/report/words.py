@@ -1,0 +1,197 @@
+"""Plain words: what each warning means and what to do about it, what each parameter and each metric is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from vibrident.result import Parameter, WarningCode
+
+
+@dataclass(frozen=True)
+class Words:
+    """A warning code for a person: a short title, what it means for the result, what to do."""
+
+    title: str
+    meaning: str
+    action: str
+
+
+_WORDS: dict[WarningCode, Words] = {
+    "lack_of_fit": Words(
+        "the model does not describe the data",
+        "The deviations at the excited frequencies are larger than their uncertainties explain. The stated "
+        "parameter uncertainties hold only if the model is right, so they are too small here.",
+        "Look where the deviation picture leaves zero: rising towards high frequencies suggests a delay or a second "
+        "mode, falling towards low ones a high-pass. Add it to the model, narrow the band, or check the stated "
+        "uncertainties.",
+    ),
+    "weakly_determined": Words(
+        "the data hardly determine a parameter",
+        "One parameter, or a combination of parameters, can change much while the fit hardly changes. Its value is "
+        "driven by noise and its uncertainty is large or cannot be stated.",
+        "Excite the frequencies that tell it (around the natural frequency for damping, well below it for the "
+        "sensitivity, high ones for a delay), or leave that part out of the model.",
+    ),
+    "at_bound": Words(
+        "a parameter stopped at its limit",
+        "The best fit lies at the edge of the allowed range, so the estimate is a limit, not an optimum, and its "
+        "uncertainty on that side means little.",
+        "Widen the limit if the value is physically possible; otherwise that part of the model is probably not "
+        "needed, or units or polarity are wrong.",
+    ),
+    "band_sensitive": Words(
+        "the result depends on the chosen band",
+        "Leaving out the lowest or highest frequencies moves a parameter by more than its uncertainty: the model "
+        "is not equally right over the whole band.",
+        "State the band with the result, narrow it to the range of use, or extend the model (high-pass, second "
+        "mode, delay).",
+    ),
+    "nonlinear": Words(
+        "the sensor or the shaker is not linear",
+        "Harmonics or a dependence on amplitude exceed what a linear model allows. The linear parameters hold for the "
+        "amplitudes measured only.",
+        "Repeat at a lower amplitude; if the effect stays and matters, use the add-on `cubic`; check mounting and "
+        "cable too.",
+    ),
+    "clipped": Words(
+        "a channel was overdriven",
+        "Samples sit at the limit of the recorder's range. They were left out of every fit, but the samples around "
+        "them may have suffered too.",
+        "Repeat the record with a larger input range or a smaller amplitude.",
+    ),
+    "dead_channel": Words(
+        "a channel shows no signal",
+        "A channel is constant or holds nothing but noise at the excited frequency. That record tells nothing about "
+        "the sensor.",
+        "Check cable, supply and the column numbers in the calibration file; leave the record out.",
+    ),
+    "drift": Words(
+        "a channel drifts",
+        "The offset moves during a record by more than the model of offset and slow trend takes up, so low "
+        "frequencies are biased.",
+        "Let the sensor warm up, record longer or after settling, or leave out the start of the record with start_s.",
+    ),
+    "polarity": Words(
+        "the sign is opposite to what is usual",
+        "At low frequency the response is in antiphase with the reference, so the sensitivity is negative: the "
+        "sensor, the reference or a cable is inverted.",
+        "If the sensor was mounted upside down or the laser looks at the opposite face, set a negative scale for "
+        "that channel; otherwise check the wiring.",
+    ),
+    "aliasing": Words(
+        "content above half the sampling rate may be folded in",
+        "The signal still has power close to half the sampling rate: what lies above it appears at false "
+        "frequencies and biases the fit.",
+        "Sample faster, or switch on the recorder's anti-alias filter.",
+    ),
+    "short_record": Words(
+        "a record is short",
+        "A record holds few periods of its excitation, or ends before the sensor has settled. Sine parameters and "
+        "initial state can then hardly be told apart.",
+        "Record at least ten periods, and longer at the lowest frequencies.",
+    ),
+    "reference_noise": Words(
+        "the reference is noisy",
+        "The reference channel carries noise of its own. Taken as true input it pulls the sensitivity towards zero "
+        "(errors in variables), more than the stated uncertainty says.",
+        "Raise the amplitude, average, use the sine-fitted estimator (ml), or improve the reference; state its "
+        "uncertainty in the calibration file.",
+    ),
+    "estimators_disagree": Words(
+        "two estimators give different values",
+        "Independent estimators on the same data differ by more than their uncertainties. At least one of them "
+        "rests on an assumption that these data do not meet.",
+        "Run `vibrident compare`, look at the residuals of both, and find the record or band that makes the "
+        "difference.",
+    ),
+    "units_suspect": Words(
+        "the units look wrong",
+        "The size of the sensitivity or of a channel is far from what is usual, often by a power of ten or by "
+        "9.80665 (g and m/s²).",
+        "Check scale, unit and quantity of both channels in the calibration file.",
+    ),
+}
+
+#: Words for each of the contracted warning codes.
+WORDS: Mapping[WarningCode, Words] = MappingProxyType(_WORDS)
+
+
+def explain(code: str) -> Words:
+    """Words for a warning code; for a code of a later version, words that say so."""
+    for known, words in WORDS.items():
+        if known == code:
+            return words
+    return Words(code, "This version of vibrident has no explanation for this warning.", "Read its message.")
+
+
+@dataclass(frozen=True)
+class Name:
+    """A parameter's name in words, and its usual symbol."""
+
+    words: str
+    symbol: str
+
+
+_PARAMETERS = {
+    "sensitivity": Name("sensitivity", "S0"),
+    "generator_constant": Name("generator constant", "G"),
+    "natural_frequency": Name("natural frequency", "fn"),
+    "damping_ratio": Name("damping ratio", "δ"),
+    "delay": Name("delay", "τ"),
+    "highpass_frequency": Name("high-pass frequency", "fhp"),
+    "mode2_frequency": Name("second mode, frequency", "f2"),
+    "mode2_damping": Name("second mode, damping ratio", "δ2"),
+    "mode2_gain": Name("second mode, gain", "g2"),
+    "cubic_stiffness": Name("cubic stiffness", "k3"),
+    "boxcar_length": Name("boxcar length", "Tb"),
+    "natural_angular_frequency": Name("natural angular frequency", "ωn"),
+    "resonance_frequency": Name("resonance frequency", "f0"),
+    "conversion_coefficient": Name("conversion coefficient", "K"),
+}
+
+
+def parameter_name(name: str) -> Name:
+    """Words and symbol of a parameter; its own name with spaces where it is not a standard one."""
+    return _PARAMETERS.get(name, Name(name.replace("_", " "), ""))
+
+
+def remark(parameter: Parameter) -> str:
+    """``derived``, ``not identifiable``, both or nothing."""
+    marks = (("derived", parameter.derived), ("not identifiable", not parameter.identifiable))
+    return ", ".join(mark for mark, applies in marks if applies)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A fit metric: its short label, its definition, and what it is counted in."""
+
+    label: str
+    definition: str
+    in_response_unit: int = 0
+
+
+#: Field of ``Fit`` to what it is; e is the residual (measured minus predicted), y the measured response.
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "rmse": Metric("RMSE", "√mean(|e|²), root mean square of the residual", 1),
+        "mae": Metric("MAE", "mean|e|, mean absolute residual", 1),
+        "mse": Metric("MSE", "mean(|e|²) = RMSE²", 2),
+        "r2": Metric("R²", "1 − MSE / var(y); 1 is perfect"),
+        "rpd": Metric("RPD", "sd(y) / RMSE, population standard deviation; large is good"),
+        "nrmse": Metric("NRMSE", "RMSE / sd(y); small is good"),
+        "chi2_reduced": Metric(
+            "χ²/ν",
+            "mean squared deviation at the excited frequencies over its squared uncertainty; about 1 is adequate",
+        ),
+        "degrees_of_freedom": Metric("ν", "degrees of freedom of χ²"),
+    }
+)
+
+COVERAGE = (
+    "u is the standard uncertainty (GUM), k the coverage factor and U = k·u the expanded uncertainty with k = 2, which "
+    "for a normal distribution has a coverage probability of about 95 %. The 95 % interval is stated as computed and "
+    "need not be symmetric. Uncertainties are rounded to two significant digits, values to the place of u (GUM 7.2.6)."
+)
+PHASE = "Phase is φ(response) − φ(reference) for e^{jωt}: lag is negative. A positive delay means a later response."

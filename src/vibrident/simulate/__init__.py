@@ -1,0 +1,53 @@
+"""Calibrations made up: excitations in continuous time, exact and Runge–Kutta truth, noise, records.
+
+    calibration = simulate("paper", "sine", excitation_snr_db=20.0, response_noise=0.01, seed=1)
+
+The truth is computed from the continuous acceleration, not from its samples, so that it can judge every discretisation.
+"""
+
+from __future__ import annotations
+
+from vibrident.simulate.calibration import simulate, with_noise
+from vibrident.simulate.excitation import (
+    BandLimitedRandom,
+    Decay,
+    HalfSineShock,
+    Multisine,
+    Sine,
+    Sweep,
+    random_phases,
+    schroeder_phases,
+)
+from vibrident.simulate.felt import FeltNoise, felt_noise
+from vibrident.simulate.frequencies import nominal_frequency_name, one_third_octave
+from vibrident.simulate.motion import Motion, Superposition
+from vibrident.simulate.noise import ChannelNoise
+from vibrident.simulate.rk4 import rk4_response
+from vibrident.simulate.sensors import SENSORS, Sensor, sensor_named
+from vibrident.simulate.truth import exact_reference, exact_response
+
+__all__ = [
+    "SENSORS",
+    "BandLimitedRandom",
+    "ChannelNoise",
+    "Decay",
+    "FeltNoise",
+    "HalfSineShock",
+    "Motion",
+    "Multisine",
+    "Sensor",
+    "Sine",
+    "Superposition",
+    "Sweep",
+    "exact_reference",
+    "exact_response",
+    "felt_noise",
+    "nominal_frequency_name",
+    "one_third_octave",
+    "random_phases",
+    "rk4_response",
+    "schroeder_phases",
+    "sensor_named",
+    "simulate",
+    "with_noise",
+]

@@ -1,0 +1,257 @@
+"""A calibration that is simulated from end to end: sensor, excitations, truth, channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from vibrident.models import SensorModel, parse
+from vibrident.records import QUANTITIES, Calibration, FloatArray, Provenance, Quantity, Record
+from vibrident.simulate.checks import require, require_choice, require_finite, require_positive
+from vibrident.simulate.excitation import Sine
+from vibrident.simulate.frequencies import one_third_octave
+from vibrident.simulate.motion import Motion
+from vibrident.simulate.noise import ChannelNoise
+from vibrident.simulate.rk4 import rk4_response
+from vibrident.simulate.scheme import Plan, Seed, Take, check_sampling, with_felt_noise
+from vibrident.simulate.sensors import Sensor, sensor_named
+from vibrident.simulate.streams import stream
+from vibrident.simulate.truth import Start, exact_reference, exact_response
+
+
+def simulate(
+    sensor: str | Sensor | tuple[str, Mapping[str, float]] = "paper",
+    excitation: str | Motion | Sequence[Motion] = "sine",
+    *,
+    frequencies_hz: Sequence[float] | FloatArray | None = None,
+    sampling_rate_hz: float | None = None,
+    samples: int = 16000,
+    samples_per_period: float | None = None,
+    amplitude: float | None = None,
+    repeats: int = 1,
+    excitation_snr_db: float | None = None,
+    excitation_noise_rms: float | None = None,
+    excitation_noise_band_hz: tuple[float, float] | None = None,
+    reference_noise: float | ChannelNoise = 0.0,
+    response_noise: float | ChannelNoise = 0.0,
+    start: Start = "rest",
+    quantity: Quantity = "acceleration",
+    method: Literal["exact", "rk4"] = "exact",
+    substeps: int = 1,
+    seed: Seed = 0,
+) -> Calibration:
+    """Simulate a calibration. The defaults are the paper's (section 4), without its noise.
+
+    Args:
+        sensor: name in ``SENSORS``, a ``Sensor``, or (model, parameters), SI units, frequencies in Hz.
+        excitation: ``sine`` (a record for every frequency), ``multisine``, ``sweep`` (log), ``random``, ``shock`` or
+            ``decay`` (one record each), or motions of your own, one a record.
+        frequencies_hz: of the sines; lowest and highest are the band of sweep and random. None: exact one-third-octave
+            frequencies in the sensor's usual band.
+        sampling_rate_hz: samples per second; None: the sensor's usual.
+        samples: of every record.
+        samples_per_period: sines only: a sampling rate for every record, this many times its frequency, so that all
+            records hold the same number of periods.
+        amplitude: peak of sine, sweep and shock, and static value before a decay, m/s²; multisine and random have the
+            rms of a sine of this peak. None: the sensor's usual.
+        repeats: how often every motion is recorded, each time with noise of its own.
+        excitation_snr_db: excitation's rms within the record over that of noise that the sensor feels, dB (paper: 20).
+        excitation_noise_rms: the same noise by its own rms, m/s².
+        excitation_noise_band_hz: its lowest and highest frequency; None: all up to 0.4 of the sampling rate. With a
+            velocity or displacement reference, mind how large its lowest frequencies become.
+        reference_noise: of the reference channel: white, as a fraction of each record's rms, or a ``ChannelNoise``.
+        response_noise: of the response channel, likewise.
+        start: ``rest`` (as in the paper) or ``steady`` (as in a laboratory).
+        quantity: what the reference shows.
+        method: ``exact``, or ``rk4`` (the paper's) with ``substeps`` steps a sample.
+        substeps: for ``rk4``.
+        seed: of everything random; every record and purpose has a stream of its own.
+
+    Returns:
+        Calibration with records in physical units; ``provenance.history`` of each says what was made.
+
+    Raises:
+        InputError: a setting cannot be used; the message says which.
+        ModelError: the model is unknown, or the parameters are not its own.
+    """
+    chosen = _sensor(sensor)
+    require_choice("The start", start, ("rest", "steady"))
+    require_choice("The method", method, ("exact", "rk4"))
+    require_choice("The reference quantity", quantity, QUANTITIES)
+    rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
+    check_sampling(rate, samples, samples_per_period)
+    plan = Plan(
+        _frequencies(frequencies_hz, chosen),
+        rate,
+        samples,
+        samples_per_period,
+        chosen.amplitude if amplitude is None else float(amplitude),
+        chosen.parameters["natural_frequency"],
+        seed,
+    )
+    require_finite("simulate", amplitude=plan.amplitude)
+    takes = [
+        replace(
+            take,
+            motion=with_felt_noise(
+                take,
+                index,
+                snr_db=excitation_snr_db,
+                rms=excitation_noise_rms,
+                band_hz=excitation_noise_band_hz,
+                seed=seed,
+            ),
+        )
+        for index, take in enumerate(plan.takes(excitation, repeats))
+    ]
+    model = parse(chosen.model)
+    responses = _responses(model, chosen, takes, start, method, substeps)
+    made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"
+    calibration = Calibration(
+        records=tuple(_record(take, response, quantity, made) for take, response in zip(takes, responses, strict=True)),
+        model=chosen.model,
+        quantity=quantity,
+        response_unit=chosen.response_unit,
+        sensor={"manufacturer": "vibrident", "type": chosen.title, "serial_number": f"simulated, {chosen.name}"},
+    )
+    return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
+
+
+def with_noise(
+    calibration: Calibration,
+    *,
+    reference_noise: float | ChannelNoise = 0.0,
+    response_noise: float | ChannelNoise = 0.0,
+    seed: Seed = 0,
+) -> Calibration:
+    """The same calibration with noise on its channels: one draw of a Monte Carlo over one truth.
+
+    ``with_noise(simulate(…, seed=s), response_noise=e, seed=s)`` holds the samples of
+    ``simulate(…, response_noise=e, seed=s)``.
+
+    Args:
+        calibration: with records.
+        reference_noise: white, as a fraction of each record's rms, or a ``ChannelNoise``.
+        response_noise: likewise.
+        seed: of the noise; take another for every draw.
+
+    Raises:
+        InputError: the calibration is a table, or a level cannot be used.
+    """
+    require(
+        calibration.table is None,
+        "Channel noise needs records.",
+        expected="a calibration with records",
+        found="a table",
+        where=calibration.source or "calibration in memory",
+        remedy="simulate records",
+    )
+    noises = {"reference": _channel_noise(reference_noise), "response": _channel_noise(response_noise)}
+    noises = {channel: noise for channel, noise in noises.items() if noise.words}
+    if not noises:
+        return calibration
+    records = [_noisy(record, index, noises, seed) for index, record in enumerate(calibration.records)]
+    return replace(calibration, records=tuple(records))
+
+
+def _noisy(record: Record, index: int, noises: Mapping[str, ChannelNoise], seed: Seed) -> Record:
+    changed = record
+    for channel, noise in noises.items():
+        truth = getattr(record, channel)
+        if truth is None:  # a free decay has no reference
+            continue
+        values = noise.applied(truth, record.sampling_rate_hz, stream(seed, index, channel))
+        changes = {channel: values}
+        if noise.full_scale is not None:
+            changes[f"{channel}_full_scale"] = noise.full_scale
+        step = f"{channel} channel: {noise.words}, seed {_seed_words(seed)}"
+        changed = replace(changed, **changes, provenance=changed.provenance.then(step))
+    return changed
+
+
+def _channel_noise(noise: float | ChannelNoise) -> ChannelNoise:
+    return noise if isinstance(noise, ChannelNoise) else ChannelNoise(white=float(noise))
+
+
+def _sensor(sensor: str | Sensor | tuple[str, Mapping[str, float]]) -> Sensor:
+    if isinstance(sensor, Sensor):
+        return sensor
+    if isinstance(sensor, str):
+        return sensor_named(sensor)
+    model, parameters = sensor
+    return Sensor("custom", "sensor of the given parameters", model, parameters)
+
+
+def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Sensor) -> FloatArray:
+    if frequencies_hz is None:
+        return one_third_octave(*sensor.band_hz)
+    frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
+    require(
+        frequencies.ndim == 1 and frequencies.size > 0,
+        "There are no frequencies.",
+        expected="a list of at least one frequency, Hz",
+        found=f"shape {frequencies.shape}",
+        where="simulate, frequencies_hz",
+        remedy="give one_third_octave(low_hz, high_hz), say",
+    )
+    for frequency in frequencies:
+        require_positive("simulate, frequencies_hz", frequency_hz=float(frequency))
+    return frequencies
+
+
+def _responses(
+    model: SensorModel, sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int
+) -> list[FloatArray]:
+    if method == "rk4":
+        rows = rk4_response(
+            model,
+            sensor.parameters,
+            [take.motion for take in takes],
+            sampling_rates_hz=[take.sampling_rate_hz for take in takes],
+            samples=takes[0].samples,
+            start=start,
+            substeps=substeps,
+        )
+        return list(rows)
+    return [
+        exact_response(
+            model,
+            sensor.parameters,
+            take.motion,
+            sampling_rate_hz=take.sampling_rate_hz,
+            samples=take.samples,
+            start=start,
+        )
+        for take in takes
+    ]
+
+
+def _record(take: Take, response: FloatArray, quantity: Quantity, made: str) -> Record:
+    motion = take.motion
+    base = getattr(motion, "parts", (motion,))[0]
+    reference = None
+    if motion.kind != "decay":
+        reference = exact_reference(motion, quantity, sampling_rate_hz=take.sampling_rate_hz, samples=take.samples)
+    return Record(
+        take.name,
+        reference,
+        response,
+        take.sampling_rate_hz,
+        motion.kind,
+        frequency_hz=base.frequency_hz if isinstance(base, Sine) else None,
+        provenance=Provenance(history=(made, f"motion: {motion.words}")),
+    )
+
+
+def _described(sensor: Sensor) -> str:
+    values = ", ".join(f"{name} {value:.9g}" for name, value in sensor.parameters.items())
+    return f"{sensor.model} ({values})"
+
+
+def _seed_words(seed: Seed) -> str:
+    if isinstance(seed, np.random.SeedSequence):
+        return f"{seed.entropy}{list(seed.spawn_key) or ''}"
+    return str(seed)

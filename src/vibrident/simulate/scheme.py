@@ -1,0 +1,253 @@
+"""Which motions and sampling rates make up a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.records import FloatArray
+from vibrident.simulate.checks import require, require_choice, require_positive
+from vibrident.simulate.excitation import (
+    BandLimitedRandom,
+    Decay,
+    HalfSineShock,
+    Multisine,
+    Sine,
+    Sweep,
+    random_phases,
+)
+from vibrident.simulate.felt import felt_noise
+from vibrident.simulate.frequencies import nominal_frequency_name
+from vibrident.simulate.grid import SampleGrid
+from vibrident.simulate.motion import Motion, Superposition, acceleration_on
+from vibrident.simulate.streams import stream
+
+Seed = int | np.random.SeedSequence
+
+KINDS = ("sine", "multisine", "sweep", "random", "shock", "decay")
+#: A random excitation repeats after this many times the record's length.
+_RANDOM_PERIOD = 1.25
+#: Fewest samples that show the shape of a shock.
+_SHOCK_SAMPLES = 4
+
+
+@dataclass(frozen=True)
+class Take:
+    """One record to be made: its name, what moves, and how it is sampled."""
+
+    name: str
+    motion: Motion
+    sampling_rate_hz: float
+    samples: int
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record, s."""
+        return self.samples / self.sampling_rate_hz
+
+    def checked(self) -> Take:
+        """The take itself, if its sampling can show its motion.
+
+        Raises:
+            InputError: a frequency lies at or above half the sampling rate, or the motion does not fit into the record.
+        """
+        where = f"record {self.name!r}"
+        half = 0.5 * self.sampling_rate_hz
+        require(
+            self.motion.highest_hz < half,
+            "The excitation has frequencies that the sampling rate cannot show.",
+            expected=f"below {half:g} Hz (half the sampling rate)",
+            found=f"{self.motion.highest_hz:g} Hz",
+            where=where,
+            remedy="lower the frequency, or raise sampling_rate_hz",
+        )
+        last = max(self.motion.breaks_s, default=0.0)
+        require(
+            last <= self.duration_s * (1.0 + 1e-9),
+            "The excitation does not fit into the record.",
+            expected=f"an end within {self.duration_s:g} s",
+            found=f"{self.motion.words}, to {last:g} s",
+            where=where,
+            remedy="raise samples, or shorten the excitation",
+        )
+        if isinstance(self.motion, HalfSineShock):
+            across = self.motion.duration_s * self.sampling_rate_hz
+            require(
+                across >= _SHOCK_SAMPLES,
+                "The shock is too short for the sampling rate.",
+                expected=f"at least {_SHOCK_SAMPLES} samples a pulse",
+                found=f"{across:.3g} samples in {self.motion.duration_s:g} s",
+                where=where,
+                remedy="lengthen the pulse, or raise sampling_rate_hz",
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the takes of a calibration have in common."""
+
+    frequencies_hz: FloatArray
+    sampling_rate_hz: float
+    samples: int
+    samples_per_period: float | None
+    amplitude: float
+    natural_frequency_hz: float
+    seed: Seed
+
+    @property
+    def duration_s(self) -> float:
+        """Length of a record at the common rate, s."""
+        return self.samples / self.sampling_rate_hz
+
+    def takes(self, excitation: str | Motion | Sequence[Motion], repeats: int) -> list[Take]:
+        """The records to be made, each motion ``repeats`` times in turn.
+
+        Raises:
+            InputError: the excitation is unknown or does not fit its record.
+        """
+        require(
+            repeats >= 1,
+            "The number of repeats is not usable.",
+            expected="a whole number from 1",
+            found=repr(repeats),
+            where="simulate",
+            remedy="correct repeats",
+        )
+        if isinstance(excitation, str):
+            require_choice("The excitation", excitation, KINDS)
+            motions = [motion for turn in range(repeats) for motion in self._named(excitation, turn)]
+        else:
+            given = list(excitation) if isinstance(excitation, Sequence) else [excitation]
+            motions = given * repeats
+        names = _distinct([_name(motion) for motion in motions])
+        pairs = zip(names, motions, strict=True)
+        return [Take(name, motion, self._rate(motion), self.samples).checked() for name, motion in pairs]
+
+    def _rate(self, motion: Motion) -> float:
+        if self.samples_per_period is None:
+            return self.sampling_rate_hz
+        require(
+            isinstance(motion, Sine),
+            "Only a sine has a period that the sampling rate can follow.",
+            expected="samples_per_period with sines alone",
+            found=motion.words,
+            where="simulate",
+            remedy="give sampling_rate_hz instead",
+        )
+        return self.samples_per_period * motion.highest_hz
+
+    def _named(self, kind: str, turn: int) -> list[Motion]:
+        low, high = float(np.min(self.frequencies_hz)), float(np.max(self.frequencies_hz))
+        rms = self.amplitude / np.sqrt(2.0)
+        if kind == "sine":
+            return [Sine(float(f), self.amplitude, -0.5 * np.pi) for f in self.frequencies_hz]
+        if kind == "multisine":
+            count = len(self.frequencies_hz)
+            phases = random_phases(count, stream(self.seed, turn, "excitation"))
+            share = self.amplitude / np.sqrt(count)
+            return [Multisine(tuple(self.frequencies_hz), (share,) * count, phases)]
+        if kind == "sweep":
+            return [Sweep(low, high, self.duration_s, self.amplitude, law="log")]
+        if kind == "random":
+            phases_seed = int(stream(self.seed, turn, "excitation").integers(2**63))
+            return [BandLimitedRandom(low, high, rms, phases_seed, _RANDOM_PERIOD * self.duration_s)]
+        if kind == "shock":
+            pulse = max(1.0 / self.natural_frequency_hz, 20.0 / self.sampling_rate_hz)
+            return [HalfSineShock(self.amplitude, pulse, 0.1 * self.duration_s)]
+        return [Decay(self.amplitude)]
+
+
+def with_felt_noise(
+    take: Take,
+    index: int,
+    *,
+    snr_db: float | None,
+    rms: float | None,
+    band_hz: tuple[float, float] | None,
+    seed: Seed,
+) -> Motion:
+    """The take's motion with noise that the sensor feels, from the record's own stream.
+
+    Args:
+        take: the record to be made.
+        index: its place in the calibration.
+        snr_db: rms of the excitation within the record over rms of the noise, dB; None: see ``rms``.
+        rms: of the noise, m/s²; None for none.
+        band_hz: of the noise; None: up to 0.4 of the sampling rate.
+        seed: of the calibration.
+
+    Raises:
+        InputError: both levels are given, or the record is a free decay, whose motion nothing measures.
+    """
+    if snr_db is None and rms is None:
+        return take.motion
+    require(
+        snr_db is None or rms is None,
+        "The level of the noise on the excitation is given twice.",
+        expected="excitation_snr_db or excitation_noise_rms",
+        found=f"{snr_db} dB and {rms} m/s²",
+        where="simulate",
+        remedy="keep one of the two",
+    )
+    require(
+        not isinstance(take.motion, Decay),
+        "A free decay has no excitation to carry noise.",
+        expected="an excitation that moves the base",
+        found="decay",
+        where=f"record {take.name!r}",
+        remedy="leave excitation_snr_db and excitation_noise_rms out, or use response_noise",
+    )
+    if rms is None:
+        assert snr_db is not None  # or the first test had returned
+        clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
+        rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-snr_db / 20.0)
+    noise = felt_noise(
+        rms,
+        sampling_rate_hz=take.sampling_rate_hz,
+        samples=take.samples,
+        rng=stream(seed, index, "felt"),
+        band_hz=band_hz,
+    )
+    return Superposition((take.motion, noise))
+
+
+def check_sampling(sampling_rate_hz: float, samples: int, samples_per_period: float | None) -> None:
+    """Refuse what no record can have.
+
+    Raises:
+        InputError: the rate is not positive, there are fewer than 8 samples, or at most 2 samples a period.
+    """
+    require_positive("simulate", sampling_rate_hz=sampling_rate_hz)
+    require(
+        isinstance(samples, int | np.integer) and samples >= 8,
+        "The number of samples is not usable.",
+        expected="a whole number from 8",
+        found=repr(samples),
+        where="simulate",
+        remedy="correct samples",
+    )
+    require(
+        samples_per_period is None or 2.0 < samples_per_period < np.inf,
+        "The number of samples a period is not usable.",
+        expected="a number above 2 (the sampling theorem)",
+        found=repr(samples_per_period),
+        where="simulate",
+        remedy="raise samples_per_period",
+    )
+
+
+def _name(motion: Motion) -> str:
+    return f"{nominal_frequency_name(motion.frequency_hz)} Hz" if isinstance(motion, Sine) else motion.kind
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """Names with a number behind every repetition."""
+    seen: dict[str, int] = {}
+    distinct = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return distinct

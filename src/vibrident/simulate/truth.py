@@ -1,0 +1,156 @@
+"""The exact response of a sensor, and the exact motion that the reference sees, at the sample times.
+
+Sums of tones: steady response through the frequency response, plus the free motion that meets the start condition.
+Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
+Everything else: quadrature to 1e-12 (:mod:`vibrident.simulate.quadrature`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import expm
+
+from vibrident.models import SensorModel
+from vibrident.models.base import DERIVATIVES, Rational
+from vibrident.records import FloatArray, Quantity
+from vibrident.simulate.excitation import Decay, HalfSineShock
+from vibrident.simulate.grid import SampleGrid
+from vibrident.simulate.linear import LinearSystem, propagate
+from vibrident.simulate.motion import Motion, Superposition, Tonal, acceleration_on
+from vibrident.simulate.quadrature import driven_states
+
+#: ``rest``: mass and base at rest until t = 0. ``steady``: tones have been there forever. Shocks, sweeps and decays
+#: begin at or after t = 0, so for them the two are the same.
+Start = Literal["rest", "steady"]
+
+
+def exact_response(
+    model: SensorModel,
+    parameters: Mapping[str, float],
+    motion: Motion,
+    *,
+    sampling_rate_hz: float,
+    samples: int,
+    start: Start = "rest",
+) -> FloatArray:
+    """Response of the sensor at t = k / sampling_rate_hz, shape (samples,), in response units.
+
+    A delay τ gives the response of t − τ; before the start that is zero (``rest``), the tones' earlier part
+    (``steady``) or the held value (``Decay``).
+
+    Args:
+        model: the sensor model.
+        parameters: name to value, SI units, frequencies in Hz.
+        motion: acceleration of the base.
+        sampling_rate_hz: samples per second.
+        samples: number of samples.
+        start: state of the sensor at t = 0.
+
+    Raises:
+        ModelError: the response would contain derivatives of the acceleration.
+        InputError: an undamped sensor is excited at its natural frequency, or the motion is too rough.
+    """
+    grid = SampleGrid(-float(model.delay_s(parameters)), sampling_rate_hz, samples)
+    return system_response(LinearSystem.of(model.rational(parameters)), motion, grid, start)
+
+
+def exact_reference(motion: Motion, quantity: Quantity, *, sampling_rate_hz: float, samples: int) -> FloatArray:
+    """What an ideal reference shows at t = k / sampling_rate_hz, shape (samples,), in SI units of ``quantity``.
+
+    Velocity and displacement of tones are the steady ones (no constant, no trend); of anything else they are
+    integrated from rest at t = 0. A drive is the acceleration.
+    """
+    return _integrated(motion, DERIVATIVES[quantity], SampleGrid(0.0, sampling_rate_hz, samples))
+
+
+def system_response(system: LinearSystem, motion: Motion, grid: SampleGrid, start: Start) -> FloatArray:
+    """Output of a linear system under ``motion`` on a grid, shape (samples,); see ``exact_response``."""
+    if isinstance(motion, Superposition):
+        tonal = [part for part in motion.parts if isinstance(part, Tonal)]
+        others = [part for part in motion.parts if not isinstance(part, Tonal)]
+        total = _tonal_response(system, tonal, grid, start)
+        return np.sum([total, *(system_response(system, part, grid, start) for part in others)], axis=0)
+    if isinstance(motion, Tonal):
+        return _tonal_response(system, [motion], grid, start)
+    if isinstance(motion, Decay):
+        held = system.static_state(motion.amplitude)
+        free = system.c @ propagate(system.a, held, grid.since(0.0))
+        return np.concatenate([np.full(grid.first_from(0.0), system.c @ held), free])
+    if isinstance(motion, HalfSineShock):
+        states = _shock_states(system, motion, grid)
+    else:
+        before = np.zeros((system.order, grid.first_from(0.0)))
+        states = np.concatenate([before, driven_states(system, motion, grid.since(0.0))], axis=1)
+    direct = system.d * motion.value(grid.times_s) if system.d else 0.0
+    return system.c @ states + direct
+
+
+def _tonal_response(system: LinearSystem, parts: list[Tonal], grid: SampleGrid, start: Start) -> FloatArray:
+    """Steady response to tones, and from rest the free motion that makes the state zero at t = 0."""
+    steady, missing = np.zeros(grid.samples), np.zeros(system.order)
+    for tones in (part.tones for part in parts):
+        states = system.tone_states(tones.frequency_hz)
+        response = np.sum(system.c[:, None] * states, axis=0) + system.d
+        steady += tones.times(response).on(grid)
+        missing -= np.sum(states * tones.phasor, axis=1).real
+    if start == "steady":
+        return steady
+    first = grid.first_from(0.0)
+    free = system.c @ propagate(system.a, missing, grid.since(0.0))
+    return np.concatenate([np.zeros(first), steady[first:] + free])
+
+
+def initial_state(system: LinearSystem, motion: Motion, time_s: float, start: Start) -> FloatArray:
+    """State at an instant at or before t = 0, shape (n,).
+
+    Zero, but for tones that have been there forever (``steady``) and for a decay, which is held until t = 0.
+    """
+    if isinstance(motion, Superposition):
+        return np.sum([initial_state(system, part, time_s, start) for part in motion.parts], axis=0)
+    if isinstance(motion, Tonal) and start == "steady":
+        tones = motion.tones
+        phasor = tones.phasor * np.exp(2j * np.pi * tones.frequency_hz * time_s)
+        return (system.tone_states(tones.frequency_hz) @ phasor).real
+    return system.static_state(motion.amplitude) if isinstance(motion, Decay) else np.zeros(system.order)
+
+
+def _shock_states(system: LinearSystem, shock: HalfSineShock, grid: SampleGrid) -> FloatArray:
+    """States before, during and after the pulse, shape (n, samples).
+
+    During the pulse the input is peak · s with ṡ = ω c, ċ = −ω s: n + 2 states and no input.
+    """
+    n, omega = system.order, np.pi / shock.duration_s
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n] = system.a
+    whole[:n, n] = system.b * shock.peak
+    whole[n, n + 1], whole[n + 1, n] = omega, -omega
+    begin = np.zeros(n + 2)
+    begin[-1] = 1.0
+    after = grid.since(shock.start_s + shock.duration_s)
+    pulse = grid.since(shock.start_s)
+    during = SampleGrid(pulse.start_s, grid.rate_hz, pulse.samples - after.samples)
+    end = (expm(whole * shock.duration_s) @ begin)[:n]
+    return np.concatenate(
+        [
+            np.zeros((n, grid.samples - pulse.samples)),
+            propagate(whole, begin, during)[:n],
+            propagate(system.a, end, after),
+        ],
+        axis=1,
+    )
+
+
+def _integrated(motion: Motion, times: int, grid: SampleGrid) -> FloatArray:
+    if times == 0:
+        return acceleration_on(motion, grid)
+    if isinstance(motion, Superposition):
+        return np.sum([_integrated(part, times, grid) for part in motion.parts], axis=0)
+    if isinstance(motion, Tonal):
+        return motion.tones.times((2j * np.pi * motion.tones.frequency_hz) ** -times).on(grid)
+    if isinstance(motion, Decay):
+        return np.zeros(grid.samples)
+    integrator = LinearSystem.of(Rational(1.0, (1.0,), (0.0,) * times + (1.0,), 1.0))
+    return system_response(integrator, motion, grid, "rest")

@@ -1,0 +1,25 @@
+"""Settings that hold for every test; set before any library that reads them is loaded."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+# One cache a worker: JAX writes its entries in place, so one process could read what another has half written.
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "main")
+os.environ.setdefault("VIBRIDENT_CACHE", str(Path(__file__).resolve().parents[1] / ".jax_cache" / _WORKER))
+os.environ["MPLBACKEND"] = "Agg"
+
+# The first example of a test may compile; the same examples on every run.
+settings.register_profile("vibrident", deadline=None, derandomize=True)
+settings.load_profile("vibrident")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """The same random numbers for every test, in whatever order they run."""
+    return np.random.default_rng(20251113)

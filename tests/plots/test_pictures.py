@@ -1,0 +1,136 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from sample_results import CALIBRATIONS, SAMPLES, table2, table_only, troubled
+
+from vibrident import plots
+from vibrident.plots import inspection
+from vibrident.result import Result
+
+
+def drawn(figure):
+    figure.set_dpi(50)
+    figure.canvas.draw()  # a warning on drawing is an error here
+    return figure
+
+
+def check_labels(figure):
+    for axes in figure.axes:
+        assert axes.get_ylabel(), "a y axis has no label"
+        if axes.xaxis.get_tick_params().get("labelbottom", True):
+            assert axes.get_xlabel(), "an x axis has no label"
+    for axes in figure.axes:
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            named = ("in ", "(dimensionless)", "Number of", "Loss", "Iteration", "Record", "")
+            assert label == "" or any(part and part in label for part in named), f"no unit in {label!r}"
+
+
+def check_inside(figure):
+    """Nothing sticks out of the figure: no clipped title, label, note or legend."""
+    box = figure.get_tightbbox()
+    width, height = figure.get_size_inches()
+    assert box.x0 > -0.02
+    assert box.y0 > -0.02
+    assert box.x1 < width + 0.02
+    assert box.y1 < height + 0.02
+
+
+@pytest.mark.parametrize("picture", plots.PICTURES)
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_every_picture_of_every_result(sample, picture):
+    figure = drawn(plots.PICTURES[picture](SAMPLES[sample]()))
+    check_labels(figure)
+    check_inside(figure)
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+def test_every_inspection(name):
+    figure = drawn(inspection.figure(CALIBRATIONS[name]()))
+    check_labels(figure)
+    check_inside(figure)
+
+
+def test_labels_carry_the_units_of_the_result():
+    upper, lower = plots.sensitivity.figure(table2()).axes
+    assert "mV/(m/s²)" in upper.get_ylabel()
+    assert "acceleration" in upper.get_ylabel()
+    assert "°" in lower.get_ylabel()
+    assert "lag negative" in lower.get_ylabel()
+    assert lower.get_xlabel() == "Frequency in Hz"
+
+
+def test_sensitivity_names_sensor_model_and_warnings():
+    figure = plots.sensitivity.figure(troubled())
+    text = " ".join([*(t.get_text() for t in figure.texts), figure.get_supxlabel()])
+    for word in ("accelerometer+delay", "MSV 3000", "4711", "k = 2"):
+        assert word in text
+    assert all(code in text for code in troubled().warning_codes)
+
+
+def test_bars_and_band_are_two_standard_uncertainties():
+    result = table2()
+    axes = plots.sensitivity.figure(result).axes[0]
+    band = axes.collections[0].get_paths()[0].get_extents()
+    top = max(
+        1e3 * (m + 2 * u) for m, u in zip(result.response.magnitude, result.response.magnitude_uncertainty, strict=True)
+    )
+    assert band.y1 == pytest.approx(top, rel=1e-9)
+    segments = axes.containers[0].lines[2][0].get_segments()
+    u = 1e3 * np.array(result.measured.magnitude_uncertainty)
+    np.testing.assert_allclose([s[1][1] - s[0][1] for s in segments], 4 * u, rtol=1e-9)
+
+
+def test_measured_phase_lies_on_the_turn_of_the_model():
+    lower = plots.sensitivity.figure(SAMPLES["single_point"]()).axes[1]
+    model, measured = (
+        next(float(line.get_ydata()[0]) for line in lower.lines if line.get_marker() == marker) for marker in ("_", "o")
+    )
+    assert model == pytest.approx(-178.0)
+    assert measured == pytest.approx(-181.0)
+
+
+def test_only_pictures_with_content_are_saved(tmp_path):
+    written = plots.save_all(table_only(), tmp_path / "new", formats=("png", "svg", "pdf"))
+    assert sorted(path.name for path in written) == sorted(
+        f"{name}.{suffix}" for name in ("sensitivity", "deviation", "residuals") for suffix in ("png", "svg", "pdf")
+    )
+    assert all(path.stat().st_size > 1000 for path in written)
+    assert b"/Subtype /Type0" in (tmp_path / "new" / "sensitivity.pdf").read_bytes()  # TrueType, embedded
+    assert plots.applicable(table2()) == list(plots.PICTURES)
+    assert plots.applicable(SAMPLES["nothing_measured"]()) == ["sensitivity"]
+
+
+@pytest.mark.parametrize("suffix", ["svg", "pdf", "png"])
+def test_same_result_same_file(tmp_path, suffix):
+    files = [plots.save(plots.deviation.figure(table2()), tmp_path / f"{i}.{suffix}").read_bytes() for i in range(2)]
+    assert files[0] == files[1]
+
+
+def test_pictures_render_from_the_saved_result(tmp_path):
+    result = Result.load(troubled().save(tmp_path / "result.json"))
+    for draw in plots.PICTURES.values():
+        drawn(draw(result))
+
+
+def test_no_pyplot_and_no_change_of_settings():
+    script = (
+        "import sys; sys.path.insert(0, 'tests/plots')\n"
+        "import matplotlib; before = dict(matplotlib.rcParams.copy())\n"
+        "from sample_results import table_only\n"
+        "from vibrident import plots; plots.sensitivity.figure(table_only()).canvas.draw()\n"
+        "assert dict(matplotlib.rcParams.copy()) == before\n"
+        "assert 'matplotlib.pyplot' not in sys.modules and 'jax' not in sys.modules\n"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_import_loads_neither_jax_nor_matplotlib():
+    script = (
+        "import sys, vibrident.terminal, vibrident.plots, vibrident.report\n"
+        "print([m for m in ('jax', 'matplotlib', 'scipy', 'pandas', 'rich') if m in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

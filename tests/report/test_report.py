@@ -1,0 +1,90 @@
+import json
+import re
+
+import pytest
+from sample_results import SAMPLES, pickup, table2, table_only, troubled
+
+from vibrident import report
+from vibrident.plots import PICTURES
+from vibrident.report import words
+from vibrident.result import WARNING_CODES, Result
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_report_holds_every_parameter_and_warning(sample):
+    result = SAMPLES[sample]()
+    text = report.render(result)
+    for name in result.parameters:
+        assert f"| {words.parameter_name(name).words} |" in text
+    for warning in result.warnings:
+        assert f"(`{warning.code}`)" in text
+        assert words.explain(warning.code).meaning in text
+        assert words.explain(warning.code).action in text
+        assert warning.message.replace("_", "\\_") in text
+    for metric in words.METRICS.values():
+        assert f"| {metric.label} |" in text
+    assert "coverage factor" in text
+    assert "None." in text or result.warnings
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_report_from_json_is_the_same(sample):
+    result = SAMPLES[sample]()
+    assert report.render(Result.from_dict(json.loads(result.to_json()))) == report.render(result)
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_tables_are_whole(sample):
+    """Every row of a table has as many cells as its header."""
+    width = None
+    for line in report.render(SAMPLES[sample]()).splitlines():
+        if not line.startswith("|"):
+            width = None
+            continue
+        cells = len(re.findall(r"(?<!\\)\|", line)) - 1
+        assert width in (None, cells)
+        width = cells
+
+
+def test_every_code_is_explained_and_none_else():
+    assert set(words.WORDS) == set(WARNING_CODES)
+    assert len({w.meaning for w in words.WORDS.values()}) == 14
+    assert words.explain("from_the_future").title == "from_the_future"
+
+
+def test_report_states_conventions_and_g():
+    text = report.render(table2())
+    assert "lag is negative" in text
+    assert "S0 = 1.0203 V/g" in text
+    assert "Phase" not in report.render(table_only())
+    assert "V/g" not in report.render(pickup())
+
+
+def test_long_tables_are_thinned():
+    text = report.render(SAMPLES["dense_points"]())
+    assert "Every 20th of 4000 points" in text
+    assert len(text.splitlines()) < 500
+
+
+def test_write_report_links_what_it_drew(tmp_path):
+    (tmp_path / "signals.png").write_bytes(b"left by an earlier result")
+    path = report.write_report(table_only(), tmp_path)
+    text = path.read_text(encoding="utf-8")
+    assert path.name == "report.md"
+    assert re.findall(r"\(<(.*?)>\)", text) == ["sensitivity.png", "residuals.png", "deviation.png"]
+    assert all((tmp_path / link).is_file() for link in re.findall(r"\(<(.*?)>\)", text))
+
+
+def test_links_are_relative(tmp_path):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for name in PICTURES:
+        (folder / f"{name}.png").touch()
+    text = report.render(troubled(), pictures=folder, relative_to=tmp_path)
+    assert text.count("](<pictures/") == 5
+    assert "](<" not in report.render(troubled())
+
+
+def test_foreign_text_stays_text():
+    text = report.render(pickup())
+    assert "$1 & $2 \\| " in text

@@ -1,0 +1,280 @@
+"""The order of the modules, the doors to heavy libraries, and the size of the pieces, read from the sources."""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ROOT / "src"
+
+#: From the ground up; a module imports from layers above it in this list or from its own folder, and nothing else.
+LAYERS = (
+    "errors",
+    "records",
+    "result",
+    "io",
+    "measure",
+    "backend",
+    "models",
+    "discretize",
+    "network",
+    "simulate",
+    "problem",
+    "estimators",
+    "uncertainty",
+    "identify",
+    "predict",
+    "correct",
+    "plan",
+    "compare",
+    "plots",
+    "report",
+    "export",
+    "terminal",
+    "paper",
+    "cli",
+    "web",
+    "__main__",
+)
+#: Layers that call whatever they show; the other layers do not know them.
+FRONT_ENDS = ("cli", "web", "__main__")
+
+#: Layers whose modules load no JAX, and the one module among them that does.
+NO_JAX = (
+    "errors",
+    "records",
+    "result",
+    "io",
+    "measure",
+    "models",
+    "compare",
+    "plots",
+    "report",
+    "export",
+    "terminal",
+)
+NO_JAX_EXCEPT = "vibrident.models.state_space"
+
+DOOR_TO_JAX = "vibrident.backend"
+#: For arrays that are JAX's already: it may import JAX inside a function.
+LAZY_JAX = "vibrident.models.base"
+BUILT_ON_JAX = {"equinox", "optax", "optimistix", "lineax"}
+MAY_BUILD_ON_JAX = ("network", "estimators")
+
+MOST_LINES_A_MODULE = 400
+MOST_LINES_A_FUNCTION = 80
+
+
+@dataclass(frozen=True)
+class Import:
+    """One import statement's target, as a full dotted name, and where it stands."""
+
+    target: str
+    line: int
+    lazy: bool
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Dotted name to file of every module; a package goes by its own name."""
+    found = {}
+    for path in sorted((SOURCES / "vibrident").rglob("*.py")):
+        parts = path.relative_to(SOURCES).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@cache
+def tree(module: str) -> ast.Module:
+    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+
+
+def layer(module: str) -> str:
+    """First name below the package; empty for the package itself."""
+    return module.split(".")[1] if "." in module else ""
+
+
+def imports(module: str) -> Iterator[Import]:
+    """Every import of a module, those inside functions and for type checking among them."""
+    package = module if modules()[module].name == "__init__.py" else module.rpartition(".")[0]
+    inside_functions = {
+        id(node)
+        for function in ast.walk(tree(module))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for node in ast.walk(function)
+    }
+    for node in ast.walk(tree(module)):
+        lazy = id(node) in inside_functions
+        if isinstance(node, ast.Import):
+            yield from (Import(alias.name, node.lineno, lazy) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, base] if base else above)
+            for alias in node.names:
+                whole = f"{base}.{alias.name}"
+                # ``from package import name`` means the submodule where there is one, else the package.
+                yield Import(whole if whole in modules() or base == "vibrident" else base, node.lineno, lazy)
+
+
+def own_imports(module: str) -> Iterator[Import]:
+    return (found for found in imports(module) if found.target.split(".")[0] == "vibrident")
+
+
+def names(*layers: str) -> list[str]:
+    return [module for module in modules() if layer(module) in layers]
+
+
+def fail_if_any(complaints: list[str]) -> None:
+    if complaints:
+        pytest.fail("\n".join(complaints), pytrace=False)
+
+
+def run_python(code: str) -> str:
+    """Run code in a fresh interpreter; return what it prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_module_has_a_layer():
+    fail_if_any(
+        [
+            f"{module} has no place in the order of the modules: add {layer(module)!r} to LAYERS where it belongs."
+            for module in modules()
+            if layer(module) and layer(module) not in LAYERS
+        ]
+    )
+
+
+def test_modules_import_from_the_layers_above_them_only():
+    complaints = []
+    for module in modules():
+        own = layer(module)
+        if own not in LAYERS or own in FRONT_ENDS:
+            continue
+        for found in own_imports(module):
+            other = layer(found.target)
+            if found.target in ("vibrident", "vibrident.__version__") or other == own:
+                continue
+            if other not in LAYERS:
+                complaints.append(
+                    f"{module}, line {found.line}, imports {found.target}: the package's front door is for users; "
+                    "import from the module where the name is defined."
+                )
+            elif LAYERS.index(other) > LAYERS.index(own):
+                complaints.append(
+                    f"{module}, line {found.line}, imports {found.target}, but {other!r} comes after {own!r} in the "
+                    "order of the modules."
+                )
+    fail_if_any(complaints)
+
+
+def test_the_package_loads_its_modules_lazily():
+    fail_if_any(
+        [
+            f"vibrident/__init__.py, line {found.line}, imports {found.target} at once: name it in __getattr__."
+            for found in own_imports("vibrident")
+            if not found.lazy and layer(found.target) not in ("errors", "records", "result")
+        ]
+    )
+
+
+def test_no_import_goes_in_a_circle():
+    graph = {module: {found.target for found in own_imports(module)} - {module} for module in modules()}
+    del graph["vibrident"]
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail("These modules import each other: " + " ← ".join(error.args[1]), pytrace=False)
+
+
+def test_jax_is_imported_through_one_door():
+    complaints = []
+    for module in modules():
+        if module == DOOR_TO_JAX or layer(module) in FRONT_ENDS:
+            continue
+        for found in imports(module):
+            library = found.target.split(".")[0]
+            if library in {"jax", "jaxlib"} and not (module == LAZY_JAX and found.lazy):
+                complaints.append(
+                    f"{module}, line {found.line}, imports {found.target}: "
+                    f"take jax, jnp and lax from {DOOR_TO_JAX}, which sets float64 and checks the arithmetic."
+                )
+            if library in BUILT_ON_JAX and layer(module) not in MAY_BUILD_ON_JAX:
+                complaints.append(
+                    f"{module}, line {found.line}, imports {found.target}, which belongs in "
+                    f"{' and '.join(MAY_BUILD_ON_JAX)} only."
+                )
+    fail_if_any(complaints)
+
+
+def test_modules_without_jax_load_none():
+    wanted = [module for module in names(*NO_JAX) if module != NO_JAX_EXCEPT]
+    loaded = run_python(
+        "import importlib, sys\n"
+        f"for name in {wanted!r}:\n"
+        "    importlib.import_module(name)\n"
+        "    if 'jax' in sys.modules:\n"
+        "        print(name)\n"
+        "        break\n"
+    ).strip()
+    assert not loaded, f"Importing {loaded} loads JAX, or something it imports does; it belongs to the set without JAX."
+
+
+@pytest.mark.parametrize("library", ["jax", "matplotlib"])
+def test_importing_the_package_loads_no_heavy_library(library):
+    assert run_python(f"import sys, vibrident; print({library!r} in sys.modules)").strip() == "False"
+
+
+@pytest.mark.skipif("vibrident.cli" not in modules(), reason="there is no vibrident.cli yet")
+@pytest.mark.parametrize("library", ["jax", "matplotlib"])
+def test_help_loads_no_heavy_library(library):
+    printed = run_python(
+        "import sys\n"
+        "from vibrident.cli import main\n"
+        "sys.argv = ['vibrident', '--help']\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit as done:\n"
+        "    assert not done.code, done.code\n"
+        f"print({library!r} in sys.modules)\n"
+    )
+    assert "identify" in printed
+    assert printed.splitlines()[-1] == "False", f"`vibrident --help` loads {library}"
+
+
+def test_modules_and_functions_stay_readable():
+    complaints = []
+    for module, path in modules().items():
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        if lines > MOST_LINES_A_MODULE:
+            complaints.append(f"{module} has {lines} lines, more than {MOST_LINES_A_MODULE}: split it.")
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                length = (node.end_lineno or node.lineno) - node.lineno + 1
+                if length > MOST_LINES_A_FUNCTION:
+                    complaints.append(
+                        f"{module}.{node.name} has {length} lines, more than {MOST_LINES_A_FUNCTION}: split it."
+                    )
+    fail_if_any(complaints)
+
+
+def test_every_public_module_says_what_it_is():
+    fail_if_any(
+        [
+            f"{module} has no docstring."
+            for module in modules()
+            if not module.rpartition(".")[2].startswith("_") and not ast.get_docstring(tree(module))
+        ]
+    )

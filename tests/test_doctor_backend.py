@@ -1,0 +1,110 @@
+"""The door to JAX: sound arithmetic, float64, the pinned version, the cure for other versions, the cache folder."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vibrident import backend
+from vibrident.backend import jax, jnp
+
+ROOT = Path(__file__).resolve().parents[1]
+OTHER_VERSION = "0.10.2"
+CURE = "--xla_cpu_experimental_ynn_fusion_type="
+
+PRETEND = f"""
+import importlib.metadata, os
+real = importlib.metadata.version
+importlib.metadata.version = lambda name: {OTHER_VERSION!r} if name == "jax" else real(name)
+"""
+
+
+def run_python(code: str, **environment: str) -> str:
+    """Run code in a fresh interpreter with these environment variables; return what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_sums_of_matrix_products_are_right():
+    assert backend.arithmetic_error() < 1e-12
+
+
+def test_numbers_are_float64():
+    assert jax.config.jax_enable_x64
+    assert jnp.asarray(1.0).dtype == np.float64
+    assert float(jnp.asarray(1.0) + 1e-15) > 1.0
+
+
+def test_the_installed_version_is_the_trusted_and_the_pinned_one():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"jax=={backend.TRUSTED_VERSION}" in project["dependencies"]
+    assert f"jaxlib=={backend.TRUSTED_VERSION}" in project["dependencies"]
+    assert jax.__version__ == backend.TRUSTED_VERSION
+
+
+def test_another_version_gets_the_flag_that_cures_it():
+    code = PRETEND + "import vibrident.backend; print(os.environ['XLA_FLAGS'])"
+    assert run_python(code, XLA_FLAGS="", VIBRIDENT_CACHE="") == CURE
+
+
+def test_the_flag_joins_those_that_are_set_already():
+    code = PRETEND + "import vibrident.backend; print(os.environ['XLA_FLAGS'])"
+    user = "--xla_cpu_enable_fast_math=false"
+    assert run_python(code, XLA_FLAGS=user, VIBRIDENT_CACHE="").split() == [user, CURE]
+
+
+def test_the_trusted_version_gets_no_flag():
+    code = "import os, vibrident.backend; print(repr(os.environ['XLA_FLAGS']))"
+    assert run_python(code, XLA_FLAGS="", VIBRIDENT_CACHE="") == "''"
+
+
+def test_another_version_that_computes_wrongly_is_refused(monkeypatch):
+    monkeypatch.setattr(backend, "_installed", OTHER_VERSION)
+    monkeypatch.setattr(backend, "arithmetic_error", lambda: float("inf"))
+    with pytest.raises(ImportError, match=rf"JAX {OTHER_VERSION} .*pip install 'jax=={backend.TRUSTED_VERSION}'"):
+        backend._refuse_if_wrong()
+
+
+def test_another_version_that_computes_rightly_is_accepted(monkeypatch):
+    monkeypatch.setattr(backend, "_installed", OTHER_VERSION)
+    backend._refuse_if_wrong()
+
+
+def test_the_cache_lies_where_the_variable_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("VIBRIDENT_CACHE", str(tmp_path))
+    assert backend.cache_folder() == tmp_path
+
+
+def test_an_empty_variable_means_no_cache(monkeypatch):
+    monkeypatch.setenv("VIBRIDENT_CACHE", "")
+    assert backend.cache_folder() is None
+
+
+def test_without_the_variable_the_cache_is_the_users_own_by_version(monkeypatch, tmp_path):
+    monkeypatch.delenv("VIBRIDENT_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert backend.cache_folder() == tmp_path / "vibrident" / f"jax-{backend.TRUSTED_VERSION}"
+
+
+@pytest.mark.parametrize("cached", [True, False], ids=["folder", "empty"])
+def test_compiled_kernels_are_kept_where_a_cache_is_wanted(cached, tmp_path):
+    code = "import vibrident.backend as b; b.arithmetic_error(); print(b.jax.config.jax_compilation_cache_dir)"
+    folder = run_python(
+        code, VIBRIDENT_CACHE=str(tmp_path) if cached else "", XDG_CACHE_HOME=str(tmp_path), HOME=str(tmp_path)
+    )
+    assert folder == (str(tmp_path) if cached else "None")
+    assert any(tmp_path.iterdir()) == cached
