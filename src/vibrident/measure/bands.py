@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from vibrident.measure.response import MeasuredResponse
@@ -16,6 +17,8 @@ from vibrident.records import FloatArray, Record
 
 LINES_IN_BAND = 6
 BANDS_PER_OCTAVE = 12
+#: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
+HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
 
@@ -68,3 +71,55 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
     return MeasuredResponse(
         frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2))
     )
+
+
+def coherent_remainder(
+    record: Record, predicted: FloatArray
+) -> tuple[FloatArray, NDArray[np.complex128], FloatArray, FloatArray] | None:
+    """What of a time residual is coherent with the predicted response, by narrow bands.
+
+    With E and Ŷ the spectra of residual and prediction, ρ = Σ E Ŷ*/Σ |Ŷ|² is the relative error of the model's response
+    in the band; the rest of E gives its deviation.
+
+    Args:
+        record: measured response.
+        predicted: shape (samples,), NaN where there is none.
+
+    Returns:
+        Frequencies, ρ, standard deviation of the real part of ρ, degrees of freedom; each of shape (bands,). None
+        where no band holds enough of the response.
+    """
+    used = record.mask & np.isfinite(predicted)
+    if used.sum() < 8 * LINES_IN_BAND:
+        return None
+    n, rate = record.samples, record.sampling_rate_hz
+    first, last = np.flatnonzero(used)[[0, -1]]
+    window = np.zeros(n)
+    window[first : last + 1] = np.hanning(last - first + 1) if record.excitation != "shock" else 1.0
+    window *= used
+    series = np.where(used, predicted, 0.0)
+    series = np.where(used, series - series[used].mean(), 0.0)
+    residual = np.where(used, record.response - np.where(used, predicted, 0.0), 0.0)
+    spectra = fft.rfft(np.stack([residual, series]) * window, axis=-1)
+    rows = []
+    edges = band_edges(n, rate).astype(int)
+    power = np.abs(spectra) ** 2
+    strongest = max(float(np.mean(power[1, a:b])) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        total = float(np.sum(power[1, a:b]))
+        if total <= LEAST_POWER * strongest * (b - a):
+            continue
+        rho = np.sum(spectra[0, a:b] * np.conj(spectra[1, a:b])) / total
+        rest = float(np.sum(np.abs(spectra[0, a:b] - rho * spectra[1, a:b]) ** 2))
+        # Neighbouring lines of a Hann window are correlated: b − a lines are worth fewer.
+        worth = (b - a) if record.excitation == "shock" else (b - a) / HANN_CORRELATION
+        freedom = 2.0 * max(worth - 1.0, 1.0)
+        variance = rest / max(b - a - (b - a) / worth, 1.0) * ((b - a) / worth) / total / 2.0
+        if variance <= 0.0 or variance > 0.25:
+            continue
+        centre = float(np.sum(np.arange(a, b) * power[1, a:b]) / total) * rate / n
+        rows.append((centre, rho, np.sqrt(variance), freedom))
+    if not rows:
+        return None
+    frequency, rho, deviation, freedom = zip(*rows, strict=True)
+    return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from vibrident.measure.bands import HANN_CORRELATION
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
@@ -21,8 +22,6 @@ HARMONICS = 5
 GUARD_BINS = 3
 BAND_FACTOR = 1.5
 FEWEST_LINES, MOST_LINES = 48, 400
-#: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
-HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 
 
 def measure_tones(

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.models import SensorModel, parse
+from vibrident.models import parse
 from vibrident.records import QUANTITIES, Calibration, FloatArray, Provenance, Quantity, Record
-from vibrident.simulate.checks import require, require_choice, require_finite, require_positive
+from vibrident.simulate.checks import require, require_choice, require_positive
 from vibrident.simulate.excitation import Sine
 from vibrident.simulate.frequencies import one_third_octave
 from vibrident.simulate.motion import Motion
 from vibrident.simulate.noise import ChannelNoise
 from vibrident.simulate.rk4 import rk4_response
-from vibrident.simulate.scheme import Plan, Seed, Take, check_sampling, with_felt_noise
+from vibrident.simulate.scheme import FeltLevel, Plan, Seed, Take
 from vibrident.simulate.sensors import Sensor, sensor_named
 from vibrident.simulate.streams import stream
 from vibrident.simulate.truth import Start, exact_reference, exact_response
@@ -47,7 +47,7 @@ def simulate(
 
     Args:
         sensor: name in ``SENSORS``, a ``Sensor``, or (model, parameters), SI units, frequencies in Hz.
-        excitation: ``sine`` (a record for every frequency), ``multisine``, ``sweep`` (log), ``random``, ``shock`` or
+        excitation: ``sine`` (a record for every frequency), ``multisine``, ``sweep`` (log), ``random``, ``shock``,
             ``decay`` (one record each), or motions of your own, one a record.
         frequencies_hz: of the sines; lowest and highest are the band of sweep and random. None: exact one-third-octave
             frequencies in the sensor's usual band.
@@ -81,41 +81,25 @@ def simulate(
     require_choice("The start", start, ("rest", "steady"))
     require_choice("The method", method, ("exact", "rk4"))
     require_choice("The reference quantity", quantity, QUANTITIES)
-    rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
-    check_sampling(rate, samples, samples_per_period)
     plan = Plan(
         _frequencies(frequencies_hz, chosen),
-        rate,
+        chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz),
         samples,
         samples_per_period,
         chosen.amplitude if amplitude is None else float(amplitude),
         chosen.parameters["natural_frequency"],
         seed,
     )
-    require_finite("simulate", amplitude=plan.amplitude)
-    takes = [
-        replace(
-            take,
-            motion=with_felt_noise(
-                take,
-                index,
-                snr_db=excitation_snr_db,
-                rms=excitation_noise_rms,
-                band_hz=excitation_noise_band_hz,
-                seed=seed,
-            ),
-        )
-        for index, take in enumerate(plan.takes(excitation, repeats))
-    ]
-    model = parse(chosen.model)
-    responses = _responses(model, chosen, takes, start, method, substeps)
+    felt = FeltLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
+    takes = [felt.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
+    responses = _responses(chosen, takes, start, method, substeps)
     made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"
     calibration = Calibration(
-        records=tuple(_record(take, response, quantity, made) for take, response in zip(takes, responses, strict=True)),
+        records=tuple(_record(take, row, quantity, made) for take, row in zip(takes, responses, strict=True)),
         model=chosen.model,
         quantity=quantity,
         response_unit=chosen.response_unit,
-        sensor={"manufacturer": "vibrident", "type": chosen.title, "serial_number": f"simulated, {chosen.name}"},
+        sensor={"manufacturer": "simulated", "type": chosen.title},
     )
     return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
 
@@ -164,7 +148,7 @@ def _noisy(record: Record, index: int, noises: Mapping[str, ChannelNoise], seed:
         if truth is None:  # a free decay has no reference
             continue
         values = noise.applied(truth, record.sampling_rate_hz, stream(seed, index, channel))
-        changes = {channel: values}
+        changes: dict[str, Any] = {channel: values}
         if noise.full_scale is not None:
             changes[f"{channel}_full_scale"] = noise.full_scale
         step = f"{channel} channel: {noise.words}, seed {_seed_words(seed)}"
@@ -202,9 +186,8 @@ def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Se
     return frequencies
 
 
-def _responses(
-    model: SensorModel, sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int
-) -> list[FloatArray]:
+def _responses(sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int) -> list[FloatArray]:
+    model = parse(sensor.model)
     if method == "rk4":
         rows = rk4_response(
             model,

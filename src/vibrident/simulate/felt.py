@@ -74,7 +74,7 @@ def felt_noise(
         remedy="correct the band, or raise the sampling rate",
     )
     period = fast_length(int(np.ceil(_PERIOD * samples)))
-    fundamental = sampling_rate_hz / period
+    fundamental = float(sampling_rate_hz / period)
     harmonic = np.arange(max(1, int(np.ceil(low / fundamental))), int(np.floor(high / fundamental)) + 1)
     require(
         harmonic.size > 0,
@@ -87,4 +87,4 @@ def felt_noise(
     parts = rng.standard_normal((2, harmonic.size))
     phasor = (parts[0] + 1j * parts[1]) * (rms / np.sqrt(harmonic.size))
     words = f"noise on the excitation, felt by the sensor: {rms:.4g} m/s² rms, {low:.6g} to {high:.6g} Hz"
-    return FeltNoise(Tones(harmonic * fundamental, phasor, fundamental), words)
+    return FeltNoise(Tones(harmonic.astype(float) * fundamental, phasor, fundamental), words)

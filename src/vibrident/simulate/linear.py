@@ -61,10 +61,11 @@ class LinearSystem:
         num[: len(rational.numerator)] = np.array(rational.numerator, dtype=float)
         num *= power
         gain, d = float(rational.gain), num[-1]
-        a = w * np.vstack([np.eye(order)[1:], -den[:-1]])
+        a = np.eye(order, k=1)
+        a[-1] = -den[:-1]
         b = np.zeros(order)
         b[-1] = w * gain
-        return cls(a, b, num[:-1] - d * den[:-1], gain * d, w)
+        return cls(w * a, b, num[:-1] - d * den[:-1], gain * d, w)
 
     @property
     def order(self) -> int:
@@ -91,7 +92,7 @@ class LinearSystem:
 
     def static_state(self, acceleration: float) -> FloatArray:
         """State under a constant acceleration (m/s²), shape (n,)."""
-        return -np.linalg.solve(self.a, self.b * acceleration)
+        return np.asarray(np.linalg.solve(self.a, -acceleration * self.b), dtype=float)
 
 
 def exponential(a: FloatArray, time_s: float) -> FloatArray:
@@ -101,7 +102,7 @@ def exponential(a: FloatArray, time_s: float) -> FloatArray:
 
 @functools.lru_cache(maxsize=256)
 def _exponential(a: bytes, order: int, time_s: float) -> FloatArray:
-    value = expm(np.frombuffer(a).reshape(order, order) * time_s)
+    value = np.array(expm(np.frombuffer(a).reshape(order, order) * time_s), dtype=float)
     value.flags.writeable = False
     return value
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.records import FloatArray
-from vibrident.simulate.checks import require, require_choice, require_positive
+from vibrident.simulate.checks import require, require_choice, require_finite, require_positive
 from vibrident.simulate.excitation import (
     BandLimitedRandom,
     Decay,
@@ -87,7 +87,11 @@ class Take:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the takes of a calibration have in common."""
+    """What the takes of a calibration have in common; the settings of ``simulate`` of the same names.
+
+    Raises:
+        InputError: a setting cannot be used.
+    """
 
     frequencies_hz: FloatArray
     sampling_rate_hz: float
@@ -96,6 +100,26 @@ class Plan:
     amplitude: float
     natural_frequency_hz: float
     seed: Seed
+
+    def __post_init__(self) -> None:
+        require_positive("simulate", sampling_rate_hz=self.sampling_rate_hz)
+        require_finite("simulate", amplitude=self.amplitude)
+        require(
+            isinstance(self.samples, int | np.integer) and self.samples >= 8,
+            "The number of samples is not usable.",
+            expected="a whole number from 8",
+            found=repr(self.samples),
+            where="simulate",
+            remedy="correct samples",
+        )
+        require(
+            self.samples_per_period is None or 2.0 < self.samples_per_period < np.inf,
+            "The number of samples a period is not usable.",
+            expected="a number above 2 (the sampling theorem)",
+            found=repr(self.samples_per_period),
+            where="simulate",
+            remedy="raise samples_per_period",
+        )
 
     @property
     def duration_s(self) -> float:
@@ -160,83 +184,62 @@ class Plan:
         return [Decay(self.amplitude)]
 
 
-def with_felt_noise(
-    take: Take,
-    index: int,
-    *,
-    snr_db: float | None,
-    rms: float | None,
-    band_hz: tuple[float, float] | None,
-    seed: Seed,
-) -> Motion:
-    """The take's motion with noise that the sensor feels, from the record's own stream.
+@dataclass(frozen=True)
+class FeltLevel:
+    """How much noise comes on top of every excitation, felt by the sensor.
 
-    Args:
-        take: the record to be made.
-        index: its place in the calibration.
+    Attributes:
         snr_db: rms of the excitation within the record over rms of the noise, dB; None: see ``rms``.
         rms: of the noise, m/s²; None for none.
         band_hz: of the noise; None: up to 0.4 of the sampling rate.
-        seed: of the calibration.
 
     Raises:
-        InputError: both levels are given, or the record is a free decay, whose motion nothing measures.
+        InputError: both levels are given, or the ratio is not finite.
     """
-    if snr_db is None and rms is None:
-        return take.motion
-    require(
-        snr_db is None or rms is None,
-        "The level of the noise on the excitation is given twice.",
-        expected="excitation_snr_db or excitation_noise_rms",
-        found=f"{snr_db} dB and {rms} m/s²",
-        where="simulate",
-        remedy="keep one of the two",
-    )
-    require(
-        not isinstance(take.motion, Decay),
-        "A free decay has no excitation to carry noise.",
-        expected="an excitation that moves the base",
-        found="decay",
-        where=f"record {take.name!r}",
-        remedy="leave excitation_snr_db and excitation_noise_rms out, or use response_noise",
-    )
-    if rms is None:
-        assert snr_db is not None  # or the first test had returned
-        clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
-        rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-snr_db / 20.0)
-    noise = felt_noise(
-        rms,
-        sampling_rate_hz=take.sampling_rate_hz,
-        samples=take.samples,
-        rng=stream(seed, index, "felt"),
-        band_hz=band_hz,
-    )
-    return Superposition((take.motion, noise))
 
+    snr_db: float | None
+    rms: float | None
+    band_hz: tuple[float, float] | None
 
-def check_sampling(sampling_rate_hz: float, samples: int, samples_per_period: float | None) -> None:
-    """Refuse what no record can have.
+    def __post_init__(self) -> None:
+        require(
+            self.snr_db is None or self.rms is None,
+            "The level of the noise on the excitation is given twice.",
+            expected="excitation_snr_db or excitation_noise_rms",
+            found=f"{self.snr_db} dB and {self.rms} m/s²",
+            where="simulate",
+            remedy="keep one of the two",
+        )
+        require_finite("simulate", excitation_snr_db=self.snr_db or 0.0)
 
-    Raises:
-        InputError: the rate is not positive, there are fewer than 8 samples, or at most 2 samples a period.
-    """
-    require_positive("simulate", sampling_rate_hz=sampling_rate_hz)
-    require(
-        isinstance(samples, int | np.integer) and samples >= 8,
-        "The number of samples is not usable.",
-        expected="a whole number from 8",
-        found=repr(samples),
-        where="simulate",
-        remedy="correct samples",
-    )
-    require(
-        samples_per_period is None or 2.0 < samples_per_period < np.inf,
-        "The number of samples a period is not usable.",
-        expected="a number above 2 (the sampling theorem)",
-        found=repr(samples_per_period),
-        where="simulate",
-        remedy="raise samples_per_period",
-    )
+    def added_to(self, take: Take, record: int, seed: Seed) -> Take:
+        """The take with noise from the stream of the record of that index.
+
+        Raises:
+            InputError: the record is a free decay, whose motion nothing measures, or the noise cannot be made.
+        """
+        if self.snr_db is None and self.rms is None:
+            return take
+        require(
+            not isinstance(take.motion, Decay),
+            "A free decay has no excitation to carry noise.",
+            expected="an excitation that moves the base",
+            found="decay",
+            where=f"record {take.name!r}",
+            remedy="leave excitation_snr_db and excitation_noise_rms out, or use response_noise",
+        )
+        rms = self.rms or 0.0
+        if self.snr_db is not None:
+            clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
+            rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-self.snr_db / 20.0)
+        noise = felt_noise(
+            rms,
+            sampling_rate_hz=take.sampling_rate_hz,
+            samples=take.samples,
+            rng=stream(seed, record, "felt"),
+            band_hz=self.band_hz,
+        )
+        return replace(take, motion=Superposition((take.motion, noise)))
 
 
 def _name(motion: Motion) -> str:

@@ -34,7 +34,7 @@ class Tones:
     phasor: ComplexArray
     fundamental_hz: float | None = None
 
-    def times(self, factor: ComplexArray) -> Tones:
+    def scaled_by(self, factor: ComplexArray) -> Tones:
         """The same tones with phasors multiplied by ``factor``, shape (tones,): what a linear system makes of them."""
         return replace(self, phasor=self.phasor * factor)
 

@@ -7,7 +7,7 @@ Everything else: quadrature to 1e-12 (:mod:`vibrident.simulate.quadrature`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -88,13 +88,13 @@ def system_response(system: LinearSystem, motion: Motion, grid: SampleGrid, star
     return system.c @ states + direct
 
 
-def _tonal_response(system: LinearSystem, parts: list[Tonal], grid: SampleGrid, start: Start) -> FloatArray:
+def _tonal_response(system: LinearSystem, parts: Sequence[Tonal], grid: SampleGrid, start: Start) -> FloatArray:
     """Steady response to tones, and from rest the free motion that makes the state zero at t = 0."""
     steady, missing = np.zeros(grid.samples), np.zeros(system.order)
     for tones in (part.tones for part in parts):
         states = system.tone_states(tones.frequency_hz)
         response = np.sum(system.c[:, None] * states, axis=0) + system.d
-        steady += tones.times(response).on(grid)
+        steady += tones.scaled_by(response).on(grid)
         missing -= np.sum(states * tones.phasor, axis=1).real
     if start == "steady":
         return steady
@@ -149,7 +149,8 @@ def _integrated(motion: Motion, times: int, grid: SampleGrid) -> FloatArray:
     if isinstance(motion, Superposition):
         return np.sum([_integrated(part, times, grid) for part in motion.parts], axis=0)
     if isinstance(motion, Tonal):
-        return motion.tones.times((2j * np.pi * motion.tones.frequency_hz) ** -times).on(grid)
+        once = np.asarray(1.0 / (2j * np.pi * motion.tones.frequency_hz), dtype=np.complex128)
+        return motion.tones.scaled_by(once if times == 1 else once * once).on(grid)
     if isinstance(motion, Decay):
         return np.zeros(grid.samples)
     integrator = LinearSystem.of(Rational(1.0, (1.0,), (0.0,) * times + (1.0,), 1.0))

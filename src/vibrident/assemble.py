@@ -1,0 +1,239 @@
+"""From an estimate to the parts of a result: prediction, deviations, metrics, excerpts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from vibrident.backend import jax, jnp
+from vibrident.discretize import Weights, method
+from vibrident.errors import InputError
+from vibrident.estimators import Estimate
+from vibrident.estimators.ml import refreshed_tones
+from vibrident.models.state_space import realise, state_scaling
+from vibrident.network import weight_table
+from vibrident.problem import Evidence, TimeProblem
+from vibrident.problem.frequency_domain import response_residual
+from vibrident.records import FloatArray, Quantity
+from vibrident.result import Fit, MeasuredCurve, Signal
+from vibrident.uncertainty.adequacy import (
+    Adequacy,
+    Points,
+    assess,
+    band_points,
+    judge_residuals,
+    looks_random,
+    tone_points,
+)
+
+#: Samples of all excerpts together, and of one.
+MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What the estimate says of the data.
+
+    Attributes:
+        adequacy: points, χ², verdict.
+        lack_of_fit: the warning's text, should it be needed.
+        predicted: predicted response of each record, NaN where there is none; empty for a table.
+        scatter: standard deviation of the weighted residuals where no uncertainty was stated, else None.
+        signals: excerpts for pictures.
+        weights: the network's weights as the paper's Table 1.
+    """
+
+    adequacy: Adequacy
+    lack_of_fit: str
+    predicted: tuple[FloatArray, ...] = ()
+    scatter: float | None = None
+    signals: tuple[Signal, ...] = ()
+    weights: dict[str, Any] = field(default_factory=dict)
+
+
+def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """Predict every record and compare, tone by tone and band by band."""
+    model, quantity = evidence.model, evidence.quantity
+    values = estimate.coordinates.values(estimate.z)
+
+    def response(frequency: FloatArray) -> Any:
+        return model.frequency_response(values, np.asarray(frequency), quantity)
+
+    points: list[Points] = []
+    tones = evidence.tones
+    if tones is not None:
+        tones = refreshed_tones(evidence, tones, values)
+        names = [r.name for r in evidence.records]
+        deviation = tones.error_deviation(response)
+        points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
+    predicted, weights = _predict(evidence, estimate)
+    others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
+    points += band_points([evidence.records[i] for i in others], [predicted[i] for i in others], response)
+    adequacy = assess(points, len(estimate.z))
+    chi2 = adequacy.chi2_reduced or 0.0
+    worst = _worst(points, response)
+    text = (
+        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times what the "
+        f"noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}. The stated "
+        "uncertainties cover the noise only; uncertainty='inflated' (--uncertainty inflated) scales them by that factor."
+    )
+    signals = _excerpts(evidence, predicted)
+    return Judgement(adequacy, text, predicted, None, signals, weights)
+
+
+def _worst(points: list[Points], response: Any) -> str:
+    frequency = np.concatenate([p.frequency_hz for p in points])
+    measured = np.concatenate([p.measured for p in points])
+    weighted = np.concatenate([p.squares for p in points])
+    index = int(np.argmax(weighted))
+    off = 100 * abs(response(frequency[index : index + 1])[0] / measured[index] - 1.0)
+    return f", most at {frequency[index]:.4g} Hz, where model and measurement differ by {off:.2g} %"
+
+
+def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
+    """Predicted responses by the network with exact weights (or those it was trained with), and its Table 1."""
+    name = estimate.settings.get("discretisation", "bandlimited")
+    values = estimate.coordinates.values(estimate.z)
+    try:
+        problem = TimeProblem.build(evidence.records, evidence.model, method(name), evidence.quantity, values)
+    except InputError:  # all records too short to interpolate: the tones stand alone
+        return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
+    predicted, _ = problem.predict(estimate.coordinates, estimate.z)
+    if estimate.estimator != "ipnn":
+        return tuple(predicted), {}
+    all_weights = problem.weights({k: jnp.asarray(v) for k, v in values.items()})
+    one = Weights(*(np.asarray(w[0]) for w in jax.tree.leaves(all_weights)))
+    scaling = state_scaling(realise(evidence.model.rational(values, evidence.quantity)))
+    table = weight_table(one, scaling)
+    return tuple(predicted), {
+        **table,
+        "discretisation": name,
+        "sampling_interval_s": float(problem.intervals_s[0]),
+    }
+
+
+def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """Compare the model with a table."""
+    table, problem = evidence.calibration.table, evidence.first_look
+    assert table is not None
+    assert problem is not None
+    args = (estimate.coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
+    residual = np.asarray(response_residual(jnp.asarray(estimate.z), *args))
+    chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
+    scatter = None
+    if table.magnitude_uncertainty is None:
+        scatter = float(np.sqrt(np.sum(residual**2) / max(degrees, 1)))
+        order = np.argsort(table.frequency_hz, kind="stable")
+        n = table.points
+        parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
+        chi2, adequate = None, all(looks_random(part) for part in parts)
+        text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
+    else:
+        text = (
+            f"The model does not explain the table: deviations are {np.sqrt(chi2 or 0.0):.3g} times the stated "
+            f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom). The parameters' uncertainties follow "
+            "from the stated ones alone; uncertainty='inflated' (--uncertainty inflated) scales them by that factor."
+        )
+    names = (table.provenance.file or "table",) * table.points
+    relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
+    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate)
+    return Judgement(adequacy, text, scatter=scatter)
+
+
+def measured_curve(estimate: Estimate, adequacy: Adequacy, quantity: Quantity) -> MeasuredCurve:
+    """The data's points with their deviation from the model, in order of frequency."""
+    values = estimate.coordinates.values(estimate.z)
+    order = np.argsort(adequacy.frequency_hz, kind="stable")
+    frequency, measured = adequacy.frequency_hz[order], adequacy.measured[order]
+    model = estimate.coordinates.model.frequency_response(values, frequency, quantity)
+    relative = adequacy.relative_deviation[order]
+    ratio = model / measured
+    known = np.any(np.imag(measured) != 0.0)
+    none = (None,) * len(frequency)
+    return MeasuredCurve(
+        tuple(frequency.tolist()),
+        tuple(np.abs(measured).tolist()),
+        tuple(np.rad2deg(np.angle(measured)).tolist()) if known else none,
+        tuple((np.abs(measured) * relative).tolist()),
+        tuple(np.rad2deg(relative).tolist()) if known else none,
+        tuple((100.0 * (np.abs(ratio) - 1.0)).tolist()),
+        tuple(np.rad2deg(np.angle(ratio)).tolist()) if known else none,
+        tuple(adequacy.record[i] for i in order),
+    )
+
+
+def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:
+    """Metrics of measured minus predicted response over all records."""
+    residuals, responses = [], []
+    for record, series in zip(evidence.records, judgement.predicted, strict=True):
+        used = record.mask & np.isfinite(series)
+        residuals.append(record.response[used] - series[used])
+        responses.append(record.response[used] - record.response[used].mean() if used.any() else residuals[-1])
+    return _metrics(np.concatenate(residuals), np.concatenate(responses), judgement.adequacy)
+
+
+def fit_of_table(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Fit:
+    """Metrics of measured minus model response over a table's points."""
+    measured = judgement.adequacy.measured
+    values = estimate.coordinates.values(estimate.z)
+    frequency = judgement.adequacy.frequency_hz
+    model = estimate.coordinates.model.frequency_response(values, frequency, evidence.quantity)
+    problem = evidence.first_look
+    assert problem is not None
+    residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
+    return _metrics(np.abs(residual), np.abs(measured - measured.mean()), judgement.adequacy)
+
+
+def _metrics(residual: FloatArray, response: FloatArray, adequacy: Adequacy) -> Fit:
+    mse = float(np.mean(residual**2)) if residual.size else float("nan")
+    variance = float(np.mean(response**2)) if response.size else float("nan")
+    rmse = float(np.sqrt(mse))
+    ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")
+    return Fit(
+        rmse=rmse,
+        mae=float(np.mean(np.abs(residual))) if residual.size else float("nan"),
+        mse=mse,
+        r2=1.0 - ratio**2,
+        rpd=1.0 / ratio if ratio > 0 else float("inf"),
+        nrmse=float(ratio),
+        chi2_reduced=adequacy.chi2_reduced,
+        degrees_of_freedom=adequacy.degrees_of_freedom,
+        adequate=adequacy.adequate,
+    )
+
+
+def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
+    """A piece of every record from where its response is largest, a few periods long."""
+    signals = []
+    most = int(np.clip(MOST_SAMPLES // max(len(predicted), 1), 24, MOST_IN_ONE))
+    owners = {} if evidence.tones is None else dict(zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True))
+    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
+        used = np.flatnonzero(record.mask & np.isfinite(series))
+        if used.size < 2:
+            continue
+        residual = record.response[used] - series[used]
+        deviation = float(np.std(record.response[used]))
+        rmse = float(np.sqrt(np.mean(residual**2)))
+        span = used.size
+        if index in owners:
+            span = int(np.clip(3.0 * record.sampling_rate_hz / owners[index], 16, used.size))
+        start = 0
+        if record.excitation == "shock":
+            peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
+            span = min(used.size, max(64, used.size // 4))
+            start = int(np.clip(peak - span // 3, 0, used.size - span))
+        piece = used[start : start + span : max(1, -(-span // most))]
+        signals.append(
+            Signal(
+                record.name,
+                tuple(record.time_s[piece].tolist()),
+                tuple(record.response[piece].tolist()),
+                tuple(series[piece].tolist()),
+                evidence.calibration.response_unit,
+                rmse,
+                rmse / deviation if deviation > 0 else 0.0,
+            )
+        )
+    return tuple(signals)

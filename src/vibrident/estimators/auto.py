@@ -1,0 +1,15 @@
+"""Which estimator suits the data, and why."""
+
+from __future__ import annotations
+
+from vibrident.problem import Evidence
+
+
+def choose(evidence: Evidence) -> tuple[str, str]:
+    """Name of the estimator for these data, and the reason in words."""
+    if evidence.calibration.table is not None:
+        return "ml", "a table of responses with their uncertainties: weighted fit in magnitude and phase"
+    if evidence.only_sines:
+        return "ml", "sine records: each tone is estimated in both channels, so noise on the reference does no harm"
+    kinds = sorted({record.excitation for record in evidence.records})
+    return "ipnn", f"excitation {', '.join(kinds)}: the network uses every sample of the motion"

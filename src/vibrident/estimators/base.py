@@ -1,0 +1,44 @@
+"""What every estimator takes and gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from vibrident.estimators.optimise import Progress, Trace
+from vibrident.problem import Coordinates, Evidence
+from vibrident.records import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters and their covariance, before they become a result.
+
+    Attributes:
+        estimator: its name.
+        coordinates: the map from z to physical parameters.
+        z: the optimum, shape (p,).
+        covariance: of z, from the noise alone, shape (p, p).
+        degrees_of_freedom: behind the noise estimate; infinite where uncertainties were stated.
+        trace: of the optimiser.
+        settings: what was chosen.
+    """
+
+    estimator: str
+    coordinates: Coordinates
+    z: FloatArray
+    covariance: FloatArray
+    degrees_of_freedom: float
+    trace: Trace
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Estimator(Protocol):
+    """A way to turn evidence into an estimate."""
+
+    name: str
+
+    def fit(self, evidence: Evidence, progress: Progress) -> Estimate:
+        """Identify the model's parameters."""
+        ...

@@ -1,0 +1,82 @@
+"""The paper's least squares on the complex sensitivities: fit 1/H, in which the sensor's constants are linear.
+
+    1/H = (ωn² − ω² + 2 j δ ωn ω)/K        (times s for a velocity pickup)
+
+``plain`` weighs all points of 1/H alike, as the paper does: points of small sensitivity then rule. ``weighted`` divides by
+the uncertainty of 1/H, u(1/H) = u(H)/|H|². A delay makes the problem nonlinear; the same residual is then minimised from
+the linear start. The covariance is propagated from the responses' uncertainty through the estimator, whatever the weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import equinox as eqx
+import numpy as np
+
+from vibrident.backend import jax, jnp
+from vibrident.errors import ModelError
+from vibrident.estimators.base import Estimate
+from vibrident.estimators.ml import refreshed_tones, weighted_problem
+from vibrident.estimators.objectives import inverse_objective
+from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
+from vibrident.estimators.start import start_values
+from vibrident.problem import Coordinates, Evidence, FrequencyProblem
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Settings of the estimator ``lsm``.
+
+    Attributes:
+        weighting: ``weighted`` by the uncertainty of 1/H, or ``plain`` as in the paper.
+    """
+
+    weighting: Literal["plain", "weighted"] = "weighted"
+    name: str = "lsm"
+
+    def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
+        """Fit 1/H.
+
+        Raises:
+            ModelError: there is no phase, or a record is not a sine.
+        """
+        first = evidence.first_look
+        if first is None or evidence.bands is not None or not first.has_phase:
+            raise ModelError(
+                "The estimator 'lsm' needs complex responses.",
+                expected="sine records, or a table with phase",
+                found="a table of magnitudes" if first is not None and not first.has_phase else "other excitation",
+                where="estimator",
+                remedy="use the estimator 'ml' for magnitudes, 'ipnn' for other excitation (or 'auto')",
+            )
+        model = evidence.model
+        start = start_values(first, model)
+        problem, freedom = first, np.inf
+        if evidence.tones is not None:
+            tones = refreshed_tones(evidence, evidence.tones, start)
+            problem = weighted_problem(tones, model, start, evidence)
+            freedom = float(np.sum(tones.degrees_of_freedom))
+        weight = self._weight(problem)
+        coordinates = Coordinates.at(model, start, problem.band_hz)
+        args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
+        trace = levenberg_marquardt(inverse_objective, coordinates.first, args, tolerance=1e-11, progress=progress)
+        jacobian = np.asarray(_jacobian(jnp.asarray(trace.last), args))
+        # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
+        deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
+        gain = np.linalg.pinv(jacobian)
+        covariance = (gain * deviation**2) @ gain.T
+        settings = {"weighting": self.weighting}
+        return Estimate("lsm", coordinates, trace.last, covariance, freedom, trace, settings)
+
+    def _weight(self, problem: FrequencyProblem) -> Any:
+        size = np.abs(problem.response)
+        if self.weighting == "plain":
+            return np.full(problem.points, float(np.median(size)))
+        return size / problem.relative_deviation
+
+
+@eqx.filter_jit
+def _jacobian(z: Any, args: Any) -> Any:
+    return jax.jacfwd(inverse_objective)(z, args)

@@ -1,0 +1,111 @@
+"""Maximum likelihood on the complex responses, with noise on both channels.
+
+Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is taken from
+the spectral lines beside the tone with H at each line's own frequency, so noise that the sensor felt cancels and noise of
+either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the sensor's decaying start transient depend on the
+parameters and are refreshed between fits. Tables: weighted least squares in magnitude and phase.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from vibrident.backend import jax, jnp
+from vibrident.errors import ModelError
+from vibrident.estimators.base import Estimate
+from vibrident.estimators.objectives import response_objective
+from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
+from vibrident.estimators.start import start_values
+from vibrident.measure import MeasuredResponse, measure_tones
+from vibrident.models import SensorModel
+from vibrident.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.records import FloatArray
+
+#: Rounds of fit and refreshed weights; the second changes the estimate by far less than its uncertainty.
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class MaximumLikelihood:
+    """Settings of the estimator ``ml``: none yet."""
+
+    name: str = "ml"
+
+    def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
+        """Fit the model to the complex responses.
+
+        Raises:
+            ModelError: a record is not a sine; such motion needs the network.
+        """
+        first = evidence.first_look
+        if first is None or evidence.bands is not None:
+            raise ModelError(
+                "The estimator 'ml' works on sine records and tables.",
+                expected="excitation = 'sine' in every record, or [table]",
+                found=", ".join(sorted({r.excitation for r in evidence.records})),
+                where="estimator",
+                remedy="use the estimator 'ipnn' (or 'auto')",
+            )
+        model = evidence.model
+        start = start_values(first, model)
+        coordinates = Coordinates.at(model, start, first.band_hz)
+        if evidence.tones is None:
+            trace = _descend(coordinates, coordinates.first, first, progress)
+            return _estimate(coordinates, trace, first, np.inf)
+        tones, z, trace = evidence.tones, coordinates.first, None
+        for _ in range(ROUNDS):
+            tones = refreshed_tones(evidence, tones, coordinates.values(z))
+            problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+            trace = _descend(coordinates, z, problem, progress)
+            z = trace.last
+        problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+        return _estimate(coordinates, trace, problem, float(np.sum(tones.degrees_of_freedom)), tones)
+
+
+def refreshed_tones(evidence: Evidence, tones: MeasuredResponse, values: dict[str, float]) -> MeasuredResponse:
+    """The tones again, with the sensor's free response fitted along."""
+    poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
+    sines = [evidence.records[i] for i in tones.record]
+    refreshed = measure_tones(sines, tones.frequency_hz.tolist(), poles)
+    fields = {name: getattr(refreshed, name) for name in refreshed.__dataclass_fields__}
+    return MeasuredResponse(**{**fields, "record": tones.record})
+
+
+def weighted_problem(
+    tones: MeasuredResponse, model: SensorModel, values: dict[str, float], evidence: Evidence
+) -> FrequencyProblem:
+    """The residual with deviations that hold at the parameters ``values``."""
+    deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, evidence.quantity))
+    return FrequencyProblem.of_measured(tones, deviation, model, evidence.quantity)
+
+
+def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:
+    kind = (problem.polar, problem.has_phase, problem.quantity)
+    return levenberg_marquardt(response_objective, z, (coordinates, kind, problem.data), progress=progress)
+
+
+def _estimate(
+    coordinates: Coordinates,
+    trace: Trace | None,
+    problem: FrequencyProblem,
+    freedom: float,
+    tones: MeasuredResponse | None = None,
+) -> Estimate:
+    assert trace is not None
+    kind = (problem.polar, problem.has_phase, problem.quantity)
+    jacobian = np.asarray(response_jacobian(jnp.asarray(trace.last), (coordinates, kind, problem.data)))
+    covariance = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    if tones is not None:
+        # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
+        covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
+    return Estimate("ml", coordinates, trace.last, covariance, freedom, trace)
+
+
+@eqx.filter_jit
+def response_jacobian(z: Any, args: Any) -> Any:
+    """Jacobian of the weighted residual by automatic differentiation, shape (equations, p)."""
+    return jax.jacfwd(response_objective)(z, args)

@@ -1,0 +1,181 @@
+"""The main path: calibration → evidence → estimate → uncertainty → result."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+import time
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any, Literal
+
+import numpy as np
+
+from vibrident import __version__
+from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_records, judge_table, measured_curve
+from vibrident.errors import ModelError
+from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
+from vibrident.estimators.optimise import Progress, silent
+from vibrident.models import SensorModel, parse
+from vibrident.problem import Evidence
+from vibrident.records import Calibration
+from vibrident.result import Result, ResultWarning, Training
+from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+from vibrident.uncertainty.curve import frequencies
+from vibrident.uncertainty.parameters import coverage_factor, unit_fields
+
+EstimatorName = Literal["auto", "ipnn", "ml", "lsm"]
+ESTIMATORS: dict[str, type[Ipnn] | type[MaximumLikelihood] | type[LeastSquares]] = {
+    "ipnn": Ipnn,
+    "ml": MaximumLikelihood,
+    "lsm": LeastSquares,
+}
+#: Shown iterations of the optimiser in a result.
+MOST_TRACE = 400
+
+
+def identify(
+    calibration: Calibration,
+    model: str | None = None,
+    estimator: EstimatorName | Estimator = "auto",
+    *,
+    uncertainty: Literal["noise", "inflated"] = "noise",
+    progress: Progress = silent,
+) -> Result:
+    """Identify a sensor from its calibration.
+
+    Args:
+        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand.
+        model: name of the sensor model; None takes the calibration's.
+        estimator: ``auto``, a name, or an estimator object with settings of its own, such as
+            ``Ipnn(discretisation="euler", optimiser="adam")``.
+        uncertainty: ``noise``: what the noise (or the stated uncertainty) of the data explains. ``inflated``: where the
+            deviations from the model are larger than that, all uncertainties times √(χ²/dof) (Birge ratio).
+        progress: called after each iteration of the optimiser.
+
+    Returns:
+        The result; its warnings are empty for a clean calibration of an adequate model.
+
+    Raises:
+        InputError: the data cannot be used.
+        ModelError: model, estimator and data do not fit together.
+        NotConverged: no start leads to a finite fit.
+    """
+    begin = time.perf_counter()
+    sensor_model = parse(model or calibration.model)
+    evidence = Evidence.gather(calibration, sensor_model)
+    chosen, reason = _estimator(evidence, estimator)
+    estimate = chosen.fit(evidence, progress)
+    judgement = judge_table(evidence, estimate) if calibration.table else judge_records(evidence, estimate)
+    covariance, scale = _scaled(estimate, judgement, uncertainty)
+    weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
+    covariance = with_reference(covariance, estimate.z, sensor_model, calibration.reference_standard_uncertainty)
+    settings = {
+        **estimate.settings,
+        "estimator_choice": reason,
+        "uncertainty": scale,
+        "coverage_factor": coverage_factor(estimate.degrees_of_freedom),
+        "effective_degrees_of_freedom": estimate.degrees_of_freedom,
+        "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
+        "start": dict(zip(sensor_model.parameter_names, np.asarray(estimate.coordinates.start).tolist(), strict=True)),
+    }
+    fields = unit_fields(calibration)
+    freedom = estimate.degrees_of_freedom
+    table = parameter_table(estimate.coordinates, estimate.z, covariance, freedom, fields, weak)
+    band = frequencies(evidence.band_hz)
+    response = curve(estimate.coordinates, estimate.z, covariance, calibration.quantity, band)
+    result = Result(
+        model=sensor_model.name,
+        estimator=estimate.estimator,
+        settings={**settings, "time_s": time.perf_counter() - begin},
+        provenance=_provenance(calibration, evidence),
+        parameters=table,
+        correlation=correlation(sensor_model, covariance),
+        fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
+        response=response,
+        measured=measured_curve(estimate, judgement.adequacy, calibration.quantity),
+        warnings=_warnings(evidence, sensor_model, table, judgement, warnings),
+        sensor=dict(calibration.sensor),
+        reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
+        response_unit=calibration.response_unit,
+        signals=judgement.signals,
+        training=_training(estimate),
+        weights=judgement.weights,
+    )
+    return replace(result, settings={**result.settings, "time_s": time.perf_counter() - begin})
+
+
+def _estimator(evidence: Evidence, asked: EstimatorName | Estimator) -> tuple[Estimator, str]:
+    if not isinstance(asked, str):
+        return asked, "chosen by the user"
+    if asked == "auto":
+        name, reason = choose(evidence)
+        return ESTIMATORS[name](), f"{name}: {reason}"
+    if asked not in ESTIMATORS:
+        raise ModelError(
+            f"The estimator {asked!r} is not known.",
+            expected="auto | " + " | ".join(ESTIMATORS),
+            found=repr(asked),
+            where="estimator",
+            remedy="choose one from the list",
+        )
+    return ESTIMATORS[asked](), "chosen by the user"
+
+
+def _scaled(estimate: Estimate, judgement: Judgement, choice: str) -> tuple[np.ndarray, str]:
+    """Covariance of z, and in words what it stands for."""
+    chi2 = judgement.adequacy.chi2_reduced
+    if judgement.scatter is not None:
+        return estimate.covariance * judgement.scatter**2, "from the scatter of the points (no uncertainty was stated)"
+    if choice == "inflated" and chi2 is not None and chi2 > 1.0:
+        return estimate.covariance * chi2, f"inflated by the Birge ratio {np.sqrt(chi2):.3g}, as asked"
+    return estimate.covariance, "noise" if estimate.degrees_of_freedom < np.inf else "stated"
+
+
+def _warnings(
+    evidence: Evidence,
+    model: SensorModel,
+    table: dict[str, Any],
+    judgement: Judgement,
+    doubtful: list[ResultWarning],
+) -> tuple[ResultWarning, ...]:
+    warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
+    adequacy = judgement.adequacy
+    if not adequacy.adequate:
+        warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit))
+    warnings += doubtful
+    gain = table[model.gain_name]
+    if gain.value < 0:
+        text = f"{model.gain_name} is negative: the response moves against the reference (or a channel is wired reversed)."
+        warnings.append(ResultWarning("polarity", text))
+    return tuple(warnings)
+
+
+def _training(estimate: Estimate) -> Training:
+    trace = estimate.trace
+    names = estimate.coordinates.model.parameter_names
+    keep = np.unique(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), MOST_TRACE)).astype(int))
+    path = [estimate.coordinates.values(trace.coordinates[i]) for i in keep]
+    return Training(
+        optimiser=trace.optimiser,
+        status=trace.status,
+        iterations=len(trace.costs),
+        loss=tuple(float(trace.costs[i]) for i in keep),
+        parameters={name: tuple(float(point[name]) for point in path) for name in names},
+    )
+
+
+def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:
+    sources = [r.provenance for r in evidence.records or calibration.records]
+    if calibration.table is not None:
+        sources = [calibration.table.provenance]
+    libraries = ("jax", "jaxlib", "numpy", "scipy", "optimistix", "equinox")
+    return {
+        "vibrident": __version__,
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in libraries},
+        "calibration_file": calibration.source,
+        "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
+        "seed": None,
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }

@@ -1,0 +1,128 @@
+"""Does the model explain the data? Deviations at the excited frequencies against their uncertainty.
+
+With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when the model is right. For
+motion that is not a sine the points are narrow bands: the part of the time residual that is coherent with the predicted
+response, against the part that is not. The model is rejected below a probability of 10⁻³.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from vibrident.measure.bands import coherent_remainder
+from vibrident.measure.response import ComplexArray, MeasuredResponse
+from vibrident.records import FloatArray, Record
+
+REJECTION = 1e-3
+#: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may show.
+RANDOM_ENOUGH = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Adequacy:
+    """Points to compare, and the verdict.
+
+    Attributes:
+        frequency_hz: shape (n,).
+        measured: measured complex sensitivity, shape (n,).
+        relative_deviation: standard deviation of its real part over its size, shape (n,).
+        record: name of the record of each point.
+        chi2_reduced: None where nothing is known of the points' uncertainty.
+        degrees_of_freedom: 2 n − p (n − p for magnitudes).
+        adequate: the verdict.
+    """
+
+    frequency_hz: FloatArray
+    measured: ComplexArray
+    relative_deviation: FloatArray
+    record: tuple[str, ...]
+    chi2_reduced: float | None
+    degrees_of_freedom: int
+    adequate: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Squared weighted deviations at n points; each has ``each`` real parts and a noise estimate of ``freedom``."""
+
+    frequency_hz: FloatArray
+    measured: ComplexArray
+    relative_deviation: FloatArray
+    record: tuple[str, ...]
+    squares: FloatArray
+    freedom: FloatArray
+
+
+def tone_points(tones: MeasuredResponse, model_response: ComplexArray, deviation: FloatArray, names: Sequence[str]) -> Points:
+    """Points of sine records; ``deviation`` is that of the real part of Y − H X."""
+    error = np.abs(tones.response - model_response * tones.reference) ** 2 / deviation**2
+    relative = deviation / np.maximum(np.abs(tones.response), np.finfo(float).tiny)
+    owners = tuple(names[i] for i in tones.record)
+    return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
+
+
+def band_points(
+    records: Sequence[Record], predicted: Sequence[FloatArray], response: object
+) -> list[Points]:
+    """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
+
+    Args:
+        records: the records.
+        predicted: predicted response of each, NaN where there is none.
+        response: function from frequencies to the model's complex sensitivity.
+    """
+    points = []
+    for record, series in zip(records, predicted, strict=True):
+        found = coherent_remainder(record, series)
+        if found is None:
+            continue
+        frequency, remainder, deviation, freedom = found
+        model = response(frequency)  # type: ignore[operator]
+        squares = np.abs(remainder) ** 2 / deviation**2
+        relative = deviation / np.abs(1.0 + remainder)
+        names = (record.name,) * len(frequency)
+        points.append(Points(frequency, model * (1.0 + remainder), relative, names, squares, freedom))
+    return points
+
+
+def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
+    """Join the points and judge."""
+    squares = np.concatenate([p.squares for p in parts])
+    freedom = np.concatenate([p.freedom for p in parts])
+    # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
+    chi2 = float(np.sum(squares * np.maximum(1.0 - 2.0 / freedom, 0.1)))
+    degrees = 2 * len(squares) - parameters
+    spread = 1.0 + 4.0 / float(np.mean(freedom))
+    probability = float(chdtrc(degrees, chi2 / spread)) if degrees > 0 else 1.0
+    return Adequacy(
+        np.concatenate([p.frequency_hz for p in parts]),
+        np.concatenate([p.measured for p in parts]),
+        np.concatenate([p.relative_deviation for p in parts]),
+        tuple(name for p in parts for name in p.record),
+        chi2 / degrees if degrees > 0 else None,
+        degrees,
+        probability >= REJECTION,
+    )
+
+
+def judge_residuals(residual: FloatArray, parameters: int) -> tuple[float | None, int, bool]:
+    """χ²/dof, degrees of freedom and verdict of residuals in units of their stated uncertainty."""
+    degrees = len(residual) - parameters
+    if degrees <= 0:
+        return None, degrees, True
+    chi2 = float(np.sum(residual**2))
+    return chi2 / degrees, degrees, float(chdtrc(degrees, chi2)) >= REJECTION
+
+
+def looks_random(residual: FloatArray) -> bool:
+    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated."""
+    n = len(residual)
+    power = float(np.sum(residual**2))
+    if n < 8 or power == 0.0:
+        return True
+    lagged = float(np.sum(residual[1:] * residual[:-1])) / power
+    return lagged * np.sqrt(n) < RANDOM_ENOUGH

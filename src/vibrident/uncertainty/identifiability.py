@@ -1,0 +1,68 @@
+"""What the data do not determine, and with which parameter it trades."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.problem import Coordinates
+from vibrident.problem.coordinates import BAND_MARGIN
+from vibrident.records import FloatArray
+from vibrident.result import ResultWarning
+
+#: A parameter is weakly determined above this relative standard uncertainty (a delay: this many radians of phase at the
+#: highest frequency) …
+WEAK = 0.1
+#: … or where fixing one other parameter would shrink its uncertainty by more than this factor while its own relative
+#: uncertainty is above a tenth of WEAK.
+TRADE = 5.0
+
+
+def doubts(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> tuple[dict[str, str], list[ResultWarning]]:
+    """Names of parameters that are weakly determined (with the one each trades against), and the warnings.
+
+    A parameter at a bound is reported as such.
+    """
+    model = coordinates.model
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(deviation > 0, deviation, 1.0)
+    correlation = covariance / np.outer(safe, safe)
+    weak: dict[str, str] = {}
+    warnings = []
+    values = coordinates.values(z)
+    for index, spec in enumerate(model.parameters):
+        if spec.kind in ("gain", "positive"):
+            size = deviation[index] / max(abs(float(z[index])), 1e-300)
+        else:  # the logarithm's deviation is relative; a delay's is in radians at the highest frequency
+            size = deviation[index]
+        others = np.abs(np.delete(correlation[index], index))
+        strongest = float(others.max()) if others.size else 0.0
+        trade = 1.0 / np.sqrt(max(1.0 - strongest**2, 1e-12))
+        if size > WEAK or (trade > TRADE and size > 0.1 * WEAK):
+            names = [s.name for s in model.parameters if s.name != spec.name]
+            partner = names[int(np.argmax(others))] if others.size else ""
+            weak[spec.name] = partner
+            relative = "rad at the highest frequency" if spec.kind == "time" else "of its value"
+            traded = f"; it trades against {partner} (correlation {strongest:.3f})" if strongest > 0.9 else ""
+            amount = f"{size:.2g} rad" if spec.kind == "time" else f"{100 * size:.2g} %"
+            relative = relative.removeprefix("rad ")
+            warnings.append(
+                ResultWarning(
+                    "weakly_determined",
+                    f"The data hardly determine {spec.name}: standard uncertainty {amount} {relative}{traded}.",
+                )
+            )
+    warnings += _at_bounds(coordinates, values, deviation)
+    return weak, warnings
+
+
+def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray) -> list[ResultWarning]:
+    warnings = []
+    low, high = coordinates.band_hz[0] / BAND_MARGIN, coordinates.band_hz[1] * BAND_MARGIN
+    for index, spec in enumerate(coordinates.model.parameters):
+        value = values[spec.name]
+        if spec.kind == "log" and not 1.001 * low < value < high / 1.001:
+            text = f"{spec.name} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
+            warnings.append(ResultWarning("at_bound", text))
+        if spec.kind == "positive" and value < 1e-6 + 0.01 * deviation[index]:
+            warnings.append(ResultWarning("at_bound", f"{spec.name} lies at its bound, zero."))
+    return warnings

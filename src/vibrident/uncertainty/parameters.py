@@ -1,0 +1,138 @@
+"""Parameters with standard uncertainty and 95 % interval, estimated and derived.
+
+The covariance of the coordinates z is exact to first order (GUM 5.2); intervals are taken in z, where the problem is most
+nearly linear, with Student's t, and carried over: a natural frequency's interval is symmetric in its logarithm, a damping
+ratio's ends at zero. Derived quantities are propagated by automatic differentiation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.special import stdtrit
+
+from vibrident.backend import jax, jnp
+from vibrident.models import SensorModel
+from vibrident.problem import Coordinates
+from vibrident.records import Calibration, FloatArray
+from vibrident.result import Correlation, Parameter
+
+COVERAGE = 0.95
+
+
+def coverage_factor(degrees_of_freedom: float) -> float:
+    """k of a 95 % interval: Student's t at these degrees of freedom, 1.96 for infinitely many (GUM G.3)."""
+    finite = min(degrees_of_freedom, 1e9)
+    return float(stdtrit(finite, 0.5 + COVERAGE / 2))
+
+
+def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
+    """Covariance of z with the reference's own calibration in it: a common factor on the gain, type B."""
+    if relative == 0.0:
+        return covariance
+    index = model.parameter_names.index(model.gain_name)
+    direction = np.zeros_like(z)
+    direction[index] = z[index] * relative
+    return covariance + np.outer(direction, direction)
+
+
+def parameter_table(
+    coordinates: Coordinates,
+    z: FloatArray,
+    covariance: FloatArray,
+    degrees_of_freedom: float,
+    units: Mapping[str, str],
+    doubtful: Mapping[str, str],
+) -> dict[str, Parameter]:
+    """Every estimated and derived parameter.
+
+    Args:
+        coordinates: the map from z to parameters.
+        z: the optimum, shape (p,).
+        covariance: of z, shape (p, p).
+        degrees_of_freedom: of the noise estimate.
+        units: fields of the units' templates.
+        doubtful: names that the data do not determine.
+    """
+    model = coordinates.model
+    k = coverage_factor(degrees_of_freedom)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    slopes = np.diag(np.asarray(jax.jacfwd(coordinates.vector)(jnp.asarray(z))))
+    table = {}
+    for index, spec in enumerate(model.parameters):
+        low, high = _interval(coordinates, z, index, k * deviation[index])
+        table[spec.name] = Parameter(
+            value=coordinates.values(z)[spec.name],
+            unit=spec.unit.format(**units),
+            standard_uncertainty=float(abs(slopes[index]) * deviation[index]),
+            interval_95=(low, high),
+            identifiable=spec.name not in doubtful,
+        )
+    table.update(_derived(coordinates, z, covariance, k, units, doubtful))
+    return table
+
+
+def _interval(coordinates: Coordinates, z: FloatArray, index: int, half: float) -> tuple[float, float]:
+    name, kind = coordinates.model.parameters[index].name, coordinates.model.parameters[index].kind
+    if kind == "positive":
+        centre = abs(float(z[index]))
+        return max(0.0, centre - half), centre + half
+    ends = []
+    for sign in (-1.0, 1.0):
+        moved = np.array(z)
+        moved[index] += sign * half
+        ends.append(coordinates.values(moved)[name])
+    return min(ends), max(ends)
+
+
+def _derived(
+    coordinates: Coordinates,
+    z: FloatArray,
+    covariance: FloatArray,
+    k: float,
+    units: Mapping[str, str],
+    doubtful: Mapping[str, str],
+) -> dict[str, Parameter]:
+    model = coordinates.model
+    found = model.derived(coordinates.values(z))
+    table = {}
+    for name, (value, unit) in found.items():
+        slope = np.asarray(jax.grad(lambda y, name=name: _one_derived(coordinates, y, name))(jnp.asarray(z)))
+        u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+        relative = u / abs(value) if value else 0.0
+        if name == "conversion_coefficient" or relative > 0.5:
+            interval = (value - k * u, value + k * u)
+        else:  # positive: symmetric in the logarithm, as the natural frequency's
+            interval = (value * np.exp(-k * relative), value * np.exp(k * relative))
+        table[name] = Parameter(
+            value=float(value),
+            unit=unit.format(**units),
+            standard_uncertainty=u,
+            interval_95=(float(interval[0]), float(interval[1])),
+            identifiable="natural_frequency" not in doubtful
+            and not (name == "resonance_frequency" and "damping_ratio" in doubtful),
+            derived=True,
+        )
+    return table
+
+
+def _one_derived(coordinates: Coordinates, z: FloatArray, name: str) -> FloatArray:
+    return coordinates.model.derived(coordinates.physical(z))[name][0]
+
+
+def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
+    """Correlation matrix of the estimated parameters; one on the diagonal, also where a variance is zero."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(deviation > 0, deviation, 1.0)
+    matrix = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
+    np.fill_diagonal(matrix, 1.0)
+    return Correlation(model.parameter_names, tuple(tuple(float(v) for v in row) for row in matrix))
+
+
+def unit_fields(calibration: Calibration) -> dict[str, str]:
+    """What the models' unit templates are filled with."""
+    drive = calibration.quantity == "drive"
+    reference = calibration.reference_unit if drive else "m/s^2"
+    integrated = f"{calibration.reference_unit} s" if drive else "m/s"
+    return {"response": calibration.response_unit, "reference": reference, "reference_integrated": integrated}
