@@ -62,9 +62,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
     points: list[Points] = []
-    tones = evidence.tones
-    if tones is not None:
-        tones = refreshed_tones(evidence, tones, values)
+    if evidence.tones is not None:
+        tones = estimate.tones or refreshed_tones(evidence, evidence.tones, values)
         names = [r.name for r in evidence.records]
         deviation = tones.error_deviation(response)
         points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
@@ -97,7 +96,9 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     name = estimate.settings.get("discretisation", "bandlimited")
     values = estimate.coordinates.values(estimate.z)
     try:
-        problem = TimeProblem.build(evidence.records, evidence.model, method(name), evidence.quantity, values)
+        problem = estimate.problem or TimeProblem.build(
+            evidence.records, evidence.model, method(name), evidence.quantity, values
+        )
     except InputError:  # all records too short to interpolate: the tones stand alone
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
     predicted, _ = problem.predict(estimate.coordinates, estimate.z)

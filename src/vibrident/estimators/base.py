@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from vibrident.estimators.optimise import Progress, Trace
-from vibrident.problem import Coordinates, Evidence
+from vibrident.measure import MeasuredResponse
+from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
 
 
@@ -23,6 +24,8 @@ class Estimate:
         degrees_of_freedom: behind the noise estimate; infinite where uncertainties were stated.
         trace: of the optimiser.
         settings: what was chosen.
+        tones: the tones as last measured, with the start transient taken out; None without sine records.
+        problem: the time-domain problem, where the estimator made one.
     """
 
     estimator: str
@@ -32,6 +35,8 @@ class Estimate:
     degrees_of_freedom: float
     trace: Trace
     settings: Mapping[str, Any] = field(default_factory=dict)
+    tones: MeasuredResponse | None = None
+    problem: TimeProblem | None = None
 
 
 class Estimator(Protocol):

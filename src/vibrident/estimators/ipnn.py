@@ -1,13 +1,12 @@
 """The network, trained end to end on excitation and response in time: the paper's method, with its weak points mended.
 
 Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
-each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper. For white noise on the
-response this is the maximum-likelihood estimate.
+each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper. For white noise on
+the response this is the maximum-likelihood estimate.
 """
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -21,6 +20,7 @@ from vibrident.estimators.base import Estimate
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
 from vibrident.estimators.start import start_values
+from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.problem.time_domain import physical_normal
 from vibrident.records import FloatArray
@@ -29,6 +29,8 @@ from vibrident.records import FloatArray
 ROUNDS = 3
 #: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
 LEAST_NOISE = 1e-9
+#: Relative change of the noise below which its weights need no further round.
+NOISE_SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -65,54 +67,61 @@ class Ipnn:
             )
         start = start_values(evidence.first_look, evidence.model)
         step = method(self.discretisation)
-        problem, trace, noise = None, None, None
         coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
         z = coordinates.first
-        for round_ in range(ROUNDS):
+        problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, start)
+        noise = _noise_at(problem, coordinates, z, np.ones(len(evidence.records)))
+        trace = self._train(problem, coordinates, z, noise, progress)
+        for _ in range(ROUNDS - 1):
+            before, old_noise, z = z, noise, trace.last
             values = coordinates.values(z)
-            if problem is None or _delay_moved(problem, values):
+            if _delay_moved(problem, values):
                 problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
-            noise = record_noise(problem, coordinates, z)
-            before = z
-            trace = self._train(problem, coordinates, z, noise, progress)
-            z = trace.last
-            if round_ and np.allclose(before, z, rtol=1e-7, atol=1e-8):
+            noise = _noise_at(problem, coordinates, z, noise)
+            settled = np.allclose(noise, old_noise, rtol=NOISE_SETTLED) and np.allclose(before, z, rtol=0.1, atol=0.1)
+            if settled and problem.delay_s == values.get("delay", problem.delay_s):
                 break
-        assert problem is not None and trace is not None and noise is not None
-        noise = record_noise(problem, coordinates, z)
-        args = (coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise)))
-        matrix = np.asarray(_normal_matrix(jnp.asarray(z), args))
+            trace = self._train(problem, coordinates, z, noise, progress)
+        z = trace.last
+        normal = _normal(jnp.asarray(z), self._args(problem, coordinates, noise))
+        noise_now = _from_squares(problem, np.asarray(normal.squares))
         freedom = float(np.sum(problem.degrees_of_freedom)) - len(z)
         settings = {
             "discretisation": self.discretisation,
             "optimiser": trace.optimiser,
             "inputs_per_step": problem.layout.terms,
+            "noise": dict(zip([r.name for r in problem.records], noise_now.tolist(), strict=True)),
         }
-        covariance = np.linalg.pinv(matrix, hermitian=True)
-        return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings)
+        covariance = np.linalg.pinv(np.asarray(normal.matrix), hermitian=True)
+        return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem)
+
+    def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:
+        return coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise))
 
     def _train(
         self, problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray, progress: Progress
     ) -> Trace:
-        args = (coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise)))
+        args = self._args(problem, coordinates, noise)
         if self.optimiser == "adam":
-            train = functools.partial(adam, learning_rate=self.learning_rate, steps=self.steps)
-            return train(time_objective, z, args, progress=progress)
-        return levenberg_marquardt(time_objective, z, args, progress=progress)
+            return adam(
+                time_objective, z, args, learning_rate=self.learning_rate, steps=self.steps, progress=progress
+            )
+        return levenberg_marquardt(time_objective, z, args, tolerance=1e-6, progress=progress)
 
 
-def record_noise(problem: TimeProblem, coordinates: Coordinates, z: FloatArray) -> FloatArray:
-    """Standard deviation of each record's residual, shape (records,)."""
-    predicted, _ = problem.predict(coordinates, z)
-    freedom = problem.degrees_of_freedom
-    noise = np.zeros(len(predicted))
-    for index, (record, series) in enumerate(zip(problem.records, predicted, strict=True)):
-        used = record.mask & np.isfinite(series)
-        residual = record.response[used] - series[used]
-        floor = LEAST_NOISE * float(np.std(record.response[record.mask]))
-        estimate = np.sqrt(float(np.sum(residual**2)) / max(freedom[index], 1.0))
-        noise[index] = max(estimate, floor, np.finfo(float).tiny)
-    return noise
+def _noise_at(problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray) -> FloatArray:
+    """Standard deviation of each record's residual at ``z``, shape (records,)."""
+    lanes_noise = jnp.asarray(problem.by_lane(noise))
+    normal = _normal(jnp.asarray(z), (coordinates, problem.layout, problem.data, lanes_noise))
+    return _from_squares(problem, np.asarray(normal.squares))
+
+
+def _from_squares(problem: TimeProblem, squares: FloatArray) -> FloatArray:
+    count = len(problem.records)
+    totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)
+    floor = np.array([LEAST_NOISE * float(np.std(r.response[r.mask])) for r in problem.records])
+    estimate = np.sqrt(totals / np.maximum(problem.degrees_of_freedom, 1.0))
+    return np.maximum(estimate, np.maximum(floor, np.finfo(float).tiny))
 
 
 def _delay_moved(problem: TimeProblem, values: dict[str, float]) -> bool:
@@ -122,8 +131,5 @@ def _delay_moved(problem: TimeProblem, values: dict[str, float]) -> bool:
 
 
 @eqx.filter_jit
-def _normal_matrix(z: Any, args: Any) -> Any:
-    return physical_normal(z, *args).matrix
-
-
-__all__ = ["Ipnn", "record_noise"]
+def _normal(z: Any, args: Any) -> Normal:
+    return physical_normal(z, *args)

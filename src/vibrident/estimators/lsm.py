@@ -53,7 +53,7 @@ class LeastSquares:
             )
         model = evidence.model
         start = start_values(first, model)
-        problem, freedom = first, np.inf
+        problem, freedom, tones = first, np.inf, None
         if evidence.tones is not None:
             tones = refreshed_tones(evidence, evidence.tones, start)
             problem = weighted_problem(tones, model, start, evidence)
@@ -61,14 +61,14 @@ class LeastSquares:
         weight = self._weight(problem)
         coordinates = Coordinates.at(model, start, problem.band_hz)
         args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
-        trace = levenberg_marquardt(inverse_objective, coordinates.first, args, tolerance=1e-11, progress=progress)
+        trace = levenberg_marquardt(inverse_objective, coordinates.first, args, tolerance=1e-12, progress=progress)
         jacobian = np.asarray(_jacobian(jnp.asarray(trace.last), args))
         # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
         gain = np.linalg.pinv(jacobian)
         covariance = (gain * deviation**2) @ gain.T
         settings = {"weighting": self.weighting}
-        return Estimate("lsm", coordinates, trace.last, covariance, freedom, trace, settings)
+        return Estimate("lsm", coordinates, trace.last, covariance, freedom, trace, settings, tones)
 
     def _weight(self, problem: FrequencyProblem) -> Any:
         size = np.abs(problem.response)

@@ -56,14 +56,24 @@ class MaximumLikelihood:
         if evidence.tones is None:
             trace = _descend(coordinates, coordinates.first, first, progress)
             return _estimate(coordinates, trace, first, np.inf)
-        tones, z, trace = evidence.tones, coordinates.first, None
-        for _ in range(ROUNDS):
-            tones = refreshed_tones(evidence, tones, coordinates.values(z))
-            problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+        z = coordinates.first
+        tones = refreshed_tones(evidence, evidence.tones, coordinates.values(z))
+        trace, before = None, coordinates.values(z)
+        for round_ in range(ROUNDS):
+            if round_ and _poles_moved(before, coordinates.values(z)):
+                tones = refreshed_tones(evidence, tones, coordinates.values(z))
+            before = coordinates.values(z)
+            problem = weighted_problem(tones, model, before, evidence)
             trace = _descend(coordinates, z, problem, progress)
             z = trace.last
         problem = weighted_problem(tones, model, coordinates.values(z), evidence)
         return _estimate(coordinates, trace, problem, float(np.sum(tones.degrees_of_freedom)), tones)
+
+
+def _poles_moved(before: dict[str, float], after: dict[str, float]) -> bool:
+    """Whether the transient that was fitted along decays or rings noticeably otherwise now."""
+    ratio = abs(after["natural_frequency"] / before["natural_frequency"] - 1.0)
+    return ratio + abs(after["damping_ratio"] - before["damping_ratio"]) > 1e-3
 
 
 def refreshed_tones(evidence: Evidence, tones: MeasuredResponse, values: dict[str, float]) -> MeasuredResponse:
@@ -102,7 +112,7 @@ def _estimate(
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
         covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
-    return Estimate("ml", coordinates, trace.last, covariance, freedom, trace)
+    return Estimate("ml", coordinates, trace.last, covariance, freedom, trace, tones=tones)
 
 
 @eqx.filter_jit

@@ -7,7 +7,6 @@ numbers with the same cost, gradient and JᵀJ, so the optimiser's steps are tho
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -78,37 +77,43 @@ def levenberg_marquardt(
 ) -> Trace:
     """Minimise by Levenberg–Marquardt (optimistix; damped Gauss–Newton with a trust region) from ``start``.
 
+    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``. With residuals in units of their
+    standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known is left.
+
     Args:
         residual: module-level function, so that its compiled form is reused.
         start: shape (p,).
         args: anything the residual needs.
-        tolerance: change of the coordinates, and of the residual relative to itself, at which it stops.
-        most: most iterations.
+        tolerance: decrease of the cost that is not worth a step.
+        most: most evaluations of the residual and its derivative.
         progress: called after each iteration.
     """
-    solver = _solver(tolerance)
     z = jnp.asarray(start, dtype=float)
-    state = _begin(solver, residual, z, args)
+    state = _begin(residual, z, args)
     costs: list[float] = []
     path: list[FloatArray] = []
+    status, converged = f"stopped after {most} evaluations", False
     for iteration in range(1, most + 1):
-        z, state, stop, failed, cost = _advance(solver, residual, z, args, state)
+        z, state, accepted, cost, decrement, stalled = _advance(residual, z, args, state)
         if not np.isfinite(cost):
-            return Trace("levenberg-marquardt", False, "the cost is not finite", (float(cost),), np.array([start]))
-        if not costs or cost < costs[-1]:
+            status = "the cost is not finite"
+            break
+        if accepted:
             costs.append(float(cost))
             path.append(np.asarray(z))
         progress(iteration, most, float(cost))
-        if stop or failed:
-            status = "the linear solve failed" if failed else "converged"
-            return Trace("levenberg-marquardt", not failed, status, tuple(costs), np.array(path))
-    return Trace("levenberg-marquardt", False, f"stopped after {most} iterations", tuple(costs), np.array(path))
+        if decrement < max(tolerance, 1e-15 * float(cost)) or stalled:
+            status, converged = "converged", True
+            break
+    if not costs:
+        costs, path = [float("inf")], [np.asarray(start, dtype=float)]
+    return Trace("levenberg-marquardt", converged, status, tuple(costs), np.array(path))
 
 
-@functools.lru_cache(maxsize=8)
-def _solver(tolerance: float) -> Any:
-    """One solver object a tolerance: compiled steps are kept by its identity."""
-    return optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+#: Only its stepping is used; when to stop is decided above, so its own tolerances do not matter.
+_SOLVER = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
+#: So many rejected steps in a row mean that rounding, not the model, is what is left.
+_MOST_REJECTED = 12
 
 
 def _with_aux(residual: Residual) -> Callable[[Any, Any], tuple[Any, None]]:
@@ -116,18 +121,21 @@ def _with_aux(residual: Residual) -> Callable[[Any, Any], tuple[Any, None]]:
 
 
 @eqx.filter_jit
-def _begin(solver: Any, residual: Residual, z: Any, args: Any) -> Any:
+def _begin(residual: Residual, z: Any, args: Any) -> Any:
     shape = eqx.filter_eval_shape(residual, z, args)
-    return solver.init(_with_aux(residual), z, args, {}, shape, None, frozenset())
+    return _SOLVER.init(_with_aux(residual), z, args, {}, shape, None, frozenset())
 
 
 @eqx.filter_jit
-def _advance(solver: Any, residual: Residual, z: Any, args: Any, state: Any) -> tuple[Any, Any, Any, Any, Any]:
-    function = _with_aux(residual)
-    z, state, _ = solver.step(function, z, args, {}, state, frozenset())
-    stop, result = solver.terminate(function, z, args, {}, state, frozenset())
-    cost = jnp.sum(state.f_info.residual**2)
-    return z, state, stop, result != optx.RESULTS.successful, cost
+def _advance(residual: Residual, z: Any, args: Any, state: Any) -> tuple[Any, ...]:
+    """One evaluation, at the trial point; accept or reject it, and propose the next."""
+    before = state.num_accepted_steps
+    z, state, _ = _SOLVER.step(_with_aux(residual), z, args, {}, state, frozenset())
+    value, slope = state.f_info.residual, state.f_info.jac.as_matrix()
+    basis, _ = jnp.linalg.qr(slope / jnp.maximum(jnp.linalg.norm(slope, axis=0), 1e-300))
+    decrement = jnp.sum((basis.T @ value) ** 2)
+    stalled = state.num_steps_since_acceptance > _MOST_REJECTED
+    return z, state, state.num_accepted_steps > before, jnp.sum(value**2), decrement, stalled
 
 
 def adam(

@@ -20,7 +20,9 @@ DAMPING_GRID = (0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
 FREQUENCIES_PER_DECADE = 24
 DECADES_OUTSIDE = 1.5
 CANDIDATES = 4
-MOST_POINTS = 300
+#: No other candidate is tried once the cost per residual is below this: no better optimum can hide.
+GOOD_ENOUGH = 2.0
+MOST_POINTS, MOST_SCORED = 200, 400
 #: No point counts for more than this relative deviation would allow: the grid is coarse.
 LEAST_DEVIATION = 0.01
 
@@ -37,11 +39,13 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
     for candidate in candidates:
         coordinates = Coordinates.at(model, candidate, problem.band_hz)
         trace = levenberg_marquardt(
-            response_objective, coordinates.first, (coordinates, kind, problem.data), tolerance=1e-7
+            response_objective, coordinates.first, (coordinates, kind, problem.data), tolerance=1e-2
         )
         cost = trace.costs[-1]
         if np.isfinite(cost) and (best is None or cost < best[0]):
             best = (cost, coordinates.values(trace.last))
+        if best is not None and best[0] < GOOD_ENOUGH * problem.equations:
+            break
     if best is None:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
     return best[1]
@@ -53,23 +57,24 @@ def _grid_candidates(problem: FrequencyProblem, model: SensorModel) -> list[dict
     weight = 1.0 / np.maximum(deviation, LEAST_DEVIATION) ** 2
     low, high = np.log10(problem.band_hz[0]) - DECADES_OUTSIDE, np.log10(problem.band_hz[1]) + DECADES_OUTSIDE
     naturals = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
-    scored = []
-    for natural in naturals:
-        for damping in DAMPING_GRID:
-            trial = _trial(model, natural, damping)
-            unit = model.frequency_response(trial, frequency, problem.quantity)
-            difference = log_measured - np.log(np.abs(unit))
-            mean = np.sum(weight * difference) / np.sum(weight)
-            score = float(np.sum(weight * (difference - mean) ** 2))
-            scored.append((score, {**trial, model.gain_name: float(np.exp(mean))}))
-    scored.sort(key=lambda pair: pair[0])
+    grid = {"natural_frequency": naturals[:, None, None], "damping_ratio": np.array(DAMPING_GRID)[None, :, None]}
+    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in model.parameter_names}
+    unit = model.frequency_response(trial, frequency, problem.quantity)  # (naturals, dampings, points)
+    difference = log_measured - np.log(np.abs(unit))
+    mean = difference @ weight / np.sum(weight)
+    score = (difference - mean[..., None]) ** 2 @ weight
+    order = np.argsort(score, axis=None)[:MOST_SCORED]
+    scored = [
+        {**_trial(model, naturals[i], DAMPING_GRID[j]), model.gain_name: float(np.exp(mean[i, j]))}
+        for i, j in zip(*np.unravel_index(order, score.shape), strict=True)
+    ]
     chosen: list[dict[str, float]] = []
-    for _, trial in scored:
+    for trial in scored:
         if all(_different(trial, other) for other in chosen):
-            chosen.append(_with_sign_and_delay(trial, problem, model, frequency, response, weight))
+            chosen.append(trial)
         if len(chosen) == CANDIDATES:
             break
-    return chosen
+    return [_with_sign_and_delay(trial, problem, model, frequency, response, weight) for trial in chosen]
 
 
 def _trial(model: SensorModel, natural: float, damping: float) -> dict[str, float]:

@@ -105,7 +105,6 @@ def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
     flat top, nor coarse quantisation, nor the rest before a shock looks clipped.
     """
     bad = np.zeros(values.shape, dtype=bool)
-    resolution = _resolution(values[valid])
     for _ in range(4):
         good = valid & ~bad
         if good.sum() < 8:
@@ -115,7 +114,7 @@ def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
         tolerance = PLATEAU_TOLERANCE * (high - low)
         for at_extreme in (good & (values >= high - tolerance), good & (values <= low + tolerance)):
             for first, last in _runs_of(at_extreme):
-                if _is_plateau(values, first, last, resolution):
+                if _is_plateau(values, first, last):
                     found[max(0, first - PLATEAU_GUARD) : last + 1 + PLATEAU_GUARD] = True
         if not found.any():
             break
@@ -123,10 +122,8 @@ def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
     return bad
 
 
-def _is_plateau(values: FloatArray, first: int, last: int, resolution: float) -> bool:
+def _is_plateau(values: FloatArray, first: int, last: int) -> bool:
     length = last - first + 1
-    if length < PLATEAU_SAMPLES:
-        return False
     inside = values[first : last + 1]
     slopes = []
     if first >= 2:
@@ -136,7 +133,9 @@ def _is_plateau(values: FloatArray, first: int, last: int, resolution: float) ->
     if not slopes:
         return False
     expected = min(slopes) * length / 4.0
-    return bool(expected > max(PLATEAU_RATIO * np.ptp(inside), 8.0 * resolution))
+    if expected <= PLATEAU_RATIO * np.ptp(inside):
+        return False
+    return bool(expected > 8.0 * _resolution(values))
 
 
 def _resolution(values: FloatArray) -> float:
@@ -146,8 +145,11 @@ def _resolution(values: FloatArray) -> float:
 
 
 def _runs_of(flags: BoolArray) -> list[tuple[int, int]]:
+    """First and last index of every run of at least PLATEAU_SAMPLES."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    starts, ends = edges[::2], edges[1::2]
+    long = ends - starts >= PLATEAU_SAMPLES
+    return [(int(a), int(b) - 1) for a, b in zip(starts[long], ends[long], strict=True)]
 
 
 def _aliasing(record: Record) -> list[Finding]:

@@ -7,6 +7,7 @@ where the sensor's poles are known.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +21,8 @@ from vibrident.records import FloatArray, Record
 HARMONICS = 5
 #: Noise lines: from this many Hann main-lobe bins off the tone, over this factor in frequency, within these numbers.
 GUARD_BINS = 3
+#: The frequency's Gauss–Newton steps: quadratic, so a step below this phase over the record leaves an error below 1e-9.
+FREQUENCY_ITERATIONS, FREQUENCY_TOLERANCE = 12, 3e-5
 BAND_FACTOR = 1.5
 FEWEST_LINES, MOST_LINES = 48, 400
 
@@ -48,25 +51,30 @@ def tone_frequency(record: Record) -> float:
     times = record.time_s
     start = _spectral_peak(reference, mask, record.sampling_rate_hz, record.frequency_hz)
     span = times[-1]
-    centred = times - 0.5 * span
     omega = 2.0 * np.pi * start
-    channels = np.stack([reference, response], axis=1)[mask]
-    t = centred[mask]
-    for _ in range(8):
+    t = times - 0.5 * span
+    channels = np.stack([reference, response])
+    design = np.empty((4, record.samples))
+    design[2], design[3] = 1.0, t / span
+    if not mask.all():
+        t, channels, design = t[mask], channels[:, mask], np.ascontiguousarray(design[:, mask])
+    power = np.sum(channels**2, axis=1)
+    for _ in range(FREQUENCY_ITERATIONS):
         angle = omega * t
-        cosine, sine = np.cos(angle), np.sin(angle)
-        design = np.stack([cosine, sine, np.ones_like(t), t / span], axis=1)
-        normal = design.T @ design
-        found = np.linalg.solve(normal, design.T @ channels)
-        residual = channels - design @ found
-        scale = np.sum(residual**2, axis=0) + 1e-26 * np.sum(channels**2, axis=0) + np.finfo(float).tiny
-        slope = t[:, None] * (found[1] * cosine[:, None] - found[0] * sine[:, None])
-        projected = slope - design @ np.linalg.solve(normal, design.T @ slope)
-        curvature = np.sum(projected**2, axis=0) / scale
-        step = np.sum(np.sum(projected * residual, axis=0) / scale) / max(np.sum(curvature), np.finfo(float).tiny)
+        np.cos(angle, out=design[0])
+        np.sin(angle, out=design[1])
+        normal = design @ design.T
+        found = np.linalg.solve(normal, design @ channels.T)  # (4, channels)
+        residual = channels - found.T @ design
+        scale = np.sum(residual**2, axis=1) + 1e-26 * power + np.finfo(float).tiny
+        slope = (found[1][:, None] * design[0] - found[0][:, None] * design[1]) * t
+        inner = design @ slope.T
+        curvature = np.sum(slope**2, axis=1) - np.sum(inner * np.linalg.solve(normal, inner), axis=0)
+        drift = np.sum(slope * residual, axis=1)  # the residual is orthogonal to the design
+        step = np.sum(drift / scale) / max(float(np.sum(curvature / scale)), np.finfo(float).tiny)
         step = float(np.clip(step, -np.pi / span, np.pi / span))
         omega += step
-        if abs(step) * span < 1e-9:
+        if abs(step) * span < FREQUENCY_TOLERANCE:
             break
     return abs(float(omega)) / (2.0 * np.pi)
 
@@ -75,8 +83,8 @@ def _spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, nea
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n = signal.shape[0]
     centred = np.where(mask, signal - signal[mask].mean(), 0.0)
-    size = fft.next_fast_len(2 * n, real=True)
-    power = np.abs(fft.rfft(centred * np.hanning(n), size))
+    size = fft.next_fast_len(n, real=True)
+    power = np.abs(fft.rfft(centred * _hann(n), size))
     bins = np.arange(power.shape[0]) * rate / size
     inside = bins > 0.25 * rate / n
     if near is not None:
@@ -94,16 +102,17 @@ def _spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, nea
 
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
     mask, times = record.mask, record.time_s
-    channels = np.stack([np.asarray(record.reference), record.response], axis=1)
+    channels = np.stack([np.asarray(record.reference), record.response])
     design = _design(times, frequency, record.sampling_rate_hz)
     extra = _free_response(times, poles, record.sampling_rate_hz)
-    found, residual = _least_squares(design, channels, mask)
-    if extra is not None:
-        wide = np.concatenate([design, extra], axis=1)
-        found_response, residual_response = _least_squares(wide, channels[:, 1:], mask)
-        found = np.stack([found[:, 0], found_response[: design.shape[1], 0]], axis=1)
-        residual = np.stack([residual[:, 0], residual_response[:, 0]], axis=1)
-    harmonics = (design.shape[1] - 2) // 2
+    if extra is None:
+        found, residual = _least_squares(design, channels, mask)
+    else:
+        first, residual_reference = _least_squares(design, channels[:1], mask)
+        second, residual_response = _least_squares(np.concatenate([design, extra]), channels[1:], mask)
+        found = np.concatenate([first, second[: design.shape[0]]], axis=1)
+        residual = np.concatenate([residual_reference, residual_response])
+    harmonics = (design.shape[0] - 2) // 2
     # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
     amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
     lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics)
@@ -114,8 +123,8 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         amplitude[0, :1],
         amplitude[0, 1:],
         lines_hz[None, :],
-        lines[None, :, 0],
-        lines[None, :, 1],
+        lines[:1],
+        lines[1:],
         np.ones((1, count)),
         np.array([2.0 * count / HANN_CORRELATION]),
         np.array([index]),
@@ -124,65 +133,81 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
 
 
 def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
-    """Columns cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, 1, t."""
+    """Rows cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, 1, t."""
     angle = 2.0 * np.pi * frequency * times
-    columns = [np.cos(angle), np.sin(angle)]
     highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(times[-1] * rate / 16)))
-    for h in range(2, highest + 1):
-        columns += [np.cos(h * angle), np.sin(h * angle)]
-    columns.append(np.ones_like(times))
+    rows = np.empty((2 * highest + 2, times.shape[0]))
+    np.cos(angle, out=rows[0])
+    np.sin(angle, out=rows[1])
+    for h in range(2, highest + 1):  # e^{jhωt} = e^{j(h−1)ωt} e^{jωt}
+        c, s = rows[2 * h - 4], rows[2 * h - 3]
+        rows[2 * h - 2] = c * rows[0] - s * rows[1]
+        rows[2 * h - 1] = s * rows[0] + c * rows[1]
+    rows[-2] = 1.0
     # A trend looks like part of a sine that is seen for a period or two only.
-    columns.append((times / times[-1] - 0.5) if frequency * times[-1] >= 3.0 else np.zeros_like(times))
-    return np.stack(columns, axis=1)
+    rows[-1] = (times / times[-1] - 0.5) if frequency * times[-1] >= 3.0 else 0.0
+    return rows
 
 
 def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -> FloatArray | None:
     """Real basis of the free response of stable poles that last longer than a few samples; None where none do."""
     if poles is None:
         return None
-    columns = []
+    rows = []
     for pole in poles[np.imag(poles) >= 0]:
         if np.real(pole) >= 0 or -np.real(pole) > rate:
             continue
-        wave = np.exp(pole * times)
-        columns += [np.real(wave), np.imag(wave)] if np.imag(pole) > 1e-9 * abs(pole) else [np.real(wave)]
-    return np.stack(columns, axis=1) if columns else None
+        lasting = np.zeros((2, times.shape[0]))
+        lives = times < 36.0 / -np.real(pole)  # e^{−36} is below rounding
+        decay = np.exp(np.real(pole) * times[lives])
+        lasting[0, lives] = decay * np.cos(np.imag(pole) * times[lives])
+        lasting[1, lives] = decay * np.sin(np.imag(pole) * times[lives])
+        rows += [lasting[0], lasting[1]] if np.imag(pole) > 1e-9 * abs(pole) else [lasting[0]]
+    return np.stack(rows) if rows else None
 
 
 def _least_squares(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    used = design if mask.all() else design * mask[:, None]
-    norm = np.sqrt(np.sum(used**2, axis=0))
-    norm[norm == 0] = 1.0
-    scaled = used / norm
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    """Coefficients (rows, channels) and residual (channels, samples), zero where the mask is."""
+    used = design if mask.all() else design * mask
+    gram = used @ used.T
+    norm = np.sqrt(np.diag(gram))
+    norm = np.where(norm == 0, 1.0, norm)
+    values, vectors = np.linalg.eigh(gram / norm[:, None] / norm)
     kept = np.where(values > 1e-10, 1.0 / np.maximum(values, 1e-10), 0.0)
-    inverse = (vectors * kept) @ vectors.T
-    first = inverse @ (scaled.T @ channels)
-    residual = (channels - design @ (first / norm[:, None])) * mask[:, None]
-    second = inverse @ (scaled.T @ residual)  # one step of refinement: normal equations lose half the digits
-    found = (first + second) / norm[:, None]
-    return found, (channels - design @ found) * mask[:, None]
+    inverse = (vectors * kept) @ vectors.T / norm[:, None] / norm
+    found = inverse @ (used @ channels.T)
+    residual = channels - found.T @ design
+    found += inverse @ (used @ residual.T)  # one step of refinement: normal equations lose half the digits
+    return found, (channels - found.T @ design) * mask
 
 
 def _noise_lines(
     residual: FloatArray, mask: NDArray[np.bool_], frequency: float, rate: float, harmonics: int
 ) -> tuple[FloatArray, ComplexArray]:
-    """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says."""
-    n = residual.shape[0]
-    window = np.hanning(n) * mask
-    spectrum = fft.rfft(residual * window[:, None], axis=0)
-    bins = np.arange(spectrum.shape[0])
+    """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K)."""
+    n = residual.shape[1]
+    window = _hann(n) if mask.all() else _hann(n) * mask
+    spectrum = fft.rfft(residual * window, axis=1)
+    last = spectrum.shape[1] - 1
     centre = frequency * n / rate
-    allowed = (bins >= 1) & (bins < spectrum.shape[0] - 1)
+    low, high = int(centre / BAND_FACTOR), int(centre * BAND_FACTOR) + 1
+    # A window wide enough for the lines wanted, on whichever side there is room.
+    reach = FEWEST_LINES + (2 * GUARD_BINS + 1) * harmonics
+    low, high = max(1, min(low, int(centre) - reach)), min(last, max(high, int(centre) + reach))
+    bins = np.arange(low, max(high, low + 1))
+    allowed = np.ones(bins.shape, dtype=bool)
     for h in range(1, harmonics + 1):
         allowed &= np.abs(bins - h * centre) >= GUARD_BINS
-    distance = np.abs(np.log(np.maximum(bins, 0.5) / max(centre, 0.5)))
-    candidates = np.flatnonzero(allowed)
-    if candidates.size == 0:
-        candidates = np.arange(1, max(2, spectrum.shape[0] - 1))
-    order = candidates[np.argsort(distance[candidates], kind="stable")]
-    count = int(np.sum(distance[order] <= np.log(BAND_FACTOR)))
-    chosen = np.sort(order[: int(np.clip(count, FEWEST_LINES, MOST_LINES))])
+    candidates = bins[allowed] if allowed.any() else bins
+    distance = np.abs(np.log(candidates / max(centre, 0.5)))
+    order = np.argsort(distance, kind="stable")
+    count = int(np.sum(distance <= np.log(BAND_FACTOR)))
+    chosen = np.sort(candidates[order[: int(np.clip(count, FEWEST_LINES, MOST_LINES))]])
     # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
     scale = np.sqrt(2.0 / (np.sum(window**2) * max(int(mask.sum()), 1)))
-    return chosen * rate / n, scale * spectrum[chosen]
+    return chosen * rate / n, scale * spectrum[:, chosen]
+
+
+@functools.lru_cache(maxsize=8)
+def _hann(samples: int) -> FloatArray:
+    return np.hanning(samples)

@@ -10,14 +10,14 @@ import difflib
 
 from vibrident.errors import ModelError
 from vibrident.models.accelerometer import ACCELEROMETER
-from vibrident.models.base import AddOn, Core, ParameterSpec, Rational, SensorModel
+from vibrident.models.base import AddOn, Core, Derived, ParameterSpec, Rational, SensorModel
 from vibrident.models.delay import DELAY
 from vibrident.models.velocity_pickup import VELOCITY_PICKUP
 
 CORES: dict[str, Core] = {core.name: core for core in (ACCELEROMETER, VELOCITY_PICKUP)}
 ADD_ONS: dict[str, AddOn] = {addon.name: addon for addon in (DELAY,)}
 
-__all__ = ["ADD_ONS", "CORES", "ParameterSpec", "Rational", "SensorModel", "parse"]
+__all__ = ["ADD_ONS", "CORES", "Derived", "ParameterSpec", "Rational", "SensorModel", "parse"]
 
 
 def parse(name: str) -> SensorModel:

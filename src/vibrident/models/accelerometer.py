@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.models.base import Core, Parameters, ParameterSpec, Rational
+from vibrident.models.base import Core, Derived, Parameters, ParameterSpec, Rational
 
 
 def _rational(parameters: Parameters) -> Rational:
@@ -21,17 +21,17 @@ def _rational(parameters: Parameters) -> Rational:
     return Rational(parameters["sensitivity"], (wn * wn,), (wn * wn, 2.0 * damping * wn, 1.0), wn)
 
 
-def _derived(parameters: Parameters) -> dict[str, tuple[Any, str]]:
-    fn, damping = parameters["natural_frequency"], parameters["damping_ratio"]
-    wn = 2.0 * np.pi * fn
-    derived = {
-        "natural_angular_frequency": (wn, "rad/s"),
-        "conversion_coefficient": (parameters["sensitivity"] * wn * wn, "{response}/m"),
-    }
-    if 2.0 * damping * damping < 1.0:
-        # Frequency of the largest |V/a|; there is no peak for δ ≥ 1/√2 (eq. 3).
-        derived["resonance_frequency"] = (fn * (1.0 - 2.0 * damping * damping) ** 0.5, "Hz")
-    return derived
+def _angular(parameters: Parameters) -> Any:
+    return 2.0 * np.pi * parameters["natural_frequency"]
+
+
+def _has_peak(parameters: Parameters) -> bool:
+    return 2.0 * parameters["damping_ratio"] ** 2 < 1.0
+
+
+def _resonance(parameters: Parameters) -> Any:
+    """Frequency of the largest |V/a|; there is no peak for δ ≥ 1/√2 (eq. 3)."""
+    return parameters["natural_frequency"] * (1.0 - 2.0 * parameters["damping_ratio"] ** 2) ** 0.5
 
 
 ACCELEROMETER = Core(
@@ -43,5 +43,9 @@ ACCELEROMETER = Core(
         ParameterSpec("damping_ratio", "1", "positive"),
     ),
     rational=_rational,
-    derived=_derived,
+    derived=(
+        Derived("natural_angular_frequency", "rad/s", _angular),
+        Derived("resonance_frequency", "Hz", _resonance, _has_peak),
+        Derived("conversion_coefficient", "{conversion}", lambda p: p["sensitivity"] * _angular(p) ** 2),
+    ),
 )

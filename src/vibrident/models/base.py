@@ -55,6 +55,16 @@ class Rational:
 
 
 @dataclass(frozen=True)
+class Derived:
+    """A function of the estimated parameters that the contract names; it may not exist for all values."""
+
+    name: str
+    unit: str
+    value: Callable[[Parameters], Any]
+    exists: Callable[[Parameters], bool] = lambda parameters: True
+
+
+@dataclass(frozen=True)
 class Core:
     """The sensor proper, without add-ons."""
 
@@ -62,7 +72,7 @@ class Core:
     title: str
     parameters: tuple[ParameterSpec, ...]
     rational: Callable[[Parameters], Rational]
-    derived: Callable[[Parameters], dict[str, tuple[Any, str]]]
+    derived: tuple[Derived, ...]
 
 
 @dataclass(frozen=True)
@@ -135,13 +145,9 @@ class SensorModel:
             response = response * _exponential(-s * self.delay_s(parameters))
         return response
 
-    def derived(self, parameters: Parameters) -> dict[str, tuple[Any, str]]:
-        """Derived quantities that the contract names: name to (value, unit template)."""
-        return self.core.derived(parameters)
-
-    def as_mapping(self, values: Any) -> dict[str, Any]:
-        """Name the entries of a vector of parameters, shape (parameters,)."""
-        return {name: values[index] for index, name in enumerate(self.parameter_names)}
+    def derived(self, parameters: Parameters) -> tuple[Derived, ...]:
+        """Derived quantities that exist for these parameters."""
+        return tuple(quantity for quantity in self.core.derived if quantity.exists(parameters))
 
 
 def polynomial(coefficients: tuple[Any, ...], s: Any) -> Any:

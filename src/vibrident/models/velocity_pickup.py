@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.models.base import Core, Parameters, ParameterSpec, Rational
+from vibrident.models.base import Core, Derived, Parameters, ParameterSpec, Rational
 
 
 def _rational(parameters: Parameters) -> Rational:
@@ -22,13 +22,9 @@ def _rational(parameters: Parameters) -> Rational:
     return Rational(parameters["generator_constant"], (0.0, 1.0), (wn * wn, 2.0 * damping * wn, 1.0), wn)
 
 
-def _derived(parameters: Parameters) -> dict[str, tuple[Any, str]]:
-    fn, damping = parameters["natural_frequency"], parameters["damping_ratio"]
-    derived = {"natural_angular_frequency": (2.0 * np.pi * fn, "rad/s")}
-    if 2.0 * damping * damping < 1.0:
-        # |V/v| is the high-pass counterpart of |V/a| of an accelerometer: its peak lies at fn/√(1 − 2 δ²).
-        derived["resonance_frequency"] = (fn / (1.0 - 2.0 * damping * damping) ** 0.5, "Hz")
-    return derived
+def _resonance(parameters: Parameters) -> Any:
+    """Frequency of the largest |V/v|, the high-pass counterpart of an accelerometer's: fn/√(1 − 2 δ²)."""
+    return parameters["natural_frequency"] / (1.0 - 2.0 * parameters["damping_ratio"] ** 2) ** 0.5
 
 
 VELOCITY_PICKUP = Core(
@@ -40,5 +36,8 @@ VELOCITY_PICKUP = Core(
         ParameterSpec("damping_ratio", "1", "positive"),
     ),
     rational=_rational,
-    derived=_derived,
+    derived=(
+        Derived("natural_angular_frequency", "rad/s", lambda p: 2.0 * np.pi * p["natural_frequency"]),
+        Derived("resonance_frequency", "Hz", _resonance, lambda p: 2.0 * p["damping_ratio"] ** 2 < 1.0),
+    ),
 )

@@ -14,16 +14,16 @@ from __future__ import annotations
 import functools
 from typing import Any, NamedTuple
 
-from vibrident.backend import jnp, lax
+from vibrident.backend import jax, jnp, lax
 from vibrident.discretize.weights import Weights
 from vibrident.network.unroll import (
     Lanes,
     dot,
     fit_nuisance,
-    imitable,
     free_part,
     free_response,
     from_rest,
+    imitable,
     per_lane,
     projection,
     start_states,
@@ -37,11 +37,13 @@ class Normal(NamedTuple):
         matrix: JᵀJ, shape (P, P), J = ∂(weighted response)/∂parameters.
         gradient: Jᵀr, shape (P,), r the weighted residual measured − network.
         cost: rᵀr.
+        squares: Σ r² of every segment, not weighted by the noise, shape (S,).
     """
 
     matrix: Any
     gradient: Any
     cost: Any
+    squares: Any
 
 
 def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int) -> Normal:
@@ -79,7 +81,8 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     # What initial states and offset could imitate: moments of J against them, by segment.
     totals = jnp.stack([imitable(proj, lanes, column) for column in columns])  # (P, S, n + 1)
     matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
-    return Normal(matrix, gradient, cost)
+    squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
+    return Normal(matrix, gradient, cost, squares)
 
 
 def contract(matrix: Any, vectors: Any) -> Any:

@@ -176,7 +176,8 @@ class Sweep:
     def breaks_s(self) -> tuple[float, ...]:
         """Begin and end of the ramps, s."""
         ramp = self.taper * self.duration_s
-        return (0.0, ramp, self.duration_s - ramp, self.duration_s)
+        inner = (ramp, self.duration_s - ramp) if 0.0 < self.taper < 0.5 else (ramp,) * (self.taper > 0.0)
+        return (0.0, *inner, self.duration_s)
 
     def cycles(self, time_s: FloatArray) -> FloatArray:
         """φ/2π at instants within the sweep, s."""

@@ -11,14 +11,13 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import expm
 
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES, Rational
 from vibrident.records import FloatArray, Quantity
 from vibrident.simulate.excitation import Decay, HalfSineShock
 from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.linear import LinearSystem, propagate
+from vibrident.simulate.linear import LinearSystem, exponential, propagate
 from vibrident.simulate.motion import Motion, Superposition, Tonal, acceleration_on
 from vibrident.simulate.quadrature import driven_states
 
@@ -132,7 +131,7 @@ def _shock_states(system: LinearSystem, shock: HalfSineShock, grid: SampleGrid) 
     after = grid.since(shock.start_s + shock.duration_s)
     pulse = grid.since(shock.start_s)
     during = SampleGrid(pulse.start_s, grid.rate_hz, pulse.samples - after.samples)
-    end = (expm(whole * shock.duration_s) @ begin)[:n]
+    end = (exponential(whole, shock.duration_s) @ begin)[:n]
     return np.concatenate(
         [
             np.zeros((n, grid.samples - pulse.samples)),

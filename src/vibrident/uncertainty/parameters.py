@@ -8,12 +8,14 @@ ratio's ends at zero. Derived quantities are propagated by automatic differentia
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
+import equinox as eqx
 import numpy as np
 from scipy.special import stdtrit
 
 from vibrident.backend import jax, jnp
-from vibrident.models import SensorModel
+from vibrident.models import Derived, SensorModel
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Correlation, Parameter
@@ -22,7 +24,7 @@ COVERAGE = 0.95
 
 
 def coverage_factor(degrees_of_freedom: float) -> float:
-    """k of a 95 % interval: Student's t at these degrees of freedom, 1.96 for infinitely many (GUM G.3)."""
+    """K of a 95 % interval: Student's t at these degrees of freedom, 1.96 for infinitely many (GUM G.3)."""
     finite = min(degrees_of_freedom, 1e9)
     return float(stdtrit(finite, 0.5 + COVERAGE / 2))
 
@@ -58,7 +60,7 @@ def parameter_table(
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    slopes = np.diag(np.asarray(jax.jacfwd(coordinates.vector)(jnp.asarray(z))))
+    slopes = np.asarray(_slopes(coordinates, jnp.asarray(z)))
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
@@ -66,7 +68,7 @@ def parameter_table(
             value=coordinates.values(z)[spec.name],
             unit=spec.unit.format(**units),
             standard_uncertainty=float(abs(slopes[index]) * deviation[index]),
-            interval_95=(low, high),
+            interval_95=(float(low), float(high)),
             identifiable=spec.name not in doubtful,
         )
     table.update(_derived(coordinates, z, covariance, k, units, doubtful))
@@ -94,31 +96,43 @@ def _derived(
     units: Mapping[str, str],
     doubtful: Mapping[str, str],
 ) -> dict[str, Parameter]:
-    model = coordinates.model
-    found = model.derived(coordinates.values(z))
     table = {}
-    for name, (value, unit) in found.items():
-        slope = np.asarray(jax.grad(lambda y, name=name: _one_derived(coordinates, y, name))(jnp.asarray(z)))
+    quantities = coordinates.model.derived(coordinates.values(z))
+    values, slopes = _derivatives(coordinates, jnp.asarray(z), quantities)
+    for quantity, value, slope in zip(quantities, np.asarray(values), np.asarray(slopes), strict=True):
         u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         relative = u / abs(value) if value else 0.0
-        if name == "conversion_coefficient" or relative > 0.5:
+        if quantity.name == "conversion_coefficient" or relative > 0.5:
             interval = (value - k * u, value + k * u)
         else:  # positive: symmetric in the logarithm, as the natural frequency's
             interval = (value * np.exp(-k * relative), value * np.exp(k * relative))
-        table[name] = Parameter(
+        needs_damping = quantity.name == "resonance_frequency" and "damping_ratio" in doubtful
+        table[quantity.name] = Parameter(
             value=float(value),
-            unit=unit.format(**units),
+            unit=quantity.unit.format(**units),
             standard_uncertainty=u,
             interval_95=(float(interval[0]), float(interval[1])),
-            identifiable="natural_frequency" not in doubtful
-            and not (name == "resonance_frequency" and "damping_ratio" in doubtful),
+            identifiable="natural_frequency" not in doubtful and not needs_damping,
             derived=True,
         )
     return table
 
 
-def _one_derived(coordinates: Coordinates, z: FloatArray, name: str) -> FloatArray:
-    return coordinates.model.derived(coordinates.physical(z))[name][0]
+@eqx.filter_jit
+def _derivatives(coordinates: Coordinates, z: Any, quantities: tuple[Derived, ...]) -> tuple[Any, Any]:
+    """Values of derived quantities, and their slopes in z."""
+
+    def values(y: Any) -> Any:
+        physical = coordinates.physical(y)
+        return jnp.stack([jnp.asarray(quantity.value(physical)) for quantity in quantities])
+
+    return values(z), jax.jacfwd(values)(z)
+
+
+@eqx.filter_jit
+def _slopes(coordinates: Coordinates, z: Any) -> Any:
+    """dp/dz of every parameter, shape (p,)."""
+    return jnp.diagonal(jax.jacfwd(coordinates.vector)(z))
 
 
 def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
@@ -135,4 +149,10 @@ def unit_fields(calibration: Calibration) -> dict[str, str]:
     drive = calibration.quantity == "drive"
     reference = calibration.reference_unit if drive else "m/s^2"
     integrated = f"{calibration.reference_unit} s" if drive else "m/s"
-    return {"response": calibration.response_unit, "reference": reference, "reference_integrated": integrated}
+    conversion = f"{calibration.response_unit}/(({reference}) s^2)" if drive else f"{calibration.response_unit}/m"
+    return {
+        "response": calibration.response_unit,
+        "reference": reference,
+        "reference_integrated": integrated,
+        "conversion": conversion,
+    }
