@@ -75,7 +75,7 @@ def exact(model, p, motion, start="rest", samples=SAMPLES, rate=RATE):
 @pytest.mark.parametrize(("model", "p"), [("accelerometer", ACCELEROMETER), ("velocity-pickup", PICKUP)])
 def test_from_rest_is_what_an_ode_solver_gives(name, model, p):
     times = np.arange(SAMPLES) / RATE
-    assert relative(exact(model, p, MOTIONS[name]), ode_response(model, p, MOTIONS[name], times)) < 1e-9
+    assert relative(exact(model, p, MOTIONS[name]), ode_response(model, p, MOTIONS[name], times)) < 2e-11
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-4, 0.7, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 5.0])
@@ -83,7 +83,7 @@ def test_from_rest_is_what_an_ode_solver_gives(name, model, p):
 def test_any_damping(damping, name):
     p = ACCELEROMETER | {"damping_ratio": damping}
     times = np.arange(SAMPLES) / RATE
-    assert relative(exact("accelerometer", p, MOTIONS[name]), ode_response("a", p, MOTIONS[name], times)) < 1e-9
+    assert relative(exact("accelerometer", p, MOTIONS[name]), ode_response("a", p, MOTIONS[name], times)) < 2e-10
 
 
 @pytest.mark.parametrize("delay", [3.7 / RATE, 0.3 / RATE, -2.2 / RATE])
@@ -94,7 +94,7 @@ def test_a_delayed_response_is_the_response_of_earlier(name, delay):
     times = np.arange(SAMPLES) / RATE - delay
     expected = np.zeros(SAMPLES)
     expected[times > 0] = ode_response("a", p, MOTIONS[name], times[times > 0])
-    assert relative(exact("accelerometer+delay", p, MOTIONS[name]), expected) < 1e-9
+    assert relative(exact("accelerometer+delay", p, MOTIONS[name]), expected) < 2e-11
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -135,7 +135,7 @@ def test_steady_is_an_ode_solution_from_its_own_start(name):
     p = ACCELEROMETER | {"damping_ratio": 0.7}
     times = np.arange(60) / RATE
     expected = ode_response("a", p, MOTIONS[name], times, (-0.012, 0.0, 0.0))  # e^{−δ ωn t} = 1e-15
-    assert relative(exact("accelerometer", p, MOTIONS[name], "steady", 60), expected) < 1e-9
+    assert relative(exact("accelerometer", p, MOTIONS[name], "steady", 60), expected) < 2e-11
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.02, 0.7, 1.0, 3.0, 100.0])
@@ -190,19 +190,19 @@ class Plain:
 @pytest.mark.parametrize("name", ["sine", "multisine", "shock", "shock at once", "sine with felt noise"])
 @pytest.mark.parametrize(("model", "p"), [("accelerometer", ACCELEROMETER), ("velocity-pickup", PICKUP)])
 def test_closed_forms_equal_the_quadrature(name, model, p):
-    """Two independent ways to one response, to 1e-11; delay and early samples included."""
+    """Two independent ways to one response, to 1e-12; delay and early samples included."""
     p = p | {"delay": 2.6 / RATE}
     motion = MOTIONS[name]
     found = exact(f"{model}+delay", p, motion)
-    assert relative(found, exact(f"{model}+delay", p, Plain(motion))) < 1e-11
+    assert relative(found, exact(f"{model}+delay", p, Plain(motion))) < 1e-12
 
 
 def test_a_stiff_sensor_sampled_slowly():
     """30 kHz sensor at 2.56 kHz: 74 rad a step, and still the ODE's solution."""
     p = {"sensitivity": 1e-3, "natural_frequency": 30e3, "damping_ratio": 0.02}
-    motion = Sweep(100.0, 1000.0, 0.01, 5.0)
-    times = np.arange(26) / 2560.0
-    found = exact("accelerometer", p, motion, samples=26, rate=2560.0)
+    motion = Sweep(100.0, 1000.0, 0.004, 5.0)
+    times = np.arange(12) / 2560.0
+    found = exact("accelerometer", p, motion, samples=12, rate=2560.0)
     assert relative(found, ode_response("a", p, motion, times)) < 1e-8
 
 

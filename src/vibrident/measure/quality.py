@@ -13,12 +13,13 @@ from vibrident.measure.response import MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
-#: A run of samples at a channel's extreme is a plateau when the slopes around it would have carried a free signal
-#: this many times further than the run's own spread, over at least so many samples.
-PLATEAU_RATIO = 8.0
-PLATEAU_SAMPLES = 4
-PLATEAU_TOLERANCE = 2e-3
-PLATEAU_GUARD = 2
+#: A run of samples at a channel's extreme is a plateau when a parabola through half as many samples on either side passes it by
+#: this many times the run's own spread and the parabola's misfit …
+PLATEAU_RATIO = 4.0
+#: … and by this part of the channel's range (less is the flat step of a coarse generator).
+LEAST_CUT = 2.5e-3
+#: Shortest run that is looked at, how near the extreme it lies, samples left out beside it, points used on either side.
+PLATEAU_SAMPLES, PLATEAU_TOLERANCE, PLATEAU_GUARD, MOST_POINTS = 4, 2e-3, 2, 64
 #: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
 ALIAS_POWER = 0.01
 FEWEST_PERIODS = 2.0
@@ -100,46 +101,60 @@ def _without_plateaus(record: Record) -> tuple[Record, list[Finding]]:
 def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
     """Samples on a plateau at either extreme, with a guard of two samples around; shape (samples,).
 
-    A free signal turns round within a run of m samples only if the slopes before and after carry it about v m/4 beyond
-    the run's ends; a clipped one stays flat. The test compares the two, so it needs no full scale, and neither a slow sine's
-    flat top, nor coarse quantisation, nor the rest before a shock looks clipped.
+    A free signal turns round at its extreme as the samples on both sides foretell; a clipped one stays flat where they lead
+    further, and one that is thrown to a rail lies where they do not lead at all. The comparison needs no full scale, and
+    neither a slow sine's flat top, nor coarse quantisation, nor the rest before a shock looks clipped.
     """
     bad = np.zeros(values.shape, dtype=bool)
+    rest = float(np.median(values[valid])) if valid.any() else 0.0
     for _ in range(4):
         good = valid & ~bad
         if good.sum() < 8:
             break
         found = np.zeros_like(bad)
-        low, high = values[good].min(), values[good].max()
+        low, high = float(values[good].min()), float(values[good].max())
         tolerance = PLATEAU_TOLERANCE * (high - low)
         for at_extreme in (good & (values >= high - tolerance), good & (values <= low + tolerance)):
-            for first, last in _runs_of(at_extreme):
-                if _is_plateau(values, first, last):
-                    found[max(0, first - PLATEAU_GUARD) : last + 1 + PLATEAU_GUARD] = True
+            level = float(np.median(values[at_extreme]))
+            if abs(level - rest) < 0.05 * (high - low):
+                continue
+            if any(_is_plateau(values, first, last, LEAST_CUT * (high - low)) for first, last in _runs_of(at_extreme)):
+                found |= at_extreme  # the level is a rail: every sample on it counts, also a single one
         if not found.any():
             break
+        for shift in range(1, PLATEAU_GUARD + 1):
+            bad[shift:] |= found[:-shift]
+            bad[:-shift] |= found[shift:]
         bad |= found
     return bad
 
 
-def _is_plateau(values: FloatArray, first: int, last: int) -> bool:
+def _is_plateau(values: FloatArray, first: int, last: int, least: float) -> bool:
+    """Whether the samples on both sides lead past the run by more than ``least``; see :func:`plateaus`."""
     length = last - first + 1
     inside = values[first : last + 1]
-    slopes = []
-    if first >= 2:
-        slopes.append(np.max(np.abs(np.diff(values[first - 2 : first + 1]))))
-    if last + 2 < values.shape[0]:
-        slopes.append(np.max(np.abs(np.diff(values[last : last + 3]))))
-    if not slopes:
+    stretch = max(3, length // 2)
+    stride = max(1, stretch // MOST_POINTS)
+    before = values[max(0, first - stretch) : first][::-stride][::-1]
+    after = values[last + 1 : last + 1 + stretch : stride]
+    if before.size < 3 or after.size < 3:
         return False
-    expected = min(slopes) * length / 4.0
-    if expected <= PLATEAU_RATIO * np.ptp(inside):
+    times = np.concatenate(
+        [-1.0 - stride * np.arange(before.size)[::-1], length + stride * np.arange(after.size)]
+    ) - 0.5 * (length - 1)
+    scaled = times / times[-1]
+    basis = np.stack([np.ones_like(scaled), scaled, scaled**2], axis=1)
+    sides = np.concatenate([before, after])
+    coefficients, *_ = np.linalg.lstsq(basis, sides, rcond=None)
+    misfit = float(np.sqrt(np.mean((sides - basis @ coefficients) ** 2)))
+    passed = abs(float(coefficients[0] - np.median(inside)))
+    if passed <= max(PLATEAU_RATIO * float(np.ptp(inside)), PLATEAU_RATIO * misfit, least):
         return False
-    return bool(expected > 8.0 * _resolution(values))
+    return passed > _resolution(values)
 
 
 def _resolution(values: FloatArray) -> float:
-    """Smallest step between values that occur, an upper bound of the quantisation where there is one."""
+    """Smallest step between values that occur: the quantisation, where there is one."""
     steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
     return float(np.min(steps)) if steps.size else 0.0
 
