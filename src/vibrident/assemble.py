@@ -74,9 +74,10 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     chi2 = adequacy.chi2_reduced or 0.0
     worst = _worst(points, response)
     text = (
-        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times what the "
-        f"noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}. The stated "
-        "uncertainties cover the noise only; uncertainty='inflated' (--uncertainty inflated) scales them by that factor."
+        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
+        f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}. The "
+        "stated uncertainties cover the noise only; uncertainty='inflated' (--uncertainty inflated) scales them by "
+        "that factor."
     )
     signals = _excerpts(evidence, predicted)
     return Judgement(adequacy, text, predicted, None, signals, weights)
@@ -101,7 +102,7 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
         )
     except InputError:  # all records too short to interpolate: the tones stand alone
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
-    predicted, _ = problem.predict(estimate.coordinates, estimate.z)
+    predicted = problem.predict(estimate.coordinates, estimate.z)
     if estimate.estimator != "ipnn":
         return tuple(predicted), {}
     all_weights = problem.weights({k: jnp.asarray(v) for k, v in values.items()})
@@ -134,8 +135,9 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     else:
         text = (
             f"The model does not explain the table: deviations are {np.sqrt(chi2 or 0.0):.3g} times the stated "
-            f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom). The parameters' uncertainties follow "
-            "from the stated ones alone; uncertainty='inflated' (--uncertainty inflated) scales them by that factor."
+            f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom). The parameters' uncertainties "
+            "follow from the stated ones alone; uncertainty='inflated' (--uncertainty inflated) scales them by that "
+            "factor."
         )
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
@@ -209,7 +211,9 @@ def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Si
     """A piece of every record from where its response is largest, a few periods long."""
     signals = []
     most = int(np.clip(MOST_SAMPLES // max(len(predicted), 1), 24, MOST_IN_ONE))
-    owners = {} if evidence.tones is None else dict(zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True))
+    owners = (
+        {} if evidence.tones is None else dict(zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True))
+    )
     for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
         used = np.flatnonzero(record.mask & np.isfinite(series))
         if used.size < 2:

@@ -146,7 +146,9 @@ def _warnings(
     warnings += doubtful
     gain = table[model.gain_name]
     if gain.value < 0:
-        text = f"{model.gain_name} is negative: the response moves against the reference (or a channel is wired reversed)."
+        text = (
+            f"{model.gain_name} is negative: the response moves against the reference (or a channel is wired reversed)."
+        )
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)
 

@@ -21,7 +21,7 @@ def network_error(calibration, name, parameters):
     model, start = parse(calibration.model), dict(parameters)
     problem = TimeProblem.build(calibration.records, model, method(name), calibration.quantity, start)
     coordinates = Coordinates.at(model, start, (10.0, 1000.0))
-    predicted, _ = problem.predict(coordinates, coordinates.first)
+    predicted = problem.predict(coordinates, coordinates.first)
     worst = 0.0
     for record, response in zip(calibration.records, predicted, strict=True):
         inner = slice(ENDS, -ENDS)

@@ -9,7 +9,7 @@ method says where the c_j come from and how the step is taken.
 | ``tustin`` | mean of a_k, a_{k+1} | trapezoidal rule | 2 |
 | ``zoh`` | a_k held | exact exponential | 1 (exact for held signals) |
 | ``foh`` | line through a_k, a_{k+1} | exact exponential | 2 (exact for piecewise linear signals) |
-| ``bandlimited`` | q Legendre coefficients of the band-limited signal through the samples | exact exponential | spectral |
+| ``bandlimited`` | q Legendre coefficients of the band-limited signal through a_k | exact exponential | spectral |
 """
 
 from __future__ import annotations

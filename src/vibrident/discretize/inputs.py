@@ -108,9 +108,9 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
     filters = _filters(terms, half, shift)
     clean = np.where(valid, samples, 0.0)
     size = fft.next_fast_len(n + 2 * half, real=True)
-    spectrum = fft.rfft(clean, size)
-    kernels = fft.rfft(filters[:, ::-1], size, axis=-1)  # reversed: a correlation as a convolution
-    convolved = fft.irfft(spectrum * kernels, size, axis=-1)
+    spectrum = np.asarray(fft.rfft(clean, size))
+    kernels = np.asarray(fft.rfft(filters[:, ::-1], size, axis=-1))  # reversed: a correlation as a convolution
+    convolved = np.asarray(fft.irfft(spectrum * kernels, size, axis=-1))
     # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k sits at k + half.
     coefficients = convolved[:, half : half + n].T
     return _delayed(coefficients, _supported(valid, half), whole, 0.0)

@@ -27,7 +27,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibrident.backend import jax, jnp
+from vibrident.backend import jnp
+from vibrident.discretize.exponential import expm
 from vibrident.discretize.inputs import MAX_TERMS, StepInputs, band_limited_inputs, sampled_inputs, terms_needed
 from vibrident.errors import ModelError
 from vibrident.models.state_space import StateSpace
@@ -122,12 +123,12 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
     shift = jnp.asarray(_legendre_shift(terms))
     top = jnp.concatenate([system.a * ts, ts * system.b[:, None] * start], axis=1)
     generator = jnp.concatenate([top, jnp.concatenate([jnp.zeros((terms, n)), shift], axis=1)], axis=0)
-    whole = jax.scipy.linalg.expm(generator)
+    whole = expm(generator)
     if isinstance(fraction, float) and fraction == 0.0:  # read at the sample itself: no second exponential
         output, basis = system.c, start
         feedthrough = jnp.zeros(terms)
     else:
-        part = jax.scipy.linalg.expm(generator * fraction)
+        part = expm(generator * fraction)
         output = system.c @ part[:n, :n]
         feedthrough = system.c @ part[:n, n:]
         basis = start @ part[n:, n:]

@@ -42,7 +42,10 @@ class Estimate:
 class Estimator(Protocol):
     """A way to turn evidence into an estimate."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Name in settings and on the command line."""
+        ...
 
     def fit(self, evidence: Evidence, progress: Progress) -> Estimate:
         """Identify the model's parameters."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import equinox as eqx
 import numpy as np
 
 from vibrident.backend import jnp
@@ -20,9 +19,7 @@ from vibrident.estimators.base import Estimate
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
 from vibrident.estimators.start import start_values
-from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, Evidence, TimeProblem
-from vibrident.problem.time_domain import physical_normal
 from vibrident.records import FloatArray
 
 #: Rounds of training with refreshed noise weights and delay.
@@ -83,7 +80,7 @@ class Ipnn:
                 break
             trace = self._train(problem, coordinates, z, noise, progress)
         z = trace.last
-        normal = _normal(jnp.asarray(z), self._args(problem, coordinates, noise))
+        normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
         noise_now = _from_squares(problem, np.asarray(normal.squares))
         freedom = float(np.sum(problem.degrees_of_freedom)) - len(z)
         settings = {
@@ -103,21 +100,20 @@ class Ipnn:
     ) -> Trace:
         args = self._args(problem, coordinates, noise)
         if self.optimiser == "adam":
-            return adam(
-                time_objective, z, args, learning_rate=self.learning_rate, steps=self.steps, progress=progress
-            )
+            return adam(time_objective, z, args, learning_rate=self.learning_rate, steps=self.steps, progress=progress)
         return levenberg_marquardt(time_objective, z, args, tolerance=1e-6, progress=progress)
 
 
 def _noise_at(problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray) -> FloatArray:
     """Standard deviation of each record's residual at ``z``, shape (records,)."""
     lanes_noise = jnp.asarray(problem.by_lane(noise))
-    normal = _normal(jnp.asarray(z), (coordinates, problem.layout, problem.data, lanes_noise))
+    normal = time_objective(jnp.asarray(z), (coordinates, problem.layout, problem.data, lanes_noise))
     return _from_squares(problem, np.asarray(normal.squares))
 
 
 def _from_squares(problem: TimeProblem, squares: FloatArray) -> FloatArray:
     count = len(problem.records)
+    squares = squares[: len(problem.record_of_segment)]  # segments beyond are padding
     totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)
     floor = np.array([LEAST_NOISE * float(np.std(r.response[r.mask])) for r in problem.records])
     estimate = np.sqrt(totals / np.maximum(problem.degrees_of_freedom, 1.0))
@@ -129,7 +125,3 @@ def _delay_moved(problem: TimeProblem, values: dict[str, float]) -> bool:
     moved = abs(values.get("delay", 0.0) - problem.delay_s)
     return bool(moved > 1e-3 * np.min(problem.intervals_s))
 
-
-@eqx.filter_jit
-def _normal(z: Any, args: Any) -> Normal:
-    return physical_normal(z, *args)

@@ -2,9 +2,10 @@
 
     1/H = (ωn² − ω² + 2 j δ ωn ω)/K        (times s for a velocity pickup)
 
-``plain`` weighs all points of 1/H alike, as the paper does: points of small sensitivity then rule. ``weighted`` divides by
-the uncertainty of 1/H, u(1/H) = u(H)/|H|². A delay makes the problem nonlinear; the same residual is then minimised from
-the linear start. The covariance is propagated from the responses' uncertainty through the estimator, whatever the weights.
+``plain`` weighs all points of 1/H alike, as the paper does: points of small sensitivity then rule. ``weighted``
+divides by the uncertainty of 1/H, u(1/H) = u(H)/|H|². A delay makes the problem nonlinear; the same residual is
+then minimised from the linear start. The covariance is propagated from the responses' uncertainty through the
+estimator, whatever the weights.
 """
 
 from __future__ import annotations
@@ -12,14 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import equinox as eqx
 import numpy as np
 
-from vibrident.backend import jax, jnp
+from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.ml import refreshed_tones, weighted_problem
-from vibrident.estimators.objectives import inverse_objective
+from vibrident.estimators.objectives import inverse_jacobian, inverse_objective
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.estimators.start import start_values
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
@@ -62,7 +62,7 @@ class LeastSquares:
         coordinates = Coordinates.at(model, start, problem.band_hz)
         args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
         trace = levenberg_marquardt(inverse_objective, coordinates.first, args, tolerance=1e-12, progress=progress)
-        jacobian = np.asarray(_jacobian(jnp.asarray(trace.last), args))
+        jacobian = np.asarray(inverse_jacobian(jnp.asarray(trace.last), args))
         # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
         gain = np.linalg.pinv(jacobian)
@@ -75,8 +75,3 @@ class LeastSquares:
         if self.weighting == "plain":
             return np.full(problem.points, float(np.median(size)))
         return size / problem.relative_deviation
-
-
-@eqx.filter_jit
-def _jacobian(z: Any, args: Any) -> Any:
-    return jax.jacfwd(inverse_objective)(z, args)

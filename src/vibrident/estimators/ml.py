@@ -1,20 +1,19 @@
 """Maximum likelihood on the complex responses, with noise on both channels.
 
-Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is taken from
-the spectral lines beside the tone with H at each line's own frequency, so noise that the sensor felt cancels and noise of
-either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the sensor's decaying start transient depend on the
-parameters and are refreshed between fits. Tables: weighted least squares in magnitude and phase.
+Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is
+taken from the spectral lines beside the tone with H at each line's own frequency, so noise that the sensor felt
+cancels and noise of either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the sensor's decaying
+start transient depend on the parameters and are refreshed between fits. Tables: weighted least squares in magnitude
+and phase.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import equinox as eqx
 import numpy as np
 
-from vibrident.backend import jax, jnp
+from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.objectives import response_objective
@@ -107,15 +106,10 @@ def _estimate(
 ) -> Estimate:
     assert trace is not None
     kind = (problem.polar, problem.has_phase, problem.quantity)
-    jacobian = np.asarray(response_jacobian(jnp.asarray(trace.last), (coordinates, kind, problem.data)))
-    covariance = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    local = response_objective(jnp.asarray(trace.last), (coordinates, kind, problem.data))
+    covariance = np.linalg.pinv(np.asarray(local.matrix), hermitian=True)
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
         covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
     return Estimate("ml", coordinates, trace.last, covariance, freedom, trace, tones=tones)
 
-
-@eqx.filter_jit
-def response_jacobian(z: Any, args: Any) -> Any:
-    """Jacobian of the weighted residual by automatic differentiation, shape (equations, p)."""
-    return jax.jacfwd(response_objective)(z, args)

@@ -1,8 +1,8 @@
 """Two ways down the same residual: Levenberg–Marquardt (optimistix) and Adam (optax), one step at a time.
 
-An objective is a pure function ``residual(z, args)`` of coordinates z, shape (p,), that returns a vector whose sum of
-squares is the cost. The time-domain problem has hundreds of thousands of residuals; ``compressed`` gives a vector of p + 1
-numbers with the same cost, gradient and JᵀJ, so the optimiser's steps are those of the full problem.
+An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape (p,), however
+many residuals there are. ``compressed`` turns them into p + 1 numbers with the same cost, gradient and JᵀJ, so the optimiser's
+steps are those of the full problem, and its own code is compiled once for all data.
 """
 
 from __future__ import annotations
@@ -16,11 +16,20 @@ import numpy as np
 import optax
 import optimistix as optx
 
-from vibrident.backend import jax, jnp, lax
-from vibrident.network.sensitivity import Normal
+from vibrident.backend import jax, jnp
 from vibrident.records import FloatArray
 
-Residual = Callable[[Any, Any], Any]
+
+
+class Quadratic(Protocol):
+    """What an objective returns: rᵀr, Jᵀr with J = −∂r/∂z, and JᵀJ."""
+
+    cost: Any
+    gradient: Any
+    matrix: Any
+
+
+Objective = Callable[[Any, Any], Quadratic]
 
 
 class Progress(Protocol):
@@ -50,24 +59,28 @@ class Trace:
         return self.coordinates[-1]
 
 
-def compressed(normal: Normal, z: Any) -> Any:
-    """A residual of p + 1 numbers equivalent to the accumulated one at ``z``: same cost, Jᵀr and JᵀJ.
+def compressed(z: Any, args: Any) -> Any:
+    """A residual of p + 1 numbers equivalent to the full one near ``at``: same cost, Jᵀr and JᵀJ.
 
-    With JᵀJ = RᵀR and q = R⁻ᵀ Jᵀr it is (q − R (z − z₀), √(rᵀr − qᵀq)), z₀ being z held constant: its derivative is −R.
+    With JᵀJ = RᵀR and q = R⁻ᵀ Jᵀr it is (q − R (z − at), √(rᵀr − qᵀq)).
+
+    Args:
+        z: coordinates, shape (p,).
+        args: at, shape (p,); JᵀJ, shape (p, p); Jᵀr, shape (p,); rᵀr.
     """
-    held = lax.stop_gradient(normal)
-    scale = jnp.sqrt(jnp.maximum(jnp.diagonal(held.matrix), 1e-300))
-    values, vectors = jnp.linalg.eigh(held.matrix / scale[:, None] / scale[None, :])
+    at, matrix, gradient, cost = args
+    scale = jnp.sqrt(jnp.maximum(jnp.diagonal(matrix), 1e-300))
+    values, vectors = jnp.linalg.eigh(matrix / scale[:, None] / scale[None, :])
     kept = values > 1e-14
     root = jnp.sqrt(jnp.where(kept, values, 0.0))
     factor = root[:, None] * vectors.T * scale[None, :]
-    q = jnp.where(kept, vectors.T @ (held.gradient / scale) / jnp.where(kept, root, 1.0), 0.0)
-    rest = jnp.sqrt(jnp.maximum(held.cost - q @ q, 0.0))
-    return jnp.concatenate([q - factor @ (z - lax.stop_gradient(z)), rest[None]])
+    q = jnp.where(kept, vectors.T @ (gradient / scale) / jnp.where(kept, root, 1.0), 0.0)
+    rest = jnp.sqrt(jnp.maximum(cost - q @ q, 0.0))
+    return jnp.concatenate([q - factor @ (z - at), rest[None]])
 
 
 def levenberg_marquardt(
-    residual: Residual,
+    objective: Objective,
     start: FloatArray,
     args: Any,
     *,
@@ -81,28 +94,31 @@ def levenberg_marquardt(
     standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known is left.
 
     Args:
-        residual: module-level function, so that its compiled form is reused.
+        objective: compiled function.
         start: shape (p,).
-        args: anything the residual needs.
+        args: anything the objective needs.
         tolerance: decrease of the cost that is not worth a step.
-        most: most evaluations of the residual and its derivative.
+        most: most evaluations of the objective.
         progress: called after each iteration.
     """
     z = jnp.asarray(start, dtype=float)
-    state = _begin(residual, z, args)
+    nothing = (z, jnp.eye(z.shape[0]), jnp.zeros_like(z), jnp.zeros(()))
+    state = _begin(z, nothing)
     costs: list[float] = []
     path: list[FloatArray] = []
     status, converged = f"stopped after {most} evaluations", False
     for iteration in range(1, most + 1):
-        z, state, accepted, cost, decrement, stalled = _advance(residual, z, args, state)
-        if not np.isfinite(cost):
+        trial = state.y_eval
+        local = objective(trial, args)
+        if not np.isfinite(local.cost):
             status = "the cost is not finite"
             break
+        z, state, accepted, decrement, stalled = _advance(z, (trial, local.matrix, local.gradient, local.cost), state)
         if accepted:
-            costs.append(float(cost))
+            costs.append(float(local.cost))
             path.append(np.asarray(z))
-        progress(iteration, most, float(cost))
-        if decrement < max(tolerance, 1e-15 * float(cost)) or stalled:
+        progress(iteration, most, costs[-1])
+        if decrement < max(tolerance, 1e-15 * costs[-1]) or stalled:
             status, converged = "converged", True
             break
     if not costs:
@@ -116,30 +132,28 @@ _SOLVER = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
 _MOST_REJECTED = 12
 
 
-def _with_aux(residual: Residual) -> Callable[[Any, Any], tuple[Any, None]]:
-    return lambda z, args: (residual(z, args), None)
+def _residual(z: Any, args: Any) -> tuple[Any, None]:
+    return compressed(z, args), None
 
 
 @eqx.filter_jit
-def _begin(residual: Residual, z: Any, args: Any) -> Any:
-    shape = eqx.filter_eval_shape(residual, z, args)
-    return _SOLVER.init(_with_aux(residual), z, args, {}, shape, None, frozenset())
+def _begin(z: Any, args: Any) -> Any:
+    shape = jax.ShapeDtypeStruct((z.shape[0] + 1,), z.dtype)
+    return _SOLVER.init(_residual, z, args, {}, shape, None, frozenset())
 
 
 @eqx.filter_jit
-def _advance(residual: Residual, z: Any, args: Any, state: Any) -> tuple[Any, ...]:
-    """One evaluation, at the trial point; accept or reject it, and propose the next."""
+def _advance(z: Any, args: Any, state: Any) -> tuple[Any, ...]:
+    """Take the evaluation at the trial point: accept or reject it, and propose the next."""
     before = state.num_accepted_steps
-    z, state, _ = _SOLVER.step(_with_aux(residual), z, args, {}, state, frozenset())
-    value, slope = state.f_info.residual, state.f_info.jac.as_matrix()
-    basis, _ = jnp.linalg.qr(slope / jnp.maximum(jnp.linalg.norm(slope, axis=0), 1e-300))
-    decrement = jnp.sum((basis.T @ value) ** 2)
+    z, state, _ = _SOLVER.step(_residual, z, args, {}, state, frozenset())
+    value = state.f_info.residual  # at the accepted point: (q, rest), and qᵀq is what a full step would gain
     stalled = state.num_steps_since_acceptance > _MOST_REJECTED
-    return z, state, state.num_accepted_steps > before, jnp.sum(value**2), decrement, stalled
+    return z, state, state.num_accepted_steps > before, jnp.sum(value[:-1] ** 2), stalled
 
 
 def adam(
-    residual: Residual,
+    objective: Objective,
     start: FloatArray,
     args: Any,
     *,
@@ -147,27 +161,23 @@ def adam(
     steps: int = 1500,
     progress: Progress = silent,
 ) -> Trace:
-    """Minimise the mean squared residual by Adam (Kingma & Ba 2015), the paper's optimiser, full batch.
+    """Minimise the squared residual by Adam (Kingma & Ba 2015), the paper's optimiser, full batch.
 
-    The cost is divided by its start value, so that a step means the same whatever the noise.
+    Adam's steps do not depend on the scale of the cost, so the mean and the sum of squares train alike.
     """
-    optimiser = optax.adam(learning_rate)
     z = jnp.asarray(start, dtype=float)
-    state = optimiser.init(z)
+    state = optax.adam(learning_rate).init(z)
     costs, path = [], []
     for iteration in range(1, steps + 1):
-        costs_now, z_next, state = _adam_step(residual, z, args, state, learning_rate)
-        costs.append(float(costs_now))
+        local = objective(z, args)
+        costs.append(float(local.cost))
         path.append(np.asarray(z))
-        z = z_next
+        z, state = _adam_step(z, -2.0 * local.gradient, state, learning_rate)
         progress(iteration, steps, costs[-1])
     return Trace("adam", True, f"{steps} steps", tuple(costs), np.array(path))
 
 
-@eqx.filter_jit
-def _adam_step(residual: Residual, z: Any, args: Any, state: Any, learning_rate: Any) -> tuple[Any, Any, Any]:
-    value = residual(z, args)
-    _, pull = jax.vjp(lambda y: residual(y, args), z)
-    (gradient,) = pull(2.0 * value)
+@jax.jit
+def _adam_step(z: Any, gradient: Any, state: Any, learning_rate: Any) -> tuple[Any, Any]:
     update, state = optax.adam(learning_rate).update(gradient, state, z)
-    return jnp.sum(value**2), optax.apply_updates(z, update), state
+    return optax.apply_updates(z, update), state

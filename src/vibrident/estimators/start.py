@@ -1,7 +1,7 @@
 """Start values from the nonparametric response alone: no user ever gives one.
 
-A grid over natural frequency and damping, compared by magnitude; the gain's size from the mean ratio; its sign and the delay
-from the phase; then a few Levenberg–Marquardt runs from the best and most different candidates.
+A grid over natural frequency and damping, compared by magnitude; the gain's size from the mean ratio; its sign and
+the delay from the phase; then a few Levenberg–Marquardt runs from the best and most different candidates.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
 """Response over narrow bands for motion that is not a sine: sweeps, random, multisine, shock.
 
-H = Σ Y X* / Σ |X|² over the spectral lines of a band (the H1 estimate; Bendat & Piersol 2010, sec. 6.1), for bands that hold
-enough of the excitation. Start values and pictures come from it, never the identified parameters.
+H = Σ Y X* / Σ |X|² over the spectral lines of a band (the H1 estimate; Bendat & Piersol 2010, sec. 6.1), for bands
+that hold enough of the excitation. Start values and pictures come from it, never the identified parameters.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,8 +18,6 @@ from vibrident.records import FloatArray, Record
 
 LINES_IN_BAND = 6
 BANDS_PER_OCTAVE = 12
-#: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
-HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
 
@@ -46,9 +45,9 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
     window = window * mask
     signals = np.stack([np.asarray(record.reference), record.response], axis=1)
     signals = signals - signals[mask].mean(axis=0)
-    spectrum = fft.rfft(signals * window[:, None], axis=0) * 2.0 / np.sum(window)
+    spectrum = np.asarray(fft.rfft(signals * window[:, None], axis=0)) * 2.0 / np.sum(window)
     edges = band_edges(n, rate).astype(int)
-    power = np.array([np.mean(np.abs(spectrum[a:b, 0]) ** 2) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    power = np.array([np.mean(np.abs(spectrum[a:b, 0]) ** 2) for a, b in itertools.pairwise(edges)])
     keep = np.flatnonzero(power > LEAST_POWER * power.max())
     if power.max() == 0 or keep.size == 0:
         return None
@@ -68,9 +67,7 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
         x[row, :count], y[row, :count], weight[row, :count] = bx / np.sqrt(2), by / np.sqrt(2), 1.0
     freedom = np.maximum(2.0 * weight.sum(axis=1) - 2.0, 1.0)
     owner = np.full(keep.size, index)
-    return MeasuredResponse(
-        frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2))
-    )
+    return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
 
 
 def coherent_remainder(
@@ -93,28 +90,22 @@ def coherent_remainder(
     if used.sum() < 8 * LINES_IN_BAND:
         return None
     n, rate = record.samples, record.sampling_rate_hz
-    first, last = np.flatnonzero(used)[[0, -1]]
-    window = np.zeros(n)
-    window[first : last + 1] = np.hanning(last - first + 1) if record.excitation != "shock" else 1.0
-    window *= used
-    series = np.where(used, predicted, 0.0)
-    series = np.where(used, series - series[used].mean(), 0.0)
-    residual = np.where(used, record.response - np.where(used, predicted, 0.0), 0.0)
-    spectra = fft.rfft(np.stack([residual, series]) * window, axis=-1)
-    rows = []
-    edges = band_edges(n, rate).astype(int)
+    series = np.where(used, predicted - np.mean(predicted[used]), 0.0)
+    residual = np.where(used, record.response - predicted, 0.0)
+    # No window: white noise then has independent lines, whenever in the record the motion passes a band.
+    spectra = fft.rfft(np.stack([residual, series]), axis=-1)
     power = np.abs(spectra) ** 2
-    strongest = max(float(np.mean(power[1, a:b])) for a, b in zip(edges[:-1], edges[1:], strict=True))
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    edges = band_edges(n, rate).astype(int)
+    strongest = max(float(np.mean(power[1, a:b])) for a, b in itertools.pairwise(edges))
+    rows = []
+    for a, b in itertools.pairwise(edges):
         total = float(np.sum(power[1, a:b]))
         if total <= LEAST_POWER * strongest * (b - a):
             continue
         rho = np.sum(spectra[0, a:b] * np.conj(spectra[1, a:b])) / total
         rest = float(np.sum(np.abs(spectra[0, a:b] - rho * spectra[1, a:b]) ** 2))
-        # Neighbouring lines of a Hann window are correlated: b − a lines are worth fewer.
-        worth = (b - a) if record.excitation == "shock" else (b - a) / HANN_CORRELATION
-        freedom = 2.0 * max(worth - 1.0, 1.0)
-        variance = rest / max(b - a - (b - a) / worth, 1.0) * ((b - a) / worth) / total / 2.0
+        freedom = 2.0 * max((b - a) * float(np.mean(used)) - 1.0, 1.0)
+        variance = rest / (b - a - 1.0) / total / 2.0
         if variance <= 0.0 or variance > 0.25:
             continue
         centre = float(np.sum(np.arange(a, b) * power[1, a:b]) / total) * rate / n

@@ -13,8 +13,8 @@ from vibrident.measure.response import MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
-#: A run of samples at a channel's extreme is a plateau when a parabola through half as many samples on either side passes it by
-#: this many times the run's own spread and the parabola's misfit …
+#: A run of samples at a channel's extreme is a plateau when a parabola through half as many samples on either side
+#: passes it by this many times the run's own spread and the parabola's misfit …
 PLATEAU_RATIO = 4.0
 #: … and by this part of the channel's range (less is the flat step of a coarse generator).
 LEAST_CUT = 2.5e-3
@@ -101,9 +101,10 @@ def _without_plateaus(record: Record) -> tuple[Record, list[Finding]]:
 def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
     """Samples on a plateau at either extreme, with a guard of two samples around; shape (samples,).
 
-    A free signal turns round at its extreme as the samples on both sides foretell; a clipped one stays flat where they lead
-    further, and one that is thrown to a rail lies where they do not lead at all. The comparison needs no full scale, and
-    neither a slow sine's flat top, nor coarse quantisation, nor the rest before a shock looks clipped.
+    A free signal turns round at its extreme as the samples on both sides foretell; a clipped one stays flat where
+    they lead further, and one that is thrown to a rail lies where they do not lead at all. The comparison needs no
+    full scale, and neither a slow sine's flat top, nor coarse quantisation, nor the rest before a shock looks
+    clipped.
     """
     bad = np.zeros(values.shape, dtype=bool)
     rest = float(np.median(values[valid])) if valid.any() else 0.0
@@ -171,7 +172,7 @@ def _aliasing(record: Record) -> list[Finding]:
     if record.reference is None:
         return []
     values = np.where(record.mask, np.asarray(record.reference) - np.asarray(record.reference)[record.mask].mean(), 0.0)
-    power = np.abs(fft.rfft(values * np.hanning(record.samples))) ** 2
+    power = np.abs(np.asarray(fft.rfft(values * np.hanning(record.samples)))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
     if total > 0 and above > ALIAS_POWER * total:
@@ -191,7 +192,9 @@ def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list
     for record, frequency in zip(records, frequencies_hz, strict=True):
         periods = frequency * record.mask.sum() / record.sampling_rate_hz
         if periods < FEWEST_PERIODS:
-            findings.append(Finding("short_record", f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz."))
+            findings.append(
+                Finding("short_record", f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz.")
+            )
     return findings
 
 

@@ -1,4 +1,4 @@
-"""The nonparametric response: complex amplitudes of both channels at each excited frequency, and the noise around them."""
+"""The nonparametric response: complex amplitudes of both channels at each excited frequency, and the noise there."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Multi-channel sine fit: one frequency for both channels, harmonics, offset, trend, and the noise beside the tone.
 
-Least squares in time (IEEE Std 1057-2017, four-parameter fit, extended to two channels that share the frequency), so that
-a record need not hold whole periods and samples may be missing. The slow remains of a transient can be fitted along
-where the sensor's poles are known.
+Least squares in time (IEEE Std 1057-2017, four-parameter fit, extended to two channels that share the frequency),
+so that a record need not hold whole periods and samples may be missing. The slow remains of a transient can be
+fitted along where the sensor's poles are known.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from vibrident.measure.bands import HANN_CORRELATION
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
 HARMONICS = 5
 #: Noise lines: from this many Hann main-lobe bins off the tone, over this factor in frequency, within these numbers.
 GUARD_BINS = 3
+#: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
+HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: The frequency's Gauss–Newton steps: quadratic, so a step below this phase over the record leaves an error below 1e-9.
 FREQUENCY_ITERATIONS, FREQUENCY_TOLERANCE = 12, 3e-5
 BAND_FACTOR = 1.5
@@ -84,7 +85,7 @@ def _spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, nea
     n = signal.shape[0]
     centred = np.where(mask, signal - signal[mask].mean(), 0.0)
     size = fft.next_fast_len(n, real=True)
-    power = np.abs(fft.rfft(centred * _hann(n), size))
+    power = np.abs(np.asarray(fft.rfft(centred * _hann(n), size)))
     bins = np.arange(power.shape[0]) * rate / size
     inside = bins > 0.25 * rate / n
     if near is not None:
@@ -187,7 +188,7 @@ def _noise_lines(
     """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K)."""
     n = residual.shape[1]
     window = _hann(n) if mask.all() else _hann(n) * mask
-    spectrum = fft.rfft(residual * window, axis=1)
+    spectrum = np.asarray(fft.rfft(residual * window, axis=1))
     last = spectrum.shape[1] - 1
     centre = frequency * n / rate
     low, high = int(centre / BAND_FACTOR), int(centre * BAND_FACTOR) + 1

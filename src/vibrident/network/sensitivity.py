@@ -38,12 +38,14 @@ class Normal(NamedTuple):
         gradient: Jᵀr, shape (P,), r the weighted residual measured − network.
         cost: rᵀr.
         squares: Σ r² of every segment, not weighted by the noise, shape (S,).
+        response: the network's response with the best initial states and offsets, shape (L, M).
     """
 
     matrix: Any
     gradient: Any
     cost: Any
     squares: Any
+    response: Any
 
 
 def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int) -> Normal:
@@ -74,7 +76,9 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     columns = [
         (slope + free_part(proj.rows, lanes.rate, d)) * scale for slope, d in zip(in_chunk, d_starts, strict=True)
     ]
-    matrix = jnp.stack([jnp.stack([jnp.vdot(columns[max(a, b)], columns[min(a, b)]) for b in range(p)]) for a in range(p)])
+    matrix = jnp.stack(
+        [jnp.stack([jnp.vdot(columns[max(a, b)], columns[min(a, b)]) for b in range(p)]) for a in range(p)]
+    )
     gradient = jnp.stack([jnp.vdot(column, residual) for column in columns])
     cost = jnp.vdot(residual, residual)
 
@@ -82,7 +86,7 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     totals = jnp.stack([imitable(proj, lanes, column) for column in columns])  # (P, S, n + 1)
     matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
-    return Normal(matrix, gradient, cost, squares)
+    return Normal(matrix, gradient, cost, squares, response)
 
 
 def contract(matrix: Any, vectors: Any) -> Any:

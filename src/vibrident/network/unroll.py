@@ -1,9 +1,9 @@
 """The unrolled network over many records at once, in parallel chunks.
 
 A recursion over millions of samples is sequential, but a linear one splits: cut each record into chunks of a few
-hundred steps, run all chunks side by side from a zero state, then pass the state from chunk to chunk (x' = Φ^L x + end of
-chunk) and add each chunk's free response C Φ^k x. The result is the recursion's own, to rounding, at the speed of a
-vector loop. Every operation is elementwise across chunks; no small matrix products inside the loop.
+hundred steps, run all chunks side by side from a zero state, then pass the state from chunk to chunk (x' = Φ^L x +
+end of chunk) and add each chunk's free response C Φ^k x. The result is the recursion's own, to rounding, at the
+speed of a vector loop. Every operation is elementwise across chunks; no small matrix products inside the loop.
 
 The unknown initial state of each record and the offset of its response enter linearly, so they are solved for exactly
 (variable projection; Golub & Pereyra 1973) rather than trained or trimmed away.

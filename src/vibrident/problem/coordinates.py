@@ -1,10 +1,10 @@
-"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds built in.
+r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds built in.
 
 | kind | physical value of coordinate z | why |
 |---|---|---|
 | gain | z · start | linear; keeps its sign free |
 | log | start · e^z | positive, and scale-free |
-| positive | \\|z\\| | reflected at zero: δ = 0 is reachable |
+| positive | \|z\| | reflected at zero: δ = 0 is reachable |
 | time | z · unit | linear, any sign |
 """
 

@@ -1,10 +1,10 @@
 """The residual in frequency: measured complex responses against the model's, weighted by their noise.
 
-Two kinds of data, one form. Records give complex amplitudes X (reference) and Y (response) of each tone; the residual
-Y − H X over its standard deviation is the errors-in-variables residual (Pintelon & Schoukens 2012, sec. 9.11): its sum of
-squares is the maximum-likelihood cost once the unknown true X is eliminated. The deviation depends on H and is refreshed
-between fits. A table gives |H| and its phase with standard uncertainties u; the residual is in those coordinates,
-(|H| − m)/u_m and (arg H − φ)/u_φ.
+Two kinds of data, one form. Records give complex amplitudes X (reference) and Y (response) of each tone; the
+residual Y − H X over its standard deviation is the errors-in-variables residual (Pintelon & Schoukens 2012, sec.
+9.11): its sum of squares is the maximum-likelihood cost once the unknown true X is eliminated. The deviation
+depends on H and is refreshed between fits. A table gives |H| and its phase with standard uncertainties u; the
+residual is in those coordinates, (|H| − m)/u_m and (arg H − φ)/u_φ.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from vibrident.backend import jnp
 from vibrident.measure import MeasuredResponse
+from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import Coordinates
 from vibrident.records import FloatArray, Quantity, ResponseTable
@@ -76,7 +77,7 @@ class FrequencyProblem:
         return float(np.min(self.data[0])), float(np.max(self.data[0]))
 
     @property
-    def response(self) -> FloatArray:
+    def response(self) -> ComplexArray:
         """Measured complex sensitivity, shape (n,)."""
         if self.polar:
             return self.data[1] * np.exp(1j * self.data[2])
@@ -90,7 +91,9 @@ class FrequencyProblem:
         return self.data[3] / np.maximum(np.abs(self.data[2]), 1e-300)
 
 
-def response_residual(z: Any, coordinates: Coordinates, polar: bool, has_phase: bool, quantity: Quantity, data: Any) -> Any:
+def response_residual(
+    z: Any, coordinates: Coordinates, polar: bool, has_phase: bool, quantity: Quantity, data: Any
+) -> Any:
     """Weighted residual, shape (equations,); see the module's text."""
     parameters = coordinates.physical(z)
     if polar:

@@ -2,9 +2,9 @@
 
     r_k = (y_k − ŷ_k(θ; x0, b)) / σ_record
 
-with the initial state x0 and the offset b of every segment eliminated exactly. The derivative is the variable projection
-of Kaufman (1975): differentiate with x0 and b held, then take out what they could imitate. Its Gauss–Newton step is the
-joint step over all unknowns, and its gradient is the exact gradient.
+with the initial state x0 and the offset b of every segment eliminated exactly. The derivative is the variable
+projection of Kaufman (1975): differentiate with x0 and b held, then take out what they could imitate. Its
+Gauss–Newton step is the joint step over all unknowns, and its gradient is the exact gradient.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class TimeProblem:
         intervals_s: distinct sampling intervals, shape (R,).
         fractions: read-out fraction at ``delay_s``, shape (R,).
         delay_s: delay at which the inputs were interpolated.
-        record_of_segment: shape (S,).
+        record_of_segment: record of each real segment; segments beyond them are padding.
         sample: shape (L, M), index of each step in its record, −1 for padding.
     """
 
@@ -97,10 +97,11 @@ class TimeProblem:
         """
         delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
-        proper = not realise(model.rational(start, quantity)).d
+        system = model.rational(start, quantity)
+        order = len(system.denominator) - 1
+        direct = len(system.numerator) > order  # the response then contains the reference itself
         fastest = 2.0 * np.pi * start["natural_frequency"] * _fastest(start["damping_ratio"])
-        terms = max(method.terms(fastest * ts, direct=not proper) for ts in intervals)
-        order = len(model.rational(start, quantity).denominator) - 1
+        terms = max(method.terms(fastest * ts, direct=direct) for ts in intervals)
         pieces, fractions = [], np.zeros(len(intervals))
         for index, record in enumerate(records):
             reference = np.zeros(record.samples) if record.reference is None else np.array(record.reference)
@@ -121,17 +122,18 @@ class TimeProblem:
                 remedy="use longer records, or the estimator 'ml'",
             )
         lanes, sample = _cut(pieces, records, rate, terms)
-        layout = Layout(model, method, quantity, terms, order, len(pieces))
+        layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1))
         owners = np.array([piece[0] for piece in pieces])
         return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, sample)
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
         """Samples less initial states and offset, for every record, shape (records,)."""
-        per_lane = np.asarray(jnp.sum(self.lanes.weight, axis=0))
-        owners = self.record_of_segment[np.asarray(self.lanes.segment)]
+        per_lane = np.sum(self.lanes.weight, axis=0)
+        owners = self.by_lane(np.arange(len(self.records)), fill=0).astype(int)  # padding weighs nothing
         counts = np.bincount(owners, weights=per_lane, minlength=len(self.records))
-        return counts - (self.layout.order + 1) * np.bincount(self.record_of_segment, minlength=len(self.records))
+        segments = np.bincount(self.record_of_segment, minlength=len(self.records))
+        return np.asarray(counts - (self.layout.order + 1.0) * segments, dtype=np.float64)
 
     @functools.cached_property
     def data(self) -> tuple[Any, ...]:
@@ -141,36 +143,32 @@ class TimeProblem:
     def _arrays(self) -> tuple[Any, ...]:
         return self.lanes, self.intervals_s, self.fractions, self.delay_s
 
-    def by_lane(self, per_record: FloatArray) -> FloatArray:
-        """Spread one value a record over its lanes, shape (M,)."""
-        return np.asarray(per_record)[self.record_of_segment[np.asarray(self.lanes.segment)]]
+    def by_lane(self, per_record: np.ndarray, fill: float = 1.0) -> np.ndarray:
+        """Spread one value a record over its lanes, shape (M,); ``fill`` for padding lanes."""
+        spread = np.append(np.asarray(per_record)[self.record_of_segment], fill)
+        return spread[np.minimum(np.asarray(self.lanes.segment), len(self.record_of_segment))]
 
     def weights(self, parameters: dict[str, Any]) -> Weights:
         """Network weights of the sensor, one set a sampling interval (leading axis R)."""
-        return _weights(parameters, self.layout, self.intervals_s, self.fractions, self.delay_s)
+        return _compiled_weights(parameters, self.layout, self.intervals_s, self.fractions, self.delay_s)
 
-    def predict(self, coordinates: Coordinates, z: Any) -> tuple[list[FloatArray], Nuisance]:
-        """Predicted response of every record (NaN where the network gives none), and the nuisance found."""
-        weights = self.weights(coordinates.physical(jnp.asarray(z)))
-        response, nuisance = _predict(weights, self.lanes, self.layout.segments)
-        flat = np.asarray(response).T.ravel()
+    def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:
+        """Predicted response of every record, NaN where the network gives none, with the best initial states."""
+        noise = jnp.ones(self.lanes.segment.shape)
+        return self.by_record(evaluate(jnp.asarray(z), coordinates, self.layout, self.data, noise).response)
+
+    def by_record(self, lanes_values: Any) -> list[FloatArray]:
+        """Put values of the lanes, shape (L, M), back in the order of the records' samples; NaN elsewhere."""
+        flat = np.asarray(lanes_values).T.ravel()
         index = self.sample.T.ravel()
-        owner = np.repeat(self.by_lane(np.arange(len(self.records))), self.sample.shape[0])
-        predicted = []
+        owner = np.repeat(self.by_lane(np.arange(len(self.records)), fill=-1), self.sample.shape[0])
+        ordered = []
         for number, record in enumerate(self.records):
             mine = (owner == number) & (index >= 0)
             series = np.full(record.samples, np.nan)
             series[index[mine]] = flat[mine]
-            predicted.append(series)
-        return predicted, nuisance
-
-
-@functools.partial(jax.jit, static_argnames=("segments",))
-def _predict(weights: Weights, lanes: Lanes, segments: int) -> tuple[Any, Nuisance]:
-    p = projection(weights, lanes, segments)
-    zero = Nuisance(jnp.zeros((segments, weights.output.shape[-1])), jnp.zeros(segments))
-    nuisance = fit_nuisance(p, lanes, lanes.response - respond(weights, lanes, zero))
-    return respond(weights, lanes, nuisance), nuisance
+            ordered.append(series)
+        return ordered
 
 
 def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> Weights:
@@ -183,6 +181,9 @@ def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractio
         return layout.method.weights(system, ts, fraction - late / ts, layout.terms)
 
     return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
+
+
+_compiled_weights = jax.jit(_weights, static_argnames=("layout",))
 
 
 def time_residual(weights: Weights, lanes: Lanes, noise: Any, segments: int) -> Any:
@@ -225,6 +226,16 @@ def _fastest(damping: float) -> float:
     return damping + np.sqrt(damping * damping - 1.0) if damping > 1.0 else 1.0
 
 
+#: Compiled, and the one large program of the package: everything that looks at records in time goes through it.
+evaluate = jax.jit(physical_normal, static_argnames=("layout",))
+
+
+def _bucket(count: int) -> int:
+    """The next number of the form m·2ᵏ with 8 ≤ m ≤ 16: at most an eighth more."""
+    step = max(1, 1 << (max(count - 1, 1).bit_length() - 4)) if count > 16 else 1
+    return -(-count // step) * step
+
+
 def _runs(usable: BoolArray) -> list[slice]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -235,11 +246,12 @@ def _cut(
 ) -> tuple[Lanes, np.ndarray]:
     """Cut segments into chunks of CHUNK steps, the last one padded with weight zero."""
     counts = [-(-(piece[1].stop - piece[1].start) // CHUNK) for piece in pieces]
-    total = sum(counts)
+    total = _bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
+    padding = len(pieces)
     inputs = np.zeros((total, CHUNK, terms))
     response, weight = np.zeros((total, CHUNK)), np.zeros((total, CHUNK))
     sample = np.full((total, CHUNK), -1)
-    first, segment, rates = np.zeros(total, dtype=bool), np.zeros(total, dtype=int), np.zeros(total, dtype=int)
+    first, segment, rates = np.ones(total, dtype=bool), np.full(total, padding), np.zeros(total, dtype=int)
     lane = 0
     for number, ((index, run, coefficients), count) in enumerate(zip(pieces, counts, strict=True)):
         steps = run.stop - run.start
@@ -249,7 +261,8 @@ def _cut(
         response[mine].reshape(-1)[:steps] = records[index].response[run] * mask
         weight[mine].reshape(-1)[:steps] = mask
         sample[mine].reshape(-1)[:steps] = np.arange(run.start, run.stop)
-        first[lane], segment[mine], rates[mine] = True, number, rate[index]
+        first[mine], segment[mine], rates[mine] = False, number, rate[index]
+        first[lane] = True
         lane += count
     lanes = Lanes(
         np.ascontiguousarray(np.moveaxis(inputs, 0, -1)),

@@ -1,8 +1,8 @@
 """Does the model explain the data? Deviations at the excited frequencies against their uncertainty.
 
-With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when the model is right. For
-motion that is not a sine the points are narrow bands: the part of the time residual that is coherent with the predicted
-response, against the part that is not. The model is rejected below a probability of 10⁻³.
+With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when the model is
+right. For motion that is not a sine the points are narrow bands: the part of the time residual that is coherent
+with the predicted response, against the part that is not. The model is rejected below a probability of 10⁻³.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
 REJECTION = 1e-3
-#: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may show.
+#: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
+#: show.
 RANDOM_ENOUGH = 4.0
 
 
@@ -57,17 +58,17 @@ class Points:
     freedom: FloatArray
 
 
-def tone_points(tones: MeasuredResponse, model_response: ComplexArray, deviation: FloatArray, names: Sequence[str]) -> Points:
+def tone_points(
+    tones: MeasuredResponse, model_response: ComplexArray, deviation: FloatArray, names: Sequence[str]
+) -> Points:
     """Points of sine records; ``deviation`` is that of the real part of Y − H X."""
     error = np.abs(tones.response - model_response * tones.reference) ** 2 / deviation**2
     relative = deviation / np.maximum(np.abs(tones.response), np.finfo(float).tiny)
-    owners = tuple(names[i] for i in tones.record)
+    owners = tuple(names[int(i)] for i in tones.record)
     return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
 
 
-def band_points(
-    records: Sequence[Record], predicted: Sequence[FloatArray], response: object
-) -> list[Points]:
+def band_points(records: Sequence[Record], predicted: Sequence[FloatArray], response: object) -> list[Points]:
     """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
 
     Args:

@@ -17,7 +17,9 @@ WEAK = 0.1
 TRADE = 5.0
 
 
-def doubts(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> tuple[dict[str, str], list[ResultWarning]]:
+def doubts(
+    coordinates: Coordinates, z: FloatArray, covariance: FloatArray
+) -> tuple[dict[str, str], list[ResultWarning]]:
     """Names of parameters that are weakly determined (with the one each trades against), and the warnings.
 
     A parameter at a bound is reported as such.

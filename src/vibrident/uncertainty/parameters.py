@@ -1,8 +1,8 @@
 """Parameters with standard uncertainty and 95 % interval, estimated and derived.
 
-The covariance of the coordinates z is exact to first order (GUM 5.2); intervals are taken in z, where the problem is most
-nearly linear, with Student's t, and carried over: a natural frequency's interval is symmetric in its logarithm, a damping
-ratio's ends at zero. Derived quantities are propagated by automatic differentiation.
+The covariance of the coordinates z is exact to first order (GUM 5.2); intervals are taken in z, where the problem
+is most nearly linear, with Student's t, and carried over: a natural frequency's interval is symmetric in its
+logarithm, a damping ratio's ends at zero. Derived quantities are propagated by automatic differentiation.
 """
 
 from __future__ import annotations
