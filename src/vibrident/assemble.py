@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp
+from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
 from vibrident.estimators.ml import refreshed_tones
-from vibrident.models.state_space import realise, state_scaling
 from vibrident.network import weight_table
 from vibrident.problem import Evidence, TimeProblem
 from vibrident.problem.frequency_domain import response_residual
@@ -105,10 +104,9 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     predicted = problem.predict(estimate.coordinates, estimate.z)
     if estimate.estimator != "ipnn":
         return tuple(predicted), {}
-    all_weights = problem.weights({k: jnp.asarray(v) for k, v in values.items()})
-    one = Weights(*(np.asarray(w[0]) for w in jax.tree.leaves(all_weights)))
-    scaling = state_scaling(realise(evidence.model.rational(values, evidence.quantity)))
-    table = weight_table(one, scaling)
+    first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
+    scale = evidence.model.rational(values, evidence.quantity).angular_scale
+    table = weight_table(first, scale ** np.arange(problem.layout.order))  # in the paper's states V, V̇
     return tuple(predicted), {
         **table,
         "discretisation": name,

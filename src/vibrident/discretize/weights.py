@@ -50,9 +50,9 @@ class Weights(NamedTuple):
     output: Any
     feedthrough: Any
 
-    def table(self) -> dict[str, Any]:
-        """W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
-        back = jnp.linalg.solve(self.transition.T, self.output)  # C Φ⁻¹
+    def table(self, xp: Any = jnp) -> dict[str, Any]:
+        """W1…W4 of the paper's Table 1: hidden states updated first, then read out. ``xp``: array library."""
+        back = xp.linalg.solve(self.transition.T, self.output)  # C Φ⁻¹
         return {
             "W1": self.drive,
             "W2": back,

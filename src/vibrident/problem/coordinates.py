@@ -58,8 +58,8 @@ class Coordinates:
         unit = float(self.time_unit_s)
         return np.array([{"gain": 1.0, "log": 0.0, "positive": v, "time": v / unit}[kind] for kind, v in pairs])
 
-    def physical(self, z: Any) -> dict[str, Any]:
-        """Name to physical value; ``z`` may be traced."""
+    def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
+        """Name to physical value; ``z`` may be traced. ``xp``: array library of the few functions needed."""
         values = {}
         low, high = self.band_hz[0] / BAND_MARGIN, self.band_hz[1] * BAND_MARGIN
         for index, spec in enumerate(self.model.parameters):
@@ -67,16 +67,16 @@ class Coordinates:
             if spec.kind == "gain":
                 values[spec.name] = z[index] * start
             elif spec.kind == "log":
-                values[spec.name] = jnp.clip(start * jnp.exp(z[index]), low, high)
+                values[spec.name] = xp.clip(start * xp.exp(z[index]), low, high)
             elif spec.kind == "positive":
-                values[spec.name] = jnp.abs(z[index])
+                values[spec.name] = xp.abs(z[index])
             else:
                 values[spec.name] = z[index] * self.time_unit_s
         return values
 
     def values(self, z: Any) -> dict[str, float]:
         """Name to physical value, as plain floats."""
-        return {name: float(value) for name, value in self.physical(jnp.asarray(z, dtype=float)).items()}
+        return {name: float(value) for name, value in self.physical(np.asarray(z, dtype=float), np).items()}
 
     def vector(self, z: Any) -> Any:
         """Physical values in the model's order, shape (parameters,)."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from vibrident.models import parse
 from vibrident.records import QUANTITIES, Calibration, FloatArray, Provenance, Quantity, Record
+from vibrident.simulate.antialias import filtered
 from vibrident.simulate.checks import require, require_choice, require_positive
 from vibrident.simulate.excitation import Sine
 from vibrident.simulate.frequencies import one_third_octave
@@ -41,6 +43,7 @@ def simulate(
     quantity: Quantity = "acceleration",
     method: Literal["exact", "rk4"] = "exact",
     substeps: int = 1,
+    antialias: bool | None = None,
     seed: Seed = 0,
 ) -> Calibration:
     """Simulate a calibration. The defaults are the paper's (section 4), without its noise.
@@ -68,6 +71,8 @@ def simulate(
         quantity: what the reference shows.
         method: ``exact``, or ``rk4`` (the paper's) with ``substeps`` steps a sample.
         substeps: for ``rk4``.
+        antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose corners
+            would alias. Needs ``exact`` and the start from rest.
         seed: of everything random; every record and purpose has a stream of its own.
 
     Returns:
@@ -92,10 +97,17 @@ def simulate(
     )
     felt = FeltLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
     takes = [felt.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
-    responses = _responses(chosen, takes, start, method, substeps)
+    if antialias:
+        require_choice("With antialias the method", method, ("exact",))
+        require_choice("With antialias the start", start, ("rest",))
+    possible = antialias is not False and method == "exact" and start == "rest"
+    behind = [possible and (bool(antialias) or take.motion.kind == "shock") for take in takes]
+    responses = _responses(chosen, takes, start, method, substeps, behind)
     made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"
     calibration = Calibration(
-        records=tuple(_record(take, row, quantity, made) for take, row in zip(takes, responses, strict=True)),
+        records=tuple(
+            _record(take, row, quantity, made, b) for take, row, b in zip(takes, responses, behind, strict=True)
+        ),
         model=chosen.model,
         quantity=quantity,
         response_unit=chosen.response_unit,
@@ -186,7 +198,9 @@ def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Se
     return frequencies
 
 
-def _responses(sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int) -> list[FloatArray]:
+def _responses(
+    sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int, behind: list[bool]
+) -> list[FloatArray]:
     model = parse(sensor.model)
     if method == "rk4":
         rows = rk4_response(
@@ -199,25 +213,32 @@ def _responses(sensor: Sensor, takes: list[Take], start: Start, method: str, sub
             substeps=substeps,
         )
         return list(rows)
-    return [
-        exact_response(
-            model,
-            sensor.parameters,
-            take.motion,
-            sampling_rate_hz=take.sampling_rate_hz,
-            samples=take.samples,
-            start=start,
+
+    def exact(take: Take, rate: float, samples: int) -> FloatArray:
+        return exact_response(
+            model, sensor.parameters, take.motion, sampling_rate_hz=rate, samples=samples, start=start
         )
-        for take in takes
-    ]
+
+    return [_sampled(functools.partial(exact, take), take, b) for take, b in zip(takes, behind, strict=True)]
 
 
-def _record(take: Take, response: FloatArray, quantity: Quantity, made: str) -> Record:
+def _sampled(channel: Callable[[float, int], FloatArray], take: Take, behind: bool) -> FloatArray:
+    """A channel's samples, ``behind`` an anti-alias filter or as they are."""
+    if behind:
+        return filtered(channel, take.sampling_rate_hz, take.samples)
+    return channel(take.sampling_rate_hz, take.samples)
+
+
+def _record(take: Take, response: FloatArray, quantity: Quantity, made: str, behind: bool) -> Record:
     motion = take.motion
     base = getattr(motion, "parts", (motion,))[0]
     reference = None
     if motion.kind != "decay":
-        reference = exact_reference(motion, quantity, sampling_rate_hz=take.sampling_rate_hz, samples=take.samples)
+
+        def exact(rate: float, samples: int) -> FloatArray:
+            return exact_reference(motion, quantity, sampling_rate_hz=rate, samples=samples)
+
+        reference = _sampled(exact, take, behind)
     return Record(
         take.name,
         reference,
@@ -225,7 +246,7 @@ def _record(take: Take, response: FloatArray, quantity: Quantity, made: str) -> 
         take.sampling_rate_hz,
         motion.kind,
         frequency_hz=base.frequency_hz if isinstance(base, Sine) else None,
-        provenance=Provenance(history=(made, f"motion: {motion.words}")),
+        provenance=Provenance(history=(made, f"motion: {motion.words}", *(("anti-alias filter",) if behind else ()))),
     )
 
 
