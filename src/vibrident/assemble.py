@@ -11,7 +11,7 @@ from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
-from vibrident.estimators.ml import refreshed_tones
+from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.network import weight_table
 from vibrident.problem import Evidence, TimeProblem
 from vibrident.problem.frequency_domain import response_residual
@@ -62,7 +62,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
     points: list[Points] = []
     if evidence.tones is not None:
-        tones = estimate.tones or refreshed_tones(evidence, evidence.tones, values)
+        problem = estimate.problem or network_problem(evidence, values)
+        tones = estimate.tones or residual_tones(evidence, problem, estimate.coordinates, estimate.z)
         names = [r.name for r in evidence.records]
         deviation = tones.error_deviation(response)
         points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))

@@ -18,9 +18,10 @@ import numpy as np
 from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
-from vibrident.estimators.ml import refreshed_tones, weighted_problem
+from vibrident.estimators.ml import weighted_problem
 from vibrident.estimators.objectives import inverse_jacobian, inverse_objective
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
+from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import start_values
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 
@@ -55,7 +56,8 @@ class LeastSquares:
         start = start_values(first, model)
         problem, freedom, tones = first, np.inf, None
         if evidence.tones is not None:
-            tones = refreshed_tones(evidence, evidence.tones, start)
+            coordinates = Coordinates.at(model, start, first.band_hz)
+            tones = residual_tones(evidence, network_problem(evidence, start), coordinates, coordinates.first)
             problem = weighted_problem(tones, model, start, evidence)
             freedom = float(np.sum(tones.degrees_of_freedom))
         weight = self._weight(problem)

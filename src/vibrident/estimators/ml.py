@@ -9,7 +9,7 @@ and phase.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,14 +18,15 @@ from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
+from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import start_values
-from vibrident.measure import MeasuredResponse, measure_tones
+from vibrident.measure import MeasuredResponse
 from vibrident.models import SensorModel
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.records import FloatArray
 
-#: Rounds of fit and refreshed weights; the second changes the estimate by far less than its uncertainty.
-ROUNDS = 3
+#: Most rounds of fit and refreshed tones, and the change of the coordinates (relative, nearly) that needs no further one.
+ROUNDS, SETTLED = 4, 1e-4
 
 
 @dataclass(frozen=True)
@@ -56,32 +57,18 @@ class MaximumLikelihood:
             trace = _descend(coordinates, coordinates.first, first, progress)
             return _estimate(coordinates, trace, first, np.inf)
         z = coordinates.first
-        tones = refreshed_tones(evidence, evidence.tones, coordinates.values(z))
-        trace, before = None, coordinates.values(z)
-        for round_ in range(ROUNDS):
-            if round_ and _poles_moved(before, coordinates.values(z)):
-                tones = refreshed_tones(evidence, tones, coordinates.values(z))
-            before = coordinates.values(z)
-            problem = weighted_problem(tones, model, before, evidence)
+        network = network_problem(evidence, start)
+        for _ in range(ROUNDS):
+            tones = residual_tones(evidence, network, coordinates, z)
+            problem = weighted_problem(tones, model, coordinates.values(z), evidence)
             trace = _descend(coordinates, z, problem, progress)
+            moved = float(np.max(np.abs(trace.last - z)))
             z = trace.last
+            if moved < SETTLED:
+                break
         problem = weighted_problem(tones, model, coordinates.values(z), evidence)
-        return _estimate(coordinates, trace, problem, float(np.sum(tones.degrees_of_freedom)), tones)
-
-
-def _poles_moved(before: dict[str, float], after: dict[str, float]) -> bool:
-    """Whether the transient that was fitted along decays or rings noticeably otherwise now."""
-    ratio = abs(after["natural_frequency"] / before["natural_frequency"] - 1.0)
-    return ratio + abs(after["damping_ratio"] - before["damping_ratio"]) > 1e-3
-
-
-def refreshed_tones(evidence: Evidence, tones: MeasuredResponse, values: dict[str, float]) -> MeasuredResponse:
-    """The tones again, with the sensor's free response fitted along."""
-    poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
-    sines = [evidence.records[i] for i in tones.record]
-    refreshed = measure_tones(sines, tones.frequency_hz.tolist(), poles)
-    fields = {name: getattr(refreshed, name) for name in refreshed.__dataclass_fields__}
-    return MeasuredResponse(**{**fields, "record": tones.record})
+        freedom = float(np.sum(tones.degrees_of_freedom))
+        return replace(_estimate(coordinates, trace, problem, freedom, tones), problem=network)
 
 
 def weighted_problem(

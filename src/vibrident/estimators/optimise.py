@@ -20,7 +20,6 @@ from vibrident.backend import jax, jnp
 from vibrident.records import FloatArray
 
 
-
 class Quadratic(Protocol):
     """What an objective returns: rᵀr, Jᵀr with J = −∂r/∂z, and JᵀJ."""
 

@@ -1,0 +1,62 @@
+"""``python -m bench``: run the benchmarks, print one table, keep the figures.
+
+python -m bench                              everything (`make bench`)
+python -m bench --only speed cold            some sections
+python -m bench --quick                      a short trial; nothing is published
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from dataclasses import replace
+
+from rich.console import Console
+
+from bench.options import Options
+from bench.progress import STDERR
+from bench.publish import circumstances, keep, show
+
+#: Name of a section → the module whose ``measure`` takes it.
+SECTIONS = {
+    "accuracy": "bench.accuracy",
+    "statistics": "bench.scatter",
+    "speed": "bench.speed",
+    "cold": "bench.cold",
+    "peers": "bench.against",
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the chosen sections; 0 whatever the figures say."""
+    options, chosen = _parsed(arguments)
+    taken = circumstances()
+    sections = []
+    for name in chosen:
+        section = importlib.import_module(SECTIONS[name]).measure(options)
+        sections.append(replace(section, conditions={**taken, **section.conditions}))
+    wide = Console(width=None if sys.stdout.isatty() else 160)
+    show(sections, wide)
+    path = keep(sections, tuple(SECTIONS), trial=options.quick)
+    STDERR.print(f"{taken['machine']}; commit {taken['commit']}\nwritten: {path}")
+    return 0
+
+
+def _parsed(arguments: list[str] | None) -> tuple[Options, list[str]]:
+    defaults = Options()
+    parser = argparse.ArgumentParser(prog="python -m bench", description="Benchmarks of vibrident.")
+    parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), help="sections to run (default: all)")
+    parser.add_argument("--runs", type=int, default=defaults.runs, help="seeded runs of the statistics")
+    parser.add_argument("--jobs", type=int, default=defaults.jobs, help="processes for the statistics")
+    parser.add_argument("--pairs", type=int, default=defaults.pairs, help="pairs of every ratio of times")
+    parser.add_argument("--quick", action="store_true", help="a short trial; nothing is published")
+    given = parser.parse_args(arguments)
+    if min(given.runs, 2) < 2 or given.jobs < 1 or given.pairs < 1:
+        parser.error("expected --runs from 2, --jobs and --pairs from 1")
+    options = Options(given.runs, given.jobs, given.pairs, given.quick)
+    return options, [name for name in SECTIONS if given.only is None or name in given.only]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

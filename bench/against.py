@@ -1,0 +1,147 @@
+"""Against peers, each in an environment of its own (``make bench-peers``), on the same data in the same run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from vibrident import Calibration, ResponseTable
+from vibrident.estimators import Ipnn, MaximumLikelihood
+from vibrident.estimators.base import Estimate
+from vibrident.problem import Evidence
+
+from bench.figures import STYLES, Figure, Section
+from bench.options import Options
+from bench.pairs import Ratio, seconds
+from bench.progress import steps
+from bench.speed import noisy
+from bench.truth import COLUMNS, PARAMETERS, RATE_HZ, model, relative_errors
+
+HERE = Path(__file__).parent / "peers"
+#: Folder of the environments; BENCH_PEERS names another.
+ENVIRONMENTS = Path(os.environ.get("BENCH_PEERS", HERE / "envs"))
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """One peer with one choice of settings, beside our estimator for the same job.
+
+    Attributes:
+        peer: folder of its environment, and its name in the table.
+        script: file in bench/peers.
+        settings: what was chosen, in words.
+        data: arrays for the script.
+        ours: name of our estimator.
+        fit: our estimator on the same data, warm.
+        repeats: our time is the median of so many.
+    """
+
+    peer: str
+    script: str
+    settings: str
+    data: dict[str, Any]
+    ours: str
+    fit: Callable[[], Estimate]
+    repeats: int
+
+
+def measure(options: Options) -> Section:
+    """Time of the peer over ours, and the errors of both."""
+    pairs = 1 if options.quick else 3
+    figures: list[Figure] = []
+    versions: dict[str, Any] = {}
+    calibration = noisy()
+    matches = [*_records(calibration), *_response(calibration)]
+    for match in steps("peers", matches):
+        python = ENVIRONMENTS / match.peer / "bin" / "python"
+        if not python.exists():
+            what = f"{match.peer} ({match.settings}) / {match.ours}"
+            figures.append(Figure(what, {}, note="left out: no environment; `make bench-peers` makes it"))
+            continue
+        figures += _played(match, python, pairs, versions)
+    remarks = (
+        "Times of the fits alone, imports left out; ours warm, theirs as their interface gives it (jax-sysid compiles anew "
+        "in every fit). PyDynamic is warm too.",
+        "jax-sysid: free two-state model, scaled channels, one initial state a record; its defaults, and a longer training "
+        "with feedthrough. PyDynamic and ours get the 21 complex sensitivities with their standard uncertainties.",
+    )
+    return Section("peers", f"Peers; errors are relative: {COLUMNS}", tuple(figures), {"versions": versions}, remarks)
+
+
+def _records(calibration: Calibration) -> list[Match]:
+    evidence = Evidence.gather(calibration, model())
+    data = {
+        "reference": np.array([record.reference for record in calibration.records]),
+        "response": np.array([record.response for record in calibration.records]),
+        "rate_hz": RATE_HZ,
+    }
+    default = {**data, "adam_epochs": 0, "lbfgs_epochs": 1000, "feedthrough": False}
+    longer = {**data, "adam_epochs": 1000, "lbfgs_epochs": 1000, "feedthrough": True}
+
+    def match(settings: str, arrays: dict[str, Any]) -> Match:
+        return Match(
+            "jax-sysid", "jax_sysid_peer.py", settings, arrays, "ipnn fit", lambda: Ipnn().fit(evidence), repeats=5
+        )
+
+    return [match("L-BFGS", default), match("Adam, L-BFGS, D", longer)]
+
+
+def _response(calibration: Calibration) -> list[Match]:
+    tones = Evidence.gather(calibration, model()).tones
+    assert tones is not None  # there are sines
+    sensitivity = tones.ratio
+    deviation = tones.error_deviation() / np.abs(tones.reference)  # of the real part, and of the imaginary part
+    magnitude = np.abs(sensitivity)
+    table = ResponseTable(tones.frequency_hz, magnitude, np.angle(sensitivity), deviation, deviation / magnitude)
+    evidence = Evidence.gather(Calibration(table=table, model=calibration.model), model())
+    _ = evidence.first_look
+    data = {
+        "frequency_hz": tones.frequency_hz,
+        "parts": np.concatenate([sensitivity.real, sensitivity.imag]),
+        "deviation": np.concatenate([deviation, deviation]),
+    }
+
+    def match(settings: str, uncertain: bool, repeats: int) -> Match:
+        arrays = {**data, "uncertain": uncertain, "repeats": repeats}
+        fit = MaximumLikelihood().fit
+        return Match("pydynamic", "pydynamic_peer.py", settings, arrays, "ml fit", lambda: fit(evidence), repeats=15)
+
+    return [match("weighted, 10 000 draws", True, 3), match("no uncertainties", False, 15)]
+
+
+def _played(match: Match, python: Path, pairs: int, versions: dict[str, Any]) -> list[Figure]:
+    estimate = match.fit()  # warm
+    theirs, ours, found = [], [], {}
+    for _ in range(pairs):
+        try:
+            found = _peer(match, python)
+        except subprocess.CalledProcessError as error:
+            said = (error.stderr.strip().splitlines() or ["no message"])[-1]
+            return [Figure(f"{match.peer} ({match.settings})", {}, note=f"failed: {said}")]
+        theirs.append(found["seconds"])
+        ours.append(seconds(match.fit, match.repeats))
+    versions[match.peer] = found["versions"]
+    ratio = Ratio(tuple(theirs), tuple(ours))
+    errors = relative_errors(found["parameters"])
+    own = relative_errors(estimate.coordinates.values(estimate.z))
+    beside = " · ".join(STYLES["error"](own[name]) for name in PARAMETERS)
+    return [
+        Figure(f"time: {match.peer} ({match.settings}) / {match.ours}", {"ratio": ratio.median}, note=ratio.note),
+        Figure(f"errors: {match.peer} ({match.settings})", errors, "error", note=f"{match.ours}: {beside}"),
+    ]
+
+
+def _peer(match: Match, python: Path) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix="vibrident-peer-") as folder:
+        source, target = Path(folder) / "in.npz", Path(folder) / "out.json"
+        np.savez(source, **match.data)
+        command = [str(python), str(HERE / match.script), str(source), str(target)]
+        subprocess.run(command, check=True, capture_output=True, text=True)
+        return json.loads(target.read_text())

@@ -1,0 +1,111 @@
+"""Cold start: ``vibrident identify`` from the shell against ``import jax``, and its peak memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident.io.writer import write_calibration
+
+from bench.figures import Figure, Section
+from bench.options import Options
+from bench.pairs import Ratio
+from bench.progress import steps
+from bench.speed import noisy
+
+START_TARGET, MEMORY_TARGET = 6.0, 700.0
+IMPORT = [sys.executable, "-c", "import jax"]
+LAUNCHER = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child.py"))]
+
+
+@dataclass(frozen=True)
+class Child:
+    """What a command took."""
+
+    wall_s: float
+    peak_mb: float
+
+
+class CommandFailed(Exception):
+    """The command did not do its work; the message says how it ended."""
+
+
+def measure(options: Options) -> Section:
+    """Pairs of cold starts, first with compiled kernels at hand, then with none."""
+    pairs = 2 if options.quick else max(3, options.pairs // 2)
+    remarks = (
+        "21 × 16 000 samples read from CSV files, estimator as chosen by the command (auto) and ipnn; every start is a "
+        "process of its own; the files are in the page cache. Peak memory: ru_maxrss of the child.",
+    )
+    with tempfile.TemporaryDirectory(prefix="vibrident-bench-") as folder:
+        place = Path(folder)
+        calibration = write_calibration(place / "records", noisy())
+        try:
+            figures = [
+                figure for name in ("auto", "ipnn") for figure in _starts(calibration, place / name, name, pairs)
+            ]
+        except (CommandFailed, OSError) as error:
+            figures = [
+                Figure("vibrident identify / python -c 'import jax'", {}, high=START_TARGET, note=str(error)),
+                Figure("peak memory of vibrident identify", {}, "megabytes", high=MEMORY_TARGET),
+            ]
+    return Section("cold", "Cold start, from the shell", tuple(figures), {"pairs": pairs}, remarks)
+
+
+def _starts(calibration: Path, place: Path, estimator: str, pairs: int) -> list[Figure]:
+    program = Path(sys.executable).with_name("vibrident")
+    choice = [] if estimator == "auto" else ["--estimator", estimator]
+    command = [str(program), "identify", str(calibration), *choice, "--out", str(place / "result")]
+
+    def start(cache: Path) -> Child:
+        return run(command, {"VIBRIDENT_CACHE": str(cache)})
+
+    warm = place / "cache-warm"
+    start(warm), run(IMPORT)  # fills the cache, and the page cache
+    compiled = [(start(warm), run(IMPORT)) for _ in steps(f"cold: {estimator}, compiled", range(pairs))]
+    empty = [(start(place / f"cache-{i}"), run(IMPORT)) for i in steps(f"cold: {estimator}, empty", range(pairs))]
+    return [
+        _ratio(f"identify ({estimator}), kernels cached / import jax", compiled, START_TARGET),
+        _ratio(f"identify ({estimator}), empty cache / import jax", empty, START_TARGET),
+        _memory(f"peak memory of identify ({estimator}), kernels cached", compiled),
+        _memory(f"peak memory of identify ({estimator}), empty cache", empty),
+    ]
+
+
+def _ratio(what: str, pairs: list[tuple[Child, Child]], high: float) -> Figure:
+    ratio = Ratio(tuple(a.wall_s for a, _ in pairs), tuple(b.wall_s for _, b in pairs))
+    return Figure(what, {"ratio": ratio.median}, high=high, note=ratio.note)
+
+
+def _memory(what: str, pairs: list[tuple[Child, Child]]) -> Figure:
+    peak, plain = max(a.peak_mb for a, _ in pairs), max(b.peak_mb for _, b in pairs)
+    note = f"{peak / plain:.2g} × that of import jax"
+    return Figure(what, {"peak": peak}, "megabytes", high=MEMORY_TARGET, note=note)
+
+
+def run(command: list[str], extra: dict[str, str] | None = None) -> Child:
+    """Run a command through the launcher.
+
+    Raises:
+        CommandFailed: its exit status is not 0.
+    """
+    done = subprocess.run(
+        [*LAUNCHER, *command], env={**os.environ, **(extra or {})}, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise CommandFailed(f"{Path(command[0]).name} could not be started: {_last(done.stderr)}")
+    figures = json.loads(done.stdout)
+    if figures["status"]:
+        said = f"{Path(command[0]).name} {command[1]} ended with status {figures['status']}"
+        raise CommandFailed(f"{said}: {_last(done.stderr)}")
+    return Child(figures["wall_s"], figures["peak_bytes"] / 1e6)
+
+
+def _last(text: str) -> str:
+    lines = [line for line in text.strip().splitlines() if line.strip()]
+    return lines[-1].strip() if lines else "no message"

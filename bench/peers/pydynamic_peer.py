@@ -1,0 +1,49 @@
+"""PyDynamic on the response of the benchmark, in its own environment: ``python pydynamic_peer.py IN.npz OUT.json``.
+
+IN: frequency_hz, shape (n,); parts and deviation of parts, shape (2 n,), real parts first; uncertain (with uncertainties,
+the fit weighted by them) and repeats. OUT: parameters, median seconds of ``fit_som`` after one untimed call, versions.
+Imports only what that environment holds.
+"""
+
+import importlib.metadata
+import json
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+warnings.simplefilter("ignore", DeprecationWarning)  # the project is archived, and says so on import
+from PyDynamic import fit_som  # noqa: E402
+
+MONTE_CARLO_RUNS = 10000  # its default
+
+
+def main(source: str, target: str) -> None:
+    """Fit, time, write."""
+    data = np.load(source)
+    frequency, parts = data["frequency_hz"], data["parts"]
+    settings = {}
+    if bool(data["uncertain"]):
+        settings = {"UH": data["deviation"], "weighting": "cov", "MCruns": MONTE_CARLO_RUNS}
+    np.random.seed(1)  # noqa: NPY002 - the generator it uses
+    found = fit_som(frequency, parts, **settings)
+    taken = []
+    for _ in range(int(data["repeats"])):
+        begin = time.perf_counter()
+        found = fit_som(frequency, parts, **settings)
+        taken.append(time.perf_counter() - begin)
+    values = found[0] if isinstance(found, tuple) else found
+    parameters = {
+        "sensitivity": float(values[0]),
+        "natural_frequency": float(values[2]),
+        "damping_ratio": float(values[1]),
+    }
+    versions = {name: importlib.metadata.version(name) for name in ("PyDynamic", "numpy", "scipy")}
+    out = {"parameters": parameters, "seconds": float(np.median(taken)), "versions": versions}
+    Path(target).write_text(json.dumps(out))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

@@ -1,0 +1,156 @@
+"""What a run leaves: one table on the terminal, results/latest.json, and the tables of docs/bench.md."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from bench.figures import Figure, Section
+
+ROOT = Path(__file__).parents[1]
+RESULTS = Path(__file__).parent / "results"
+DOCUMENT = ROOT / "docs" / "bench.md"
+BEGIN, END = "<!-- bench:begin -->", "<!-- bench:end -->"
+SCHEMA = "vibrident.bench/1"
+STYLE = {"met": "green", "NOT met": "bold red", "not measured": "yellow", "": ""}
+
+
+def circumstances() -> dict[str, Any]:
+    """Commit, date and machine, in words."""
+    return {
+        "commit": _commit(),
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
+        "machine": _machine(),
+    }
+
+
+def show(sections: Sequence[Section], console: Console) -> None:
+    """Print all sections as one table."""
+    table = Table(title="vibrident: benchmarks", title_justify="left")
+    table.add_column("figure", overflow="fold")
+    table.add_column("value", justify="right")
+    table.add_column("target", justify="right")
+    table.add_column("")
+    table.add_column("remark", overflow="fold", style="dim")
+    for section in sections:
+        table.add_section()
+        table.add_row(Text(section.title, style="bold"))
+        for one in section.figures:
+            verdict = Text(one.verdict, style=STYLE[one.verdict])
+            table.add_row(one.what, one.shown, one.target, verdict, one.note)
+    console.print(table)
+    for section in sections:
+        for remark in section.remarks:
+            console.print(f"{section.name}: {remark}", style="dim", highlight=False)
+    console.print(tally(sections))
+
+
+def tally(sections: Sequence[Section]) -> str:
+    """How many targets were met."""
+    verdicts = [one.verdict for section in sections for one in section.figures if one.target]
+    missed = verdicts.count("NOT met")
+    absent = verdicts.count("not measured")
+    words = f"{verdicts.count('met')} of {len(verdicts)} targets met, {missed} not met"
+    return f"{words}, {absent} not measured" if absent else words
+
+
+def keep(sections: Sequence[Section], order: Sequence[str], trial: bool) -> Path:
+    """Write the sections of this run as JSON; sections not run keep what an earlier run left, with its own commit.
+
+    Args:
+        sections: of this run; each carries its circumstances in ``conditions``.
+        order: names of all sections.
+        trial: write to another file, and nothing into the documents.
+    """
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / ("trial.json" if trial else "latest.json")
+    kept = {} if trial else _earlier(path)
+    kept.update({section.name: section for section in sections})
+    ordered = [kept[name] for name in order if name in kept]
+    data = {"schema": SCHEMA, "sections": [section.to_json() for section in ordered]}
+    _write(path, json.dumps(data, indent=1, ensure_ascii=False) + "\n")
+    if not trial:
+        _publish(ordered)
+    return path
+
+
+def _earlier(path: Path) -> dict[str, Section]:
+    if not path.exists():
+        return {}
+    data = json.loads(path.read_text(encoding="utf-8"))
+    return {section["name"]: Section.from_json(section) for section in data["sections"]}
+
+
+def _publish(sections: Sequence[Section]) -> None:
+    before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)
+    _, found, after = rest.partition(END)
+    if not found:
+        raise ValueError(f"{DOCUMENT}: expected the markers {BEGIN} and {END}, found no pair; put them back.")
+    blocks = [tally(sections) + ".", *(_markdown(section) for section in sections)]
+    _write(DOCUMENT, f"{before}{BEGIN}\n" + "\n\n".join(blocks) + f"\n{END}{after}")
+
+
+def _markdown(section: Section) -> str:
+    taken = section.conditions
+    lines = [
+        f"### {section.title}",
+        "",
+        f"Commit {taken['commit']}, {taken['date']}, {taken['machine']}.",
+        "",
+        "| figure | value | target | | remark |",
+        "|---|--:|--:|---|---|",
+        *(_row(one) for one in section.figures),
+        "",
+        *(f"{remark}\n" for remark in section.remarks),
+    ]
+    return "\n".join(lines).rstrip()
+
+
+def _row(one: Figure) -> str:
+    verdict = f"**{one.verdict}**" if one.verdict == "NOT met" else one.verdict
+    cells = (one.what, one.shown, one.target, verdict, one.note)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _write(path: Path, text: str) -> None:
+    partial = path.with_name(f".{path.name}.part")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
+
+
+def _commit() -> str:
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", "src", "bench", "pyproject.toml")
+        return git("rev-parse", "--short", "HEAD") + (" with changes" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _machine() -> str:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    software = f"Python {platform.python_version()}, JAX {version('jax')}, numpy {version('numpy')}"
+    return f"{_processor()}, {cores} cores, {memory:.0f} GiB; {software}"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

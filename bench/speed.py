@@ -1,0 +1,93 @@
+"""Speed, warm and in one process: against one pass of a filter, against Adam, and with twice the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.signal import lfilter
+from vibrident import Calibration, identify
+from vibrident.backend import jnp
+from vibrident.discretize import method
+from vibrident.estimators import Ipnn, MaximumLikelihood
+from vibrident.estimators.objectives import time_objective
+from vibrident.estimators.optimise import adam
+from vibrident.estimators.start import start_values
+from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.simulate import with_noise
+
+from bench.figures import Figure, Section
+from bench.options import Options
+from bench.pairs import pairwise
+from bench.progress import steps
+from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
+
+FILTER_TARGET, ADAM_TARGET, TWICE_TARGET = 60.0, 100.0, 2.2
+ADAM_STEPS, ADAM_TIMED = 1500, 100
+FILTER_PASSES = 15
+
+
+def noisy(samples: int = SAMPLES) -> Calibration:
+    """The calibration with 1 % response noise."""
+    truth = paper_truth(RATE_HZ, samples).calibration
+    return with_noise(truth, response_noise=RESPONSE_NOISE, seed=1)
+
+
+def measure(options: Options) -> Section:
+    """Ratios of times; a pair is A and B one after the other."""
+    pairs = 3 if options.quick else options.pairs
+    once, twice = _jobs(noisy()), _jobs(noisy(2 * SAMPLES))
+    filtering = _filter_pass()
+    figures = []
+    for name, job in steps("speed: filter", list(once.items())):
+        ratio = pairwise(job, filtering, pairs, repeats_b=FILTER_PASSES)
+        what = f"{name} / one scipy.signal.lfilter pass"
+        figures.append(Figure(what, {"ratio": ratio.median}, high=FILTER_TARGET, note=ratio.note))
+    training = _adam_steps(ADAM_TIMED)
+    for name in steps("speed: Adam", ["ipnn fit", "ipnn identify"]):
+        ratio = pairwise(training, once[name], max(3, pairs // 2)).times(ADAM_STEPS / ADAM_TIMED)
+        note = f"{ADAM_TIMED} steps timed, taken {ADAM_STEPS // ADAM_TIMED} times; {ratio.note}"
+        what = f"{ADAM_STEPS} Adam steps of the Euler network / {name}"
+        figures.append(Figure(what, {"ratio": ratio.median}, low=ADAM_TARGET, note=note))
+    for name, job in steps("speed: twice the samples", list(twice.items())):
+        ratio = pairwise(job, once[name], pairs)
+        what = f"{name}, 32 000 / 16 000 samples"
+        figures.append(Figure(what, {"ratio": ratio.median}, high=TWICE_TARGET, note=ratio.note))
+    remarks = (
+        "21 records at 51.2 kHz, 1 % response noise, kernels compiled. fit: training from the gathered evidence; "
+        "identify: screening, tones, training, uncertainty, result.",
+        "The filter is of second order, float64, one call for all 21 × 16 000 samples.",
+    )
+    return Section("speed", "Speed, warm", tuple(figures), {"pairs": pairs}, remarks)
+
+
+def _jobs(calibration: Calibration) -> dict[str, Callable[[], object]]:
+    evidence = Evidence.gather(calibration, model())
+    _ = evidence.first_look  # belongs to the evidence, and is kept with it
+    return {
+        "ipnn fit": lambda: Ipnn().fit(evidence),
+        "ml fit": lambda: MaximumLikelihood().fit(evidence),
+        "ipnn identify": lambda: identify(calibration, estimator="ipnn"),
+        "ml identify": lambda: identify(calibration, estimator="ml"),
+    }
+
+
+def _filter_pass() -> Callable[[], object]:
+    """One pass of the sensor as a second-order filter over all records."""
+    reference = np.array([record.reference for record in noisy().records])
+    pole = np.exp(2j * np.pi * SENSOR.parameters["natural_frequency"] / RATE_HZ * (-0.182 + 0.983j))
+    denominator = np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
+    numerator = np.array([0.25, 0.5, 0.25]) * denominator.sum() * SENSOR.parameters["sensitivity"]
+    return lambda: lfilter(numerator, denominator, reference, axis=-1)
+
+
+def _adam_steps(count: int) -> Callable[[], object]:
+    """Training of the paper: Euler weights, Adam, every record in every step, from the start values of ``Ipnn``."""
+    evidence = Evidence.gather(noisy(), model())
+    assert evidence.first_look is not None  # there are sines
+    start = start_values(evidence.first_look, evidence.model)
+    coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
+    problem = TimeProblem.build(evidence.records, evidence.model, method("euler"), evidence.quantity, start)
+    noise = np.array([RESPONSE_NOISE * float(np.std(record.response)) for record in evidence.records])
+    args = (coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise)))
+    return lambda: adam(time_objective, coordinates.first, args, steps=count)

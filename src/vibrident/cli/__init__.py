@@ -1,0 +1,27 @@
+"""The command line: ``vibrident --help``. One file a command; no arithmetic here, heavy libraries only inside commands."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+
+from vibrident.cli.application import app
+from vibrident.cli.console import forgiving_streams
+
+__all__ = ["app", "main"]
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 2 bad input, 3 with ``--strict`` and a warning, 130 interrupted."""
+    forgiving_streams()
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        app()
+    except KeyboardInterrupt:  # outside a command: while something is loaded or written at the end
+        sys.exit(130)
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    """Leave through the ``finally`` blocks, so that nothing half-written stays."""
+    sys.exit(128 + number)

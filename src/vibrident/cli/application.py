@@ -1,0 +1,74 @@
+"""The commands in the order of the help, and what becomes of an error in any of them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from vibrident import __version__
+from vibrident.cli.commands.compare import compare
+from vibrident.cli.commands.demo import demo
+from vibrident.cli.commands.doctor import doctor
+from vibrident.cli.commands.identify import identify
+from vibrident.cli.commands.inspect import inspect
+from vibrident.cli.commands.predict import predict
+from vibrident.cli.commands.report import report
+from vibrident.cli.commands.simulate import simulate
+from vibrident.cli.console import show_error
+from vibrident.errors import VibridentError
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+class Commands(TyperGroup):
+    """Commands whose errors are one message on stderr. A bug keeps its traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except VibridentError as error:
+            show_error(error)
+            raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
+
+
+app = typer.Typer(
+    name="vibrident",
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_PANELS = {
+    "Begin": (demo, doctor),
+    "From files to a model": (inspect, identify, report),
+    "Use and judge a model": (predict, compare, simulate),
+}
+for _panel, _commands in _PANELS.items():
+    for _command in _commands:
+        app.command(rich_help_panel=_panel)(_command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"vibrident {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def vibrident(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """From calibration records of a vibration sensor to its dynamic model, with uncertainty.
+
+    Exit codes: 0 done; 2 bad input, with one message that says what to do; 3 with --strict, a result with a warning.
+    """

@@ -1,0 +1,111 @@
+"""``vibrident identify``: from a calibration file to ``result.json``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import note, out
+from vibrident.cli.estimators import EstimatorOptions, checked, estimator
+from vibrident.cli.folder import written_whole
+from vibrident.cli.options import choice
+
+WARNED = 3
+_DETAILS = "Settings of an estimator"
+
+
+def identify(
+    calibration: options.CalibrationFile,
+    model: Annotated[
+        str | None, typer.Option("--model", metavar="NAME", help="Sensor model, in place of the file's; add-ons with +.")
+    ] = None,
+    estimator_name: Annotated[
+        str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data and says why.")
+    ] = "auto",
+    folder: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for result.json and pictures; other files in it stay.")
+    ] = Path("vibrident-out"),
+    uncertainty: Annotated[
+        str,
+        choice(
+            "--uncertainty",
+            options.UNCERTAINTIES,
+            "inflated: where deviations from the model exceed the noise, scale all uncertainties to cover them.",
+        ),
+    ] = "noise",
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
+    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw pictures (PNG) into the folder.")] = True,
+    weights: Annotated[bool, typer.Option("--weights", help="Print the network's weights, the paper's Table 1.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")] = False,
+    discretisation: Annotated[
+        str | None,
+        choice("--discretisation", options.DISCRETISATIONS, "ipnn: how a step is taken.", rich_help_panel=_DETAILS),
+    ] = None,
+    optimiser: Annotated[
+        str | None,
+        choice("--optimiser", options.OPTIMISERS, "ipnn: how it is trained.", rich_help_panel=_DETAILS),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option("--steps", min=1, help="ipnn with adam: training steps.", rich_help_panel=_DETAILS)
+    ] = None,
+    learning_rate: Annotated[
+        float | None, typer.Option("--learning-rate", help="ipnn with adam.", rich_help_panel=_DETAILS)
+    ] = None,
+    weighting: Annotated[
+        str | None,
+        choice(
+            "--weighting", options.WEIGHTINGS, "lsm: by uncertainty, or plain as in the paper.", rich_help_panel=_DETAILS
+        ),
+    ] = None,
+) -> None:
+    """Identify a sensor: DIR/result.json, pictures, and a short table.
+
+    Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
+    """
+    settings = EstimatorOptions(discretisation, optimiser, steps, learning_rate, weighting)
+    checked(estimator_name, settings, weights=weights)
+    with written_whole(folder) as output:
+        result = _identified(calibration, model, (estimator_name, settings), uncertainty, output.path, plots)
+    _show(result, output.files, quiet=quiet, weights=weights)
+    if strict and result.warnings:
+        note(f"Strict: the result carries a warning ({', '.join(result.warning_codes)}).")
+        raise typer.Exit(WARNED)
+
+
+def _identified(
+    file: Path, model: str | None, chosen: tuple[str, EstimatorOptions], uncertainty: Any, place: Path, plots: bool
+) -> Any:
+    from vibrident.io import read
+
+    calibration = read(file)
+    # From here on it takes seconds: what a bad file needs is loaded already, what it does not need is not.
+    from vibrident.cli.drawing import painters
+    from vibrident.cli.progress import Busy
+
+    with painters(wanted=plots) as artists:
+        with Busy("Identifying") as progress:
+            from vibrident.identify import identify as run
+
+            result = run(calibration, model, estimator(*chosen), uncertainty=uncertainty, progress=progress)
+        result.save(place / "result.json")
+        if plots:
+            with Busy("Drawing"):
+                artists.draw(result, place)
+    return result
+
+
+def _show(result: Any, files: list[Path], *, quiet: bool, weights: bool) -> None:
+    from vibrident import terminal
+
+    if quiet:
+        for warning in result.warnings:
+            note(f"Warning ({warning.code}): {warning.message}")
+    else:
+        out().print(terminal.summary(result, files))
+    if weights and result.weights:
+        out().print(terminal.weights_table(result))
+    elif weights:
+        note(f"No weights: {result.estimator} trains no network; --estimator ipnn does.")

@@ -1,0 +1,129 @@
+"""``vibrident inspect``: what is in the files, before any model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import out, printable
+from vibrident.cli.folder import written_whole
+
+if TYPE_CHECKING:
+    from vibrident.io import ChannelSummary, RecordSummary, TableSummary
+    from vibrident.measure import Finding
+    from vibrident.records import Calibration
+
+
+def inspect(
+    calibration: options.CalibrationFile,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder for the picture.", show_default="./CAL.inspect.png"),
+    ] = None,
+) -> None:
+    """Look at calibration data: what was understood, what is doubtful, and a picture."""
+    from vibrident.io import read
+
+    data = read(calibration)
+    screened, findings = _screened(data)
+    name = f"{calibration.stem}.inspect.png" if folder is None else "inspect.png"
+    with written_whole(folder or Path()) as output:
+        from vibrident import plots
+
+        plots.save(plots.inspection.figure(screened), output.path / name)
+    _show(screened, findings, output.files)
+
+
+def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
+    """The calibration with clipped samples marked, and all findings; a record without signal stays to be seen."""
+    from vibrident.errors import InputError
+    from vibrident.measure import Finding, screen
+
+    records, findings = [], []
+    for record in calibration.records:
+        try:
+            (record,), found = screen([record])
+            findings += found
+        except InputError as error:
+            findings.append(Finding("dead_channel", error.found))
+        records.append(record)
+    return replace(calibration, records=tuple(records)), findings
+
+
+def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) -> None:
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from vibrident import io, terminal
+    from vibrident.report import words
+
+    console = out()
+    for label, text in _understood(calibration).items():
+        console.print(Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True)
+    console.print()
+    rows = [_row(summary) for summary in io.describe(calibration)]
+    console.print(terminal.inspection_table(rows, "Tabulated response" if calibration.table else "Records"))
+    for code in dict.fromkeys(finding.code for finding in findings):
+        console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
+        for finding in findings:
+            if finding.code == code:
+                console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2)))
+    if not findings and calibration.records:
+        console.print("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
+    console.print(terminal.written_lines(files))
+
+
+def _understood(calibration: Calibration) -> dict[str, str]:
+    """What the calibration file says, in words."""
+    from vibrident.plots.units import pretty, sensor_name
+
+    u = calibration.reference_standard_uncertainty
+    reference = f"{calibration.quantity} in {pretty(calibration.reference_unit)}"
+    return {
+        "File": calibration.source,
+        "Sensor": sensor_name(calibration.sensor) or "not named",
+        "Model": calibration.model,
+        "Reference": f"{reference}, relative standard uncertainty {u:.3g}" if u else reference,
+        "Response": f"in {pretty(calibration.response_unit)}",
+    }
+
+
+def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
+    from vibrident.io import RecordSummary
+    from vibrident.plots.units import pretty
+
+    if not isinstance(summary, RecordSummary):
+        return {
+            "file": summary.file,
+            "points": summary.points,
+            "from_hz": summary.lowest_frequency_hz,
+            "to_hz": summary.highest_frequency_hz,
+            f"least / {pretty(summary.unit)}": summary.smallest_magnitude,
+            f"largest / {pretty(summary.unit)}": summary.largest_magnitude,
+            "phase": summary.has_phase,
+            "uncertainties": summary.has_uncertainties,
+        }
+    return {
+        "record": summary.name,
+        "excitation": summary.excitation,
+        "frequency_hz": summary.frequency_hz,
+        "samples": summary.samples,
+        "left out": summary.samples_left_out,
+        "rate_hz": summary.sampling_rate_hz,
+        "duration_s": summary.duration_s,
+        **_channel("reference", summary.reference),
+        **_channel("response", summary.response),
+    }
+
+
+def _channel(name: str, channel: ChannelSummary | None) -> dict[str, float | None]:
+    from vibrident.plots.units import pretty
+
+    if channel is None:
+        return {}
+    unit = pretty(channel.unit)
+    return {f"{name} rms / {unit}": channel.rms, f"{name} mean / {unit}": channel.mean}

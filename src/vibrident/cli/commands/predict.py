@@ -1,0 +1,101 @@
+"""``vibrident predict``: the response that a result foretells, beside the measured one."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import note, out
+from vibrident.cli.folder import written_whole
+
+if TYPE_CHECKING:
+    from vibrident.predict import Prediction, Predictions
+
+_UNSAFE = re.compile(r"[^\w.+-]+")
+
+
+def predict(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)],
+    calibration: options.CalibrationFile,
+    folder: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for the CSV files and prediction.json.")
+    ] = Path("vibrident-prediction"),
+) -> None:
+    """Predict the response of other records: a CSV file each, and their rmse in prediction.json.
+
+    Each record's state at its first sample and its offset are fitted to its measured response.
+    Where the reference has no neighbours to interpolate between (about forty samples at each end), the prediction is blank.
+    """
+    from vibrident.io import read
+    from vibrident.result import Result
+
+    known = Result.load(result)
+    data = read(calibration)
+    with written_whole(folder) as output:
+        from vibrident.cli.progress import Busy
+
+        with Busy("Predicting"):
+            from vibrident.predict import predict as run
+            from vibrident.predict import summary
+
+            predictions = run(known, data)
+        files = _file_names([p.record.name for p in predictions.predictions])
+        for file, prediction in zip(files, predictions.predictions, strict=True):
+            _write_csv(output.path / file, prediction)
+        document = {"model": known.model, **summary(predictions, files, data.response_unit)}
+        text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        (output.path / "prediction.json").write_text(text, encoding="utf-8")
+    for finding in predictions.findings:
+        note(f"Warning ({finding.code}): {finding.message}")
+    _show(document, predictions, folder)
+
+
+def _file_names(names: list[str]) -> list[str]:
+    """A file name for each record that every system takes and no other record has."""
+    taken: list[str] = []
+    for name in names:
+        stem = _UNSAFE.sub("_", Path(name).stem if name.endswith(".csv") else name).strip("._") or "record"
+        number, candidate = 1, stem
+        while candidate.casefold() in taken:
+            number += 1
+            candidate = f"{stem}_{number}"
+        taken.append(candidate.casefold())
+        yield_name = candidate
+        names[names.index(name)] = f"{yield_name}.csv"
+    return names
+
+
+def _write_csv(path: Path, prediction: Prediction) -> None:
+    """Columns time_s (the file's own clock), response and predicted; blank where there is no prediction."""
+    record = prediction.record
+    times = (record.start_time_s + record.time_s).tolist()
+    rows = zip(times, record.response.tolist(), prediction.predicted.tolist(), strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write("time_s,response,predicted\n")
+        stream.writelines(f"{t!r},{y!r},{p!r}\n" if p == p else f"{t!r},{y!r},\n" for t, y, p in rows)
+
+
+def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> None:
+    from vibrident import terminal
+
+    unit = document["unit"]
+    rows = [
+        {
+            "record": row["name"],
+            "samples": row["samples"],
+            "compared": row["samples_compared"],
+            f"rmse / {unit}": row["rmse"],
+            "nrmse_percent": None if row["nrmse"] is None else 100.0 * row["nrmse"],
+        }
+        for row in document["records"]
+    ]
+    console = out()
+    console.print(terminal.inspection_table(rows, "Predicted response"))
+    if predictions.rmse is not None:
+        console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
+    console.print(terminal.written_lines([folder / "prediction.json", folder / f"{len(rows)} CSV files"]))

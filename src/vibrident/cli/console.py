@@ -1,0 +1,75 @@
+"""What is printed: tables to stdout, everything else to stderr, never a control code into a file."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from vibrident.errors import InputError, VibridentError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+#: Most columns of a table that goes into a file or a pipe.
+WIDTH_IN_A_FILE = 120
+#: Control characters that text of others may hold, but tab and line end.
+_CONTROLS = {code: "�" for code in (*range(32), 127, *range(128, 160)) if chr(code) not in "\t\n"}
+
+
+def forgiving_streams() -> None:
+    """Print ``?`` for a character that the terminal's encoding lacks, in place of a crash."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def out() -> Console:
+    """Console for what the command was asked for."""
+    return _console(stderr=False)
+
+
+def err() -> Console:
+    """Console for everything else: errors, warnings, progress."""
+    return _console(stderr=True)
+
+
+def printable(text: str) -> str:
+    """Text of others with a mark in place of each control character."""
+    return text.translate(_CONTROLS)
+
+
+def note(text: str) -> None:
+    """A line on stderr."""
+    err().print(printable(text), soft_wrap=True)
+
+
+def show_error(error: VibridentError) -> None:
+    """One message on stderr: the problem, what was expected and found, where, and what to do."""
+    from rich.table import Table
+    from rich.text import Text
+
+    console = err()
+    if not isinstance(error, InputError) or not console.is_terminal:
+        console.print(Text.assemble(("Error: ", "bold red"), printable(str(error))), soft_wrap=True)
+        return
+    console.print(Text.assemble(("Error: ", "bold red"), printable(error.problem)))
+    grid = Table.grid(padding=(0, 1, 0, 0))
+    grid.add_column(style="bold", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for label in ("expected", "found", "where", "remedy"):
+        text = getattr(error, label)
+        if text:
+            grid.add_row(f"  {label}:", Text(printable(text)))
+    console.print(grid)
+
+
+def _console(*, stderr: bool) -> Console:
+    from rich.console import Console
+
+    stream = sys.stderr if stderr else sys.stdout
+    free = not stream.isatty() and not os.environ.get("COLUMNS")
+    return Console(
+        stderr=stderr, width=WIDTH_IN_A_FILE if free else None, markup=False, highlight=False, emoji=False
+    )

@@ -1,0 +1,95 @@
+"""Pictures drawn by processes of their own, which load matplotlib while this one computes.
+
+Loading matplotlib and drawing take about as long as an identification, and neither shares a core well with it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from vibrident.result import Result
+
+#: Pictures that one process draws; the other draws the rest, which takes about as long.
+_FIRST_SHARE = ("signals", "training")
+_WORKER = "from vibrident.cli.drawing import work; work()"
+
+
+class Painters:
+    """Processes that wait for a result to draw."""
+
+    def __init__(self, processes: list[subprocess.Popen[bytes]]) -> None:
+        self._processes = processes
+
+    def draw(self, result: Result, folder: Path) -> None:
+        """Draw every picture that the result has something to show in, as PNG."""
+        from vibrident import plots
+
+        names = plots.applicable(result)
+        shares = [[n for n in names if n in _FIRST_SHARE], [n for n in names if n not in _FIRST_SHARE]]
+        if len(self._processes) == len(shares):
+            for process, share in zip(self._processes, shares, strict=True):
+                _ask(process, {"result": result.to_dict(), "pictures": share, "folder": str(folder.resolve())})
+            done = [process.wait() == 0 for process in self._processes]
+            if all(done):
+                return
+        plots.save_all(result, folder)  # no helpers, or they failed: an error shows here
+
+    def dismiss(self) -> None:
+        """End processes that are not needed any more."""
+        for process in self._processes:
+            process.kill()
+            process.communicate()
+
+
+@contextlib.contextmanager
+def painters(*, wanted: bool = True) -> Iterator[Painters]:
+    """Start the processes, where there is a core for them; end them with the block."""
+    started = Painters([_start() for _ in range(2)] if wanted and _cores() > 1 else [])
+    try:
+        yield started
+    finally:
+        started.dismiss()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _start() -> subprocess.Popen[bytes]:
+    # -P: a file of the user's folder is no module. A session of its own: Ctrl-C is for us alone.
+    command = [sys.executable, "-P", "-c", _WORKER]
+    silent = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silent, stderr=silent, start_new_session=True)
+
+
+def _ask(process: subprocess.Popen[bytes], task: dict[str, object]) -> None:
+    assert process.stdin is not None
+    with contextlib.suppress(OSError):  # it died; its exit code says so
+        process.stdin.write(json.dumps(task).encode())
+        process.stdin.close()
+
+
+def work() -> None:
+    """A painter's life: load matplotlib, read one task from stdin, draw it. No task: the command is over."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure
+    import matplotlib.style  # noqa: F401
+
+    from vibrident import plots
+    from vibrident.result import Result
+
+    task = sys.stdin.buffer.read()
+    if not task:
+        return
+    order = json.loads(task)
+    result, folder = Result.from_dict(order["result"]), Path(order["folder"])
+    for name in order["pictures"]:
+        plots.save(plots.PICTURES[name](result), folder / f"{name}.png")

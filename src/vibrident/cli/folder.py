@@ -1,0 +1,100 @@
+"""Files that appear together or not at all: written into a hidden folder beside the wanted one, then moved."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vibrident.errors import InputError
+
+#: Moved last, so that its presence says that the others are there.
+_LAST = "result.json"
+
+
+@dataclass
+class Folder:
+    """A folder being written.
+
+    Attributes:
+        path: where to write now.
+        target: where the files will be.
+        files: where they are, once all are written; in the order of the names, the result first.
+    """
+
+    path: Path
+    target: Path
+    files: list[Path] = field(default_factory=list)
+
+
+@contextlib.contextmanager
+def written_whole(target: Path) -> Iterator[Folder]:
+    """Collect files for ``target``; move them there when the block ends, leave nothing when it fails.
+
+    Files of the same names are replaced, others stay.
+
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
+    if target.exists() and not target.is_dir():
+        raise InputError(
+            "The output folder is a file.",
+            expected="a folder, or a name that is free",
+            found="a file",
+            where=str(target),
+            remedy="give another --out",
+        )
+    missing = [folder for folder in (target, *target.parents) if not folder.exists()]
+    partial = target.with_name(f".{target.resolve().name}.{os.getpid()}.part")
+    folder = Folder(partial, target)
+    try:
+        partial.mkdir(parents=True)
+        yield folder
+        folder.files = [_moved(file, partial, target) for file in _in_order(partial)]
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise InputError(
+            "The output cannot be written.",
+            expected="a folder that can be written, with room for the files",
+            found=f"{type(error).__name__}: {error.strerror or error}",
+            where=str(error.filename or target),
+            remedy="give another --out, or make room",
+        ) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        for made in missing:  # empty where nothing was written
+            with contextlib.suppress(OSError):
+                made.rmdir()
+    folder.files.sort(key=lambda file: (file.name != _LAST, file))
+
+
+def refuse_used(target: Path, *, force: bool) -> None:
+    """Refuse a folder that holds something, unless forced.
+
+    Raises:
+        InputError: the folder is not empty.
+    """
+    if force or not target.is_dir() or not any(target.iterdir()):
+        return
+    raise InputError(
+        "The output folder is not empty.",
+        expected="a new or empty folder",
+        found=f"{sum(1 for _ in target.iterdir())} files or folders",
+        where=str(target),
+        remedy="give another --out, or --force to replace files of the same names",
+    )
+
+
+def _in_order(partial: Path) -> list[Path]:
+    files = [path for path in partial.rglob("*") if path.is_file()]
+    return sorted(files, key=lambda file: (file.name == _LAST, file))
+
+
+def _moved(file: Path, partial: Path, target: Path) -> Path:
+    place = target / file.relative_to(partial)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    return file.replace(place)

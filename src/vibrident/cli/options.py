@@ -1,0 +1,105 @@
+"""Values of options: names to choose from, lists, ranges. Each is checked here, with a message that names the option."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vibrident.errors import InputError
+
+ESTIMATORS = ("auto", "ipnn", "ml", "lsm")
+DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
+OPTIMISERS = ("lm", "adam")
+WEIGHTINGS = ("plain", "weighted")
+UNCERTAINTIES = ("noise", "inflated")
+EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
+QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
+SENSORS = ("paper", "inverted", "piezo", "geophone", "seismometer")
+STARTS = ("rest", "steady")
+METHODS = ("exact", "rk4")
+FORMATS = ("md",)
+
+CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]
+
+
+def choice(name: str, allowed: Sequence[str], help: str, **more: Any) -> Any:
+    """An option that takes one of a few names."""
+    return typer.Option(
+        name,
+        metavar="|".join(allowed),
+        help=help,
+        callback=lambda value: None if value is None else one_of(name, value, allowed),
+        autocompletion=lambda: list(allowed),
+        **more,
+    )
+
+
+def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
+    """The value, if it is one of those allowed.
+
+    Raises:
+        InputError: it is none of them.
+    """
+    if value in allowed:
+        return value
+    near = difflib.get_close_matches(value.lower(), allowed, n=1)
+    raise InputError(
+        f"{value!r} is no choice of {name}.",
+        expected=" | ".join(allowed),
+        found=repr(value),
+        where=name,
+        remedy=f"did you mean {near[0]!r}?" if near else "choose one of the expected",
+    )
+
+
+def listed(name: str, allowed: Sequence[str] | None = None) -> Callable[[str | None], list[str] | None]:
+    """Split a list of names joined by commas, each one of those allowed where there is a list."""
+
+    def split(text: str | None) -> list[str] | None:
+        if text is None:
+            return None
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        if not parts:
+            raise InputError(
+                f"The list of {name} is empty.",
+                expected="names joined by commas",
+                found=repr(text),
+                where=name,
+                remedy=f"name at least one, or leave {name} out",
+            )
+        checked = [part if allowed is None else one_of(name, part, allowed) for part in parts]
+        return list(dict.fromkeys(checked))
+
+    return split
+
+
+def frequencies(text: str | None) -> list[float] | None:
+    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if text is None:
+        return None
+    separator = ":" if ":" in text else ","
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if not numbers or (separator == ":" and len(numbers) != 2):
+        raise InputError(
+            "The frequencies cannot be read.",
+            expected="a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz",
+            found=repr(text),
+            where="--frequencies",
+            remedy="write numbers with a point, without units",
+        )
+    if separator == ",":
+        return numbers
+    from vibrident.simulate import one_third_octave
+
+    return one_third_octave(*numbers).tolist()

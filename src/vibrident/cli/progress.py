@@ -1,0 +1,66 @@
+"""A progress bar on stderr for what takes longer than a second, where stderr is a terminal."""
+
+from __future__ import annotations
+
+import threading
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from vibrident.cli.console import err
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+#: Seconds before anything is shown.
+PATIENCE_S = 1.0
+
+
+class Busy:
+    """Shows what is being done, and how far an optimiser has come when it is called with its progress.
+
+    with Busy("Identifying") as progress:
+        identify(calibration, progress=progress)
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._lock = threading.Lock()
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        self._timer: threading.Timer | None = None
+
+    def __enter__(self) -> Busy:
+        console = err()
+        if not console.is_terminal or console.is_dumb_terminal:
+            return self
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(24), TimeElapsedColumn())
+        self._bar = Progress(*columns, console=console, transient=True)
+        self._task = self._bar.add_task(self._what, total=None)
+        self._timer = threading.Timer(PATIENCE_S, self._show)
+        self._timer.daemon = True
+        self._timer.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            bar, self._bar = self._bar, None
+            if bar is not None and bar.live.is_started:
+                bar.stop()
+
+    def __call__(self, iteration: int, most: int, cost: float) -> None:
+        """Show an optimiser's progress; see ``vibrident.estimators.optimise.Progress``."""
+        bar, task = self._bar, self._task
+        if bar is not None and task is not None:
+            text = f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}"
+            bar.update(task, description=text, completed=iteration, total=most)
+
+    def _show(self) -> None:
+        with self._lock:
+            if self._bar is not None:
+                self._bar.start()

@@ -1,0 +1,113 @@
+"""Several results of one sensor side by side, and a result beside the truth of a simulation. Values only, no JAX."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from vibrident.errors import InputError
+from vibrident.result import Parameter, Result
+
+SCHEMA = "vibrident.comparison/1"
+TRUTH_SCHEMA = "vibrident.truth/1"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a parameter is from a value to compare with.
+
+    Attributes:
+        true: that value, in the parameter's unit.
+        percent: 100 (value / true − 1); None for a true zero.
+        in_u: (value − true) / standard uncertainty; None where there is no uncertainty.
+    """
+
+    true: float
+    percent: float | None
+    in_u: float | None
+
+
+def deviation(parameter: Parameter, true: float) -> Deviation | None:
+    """Deviation of a parameter from a value in its unit; None where the parameter has no value."""
+    if parameter.value is None:
+        return None
+    u = parameter.standard_uncertainty
+    percent = 100.0 * (parameter.value / true - 1.0) if true else None
+    return Deviation(true, percent, (parameter.value - true) / u if u else None)
+
+
+def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviation]:
+    """Deviation of every parameter whose true value is known."""
+    found = {name: deviation(p, truth[name]) for name, p in result.parameters.items() if name in truth}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def document(results: Mapping[str, Result], truth: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """What ``comparison.json`` says: plain values.
+
+    Args:
+        results: name of the method to its result; at least one.
+        truth: true values by parameter name; deviations are from these, else from the first result.
+    """
+    first = next(iter(results))
+    zero = truth or {name: p.value for name, p in results[first].parameters.items() if p.value is not None}
+    units = {name: p.unit for name, p in results[first].parameters.items()}
+    return {
+        "schema": SCHEMA,
+        "deviations_from": "truth" if truth else first,
+        "truth": dict(truth) if truth else None,
+        "methods": [_method(name, result, zero, units, bool(truth)) for name, result in results.items()],
+    }
+
+
+def _method(
+    name: str, result: Result, zero: Mapping[str, float], units: Mapping[str, str], is_truth: bool
+) -> dict[str, Any]:
+    parameters = {}
+    for key, parameter in result.parameters.items():
+        same_quantity = units.get(key, parameter.unit) == parameter.unit
+        off = deviation(parameter, zero[key]) if key in zero and same_quantity else None
+        parameters[key] = {
+            "value": parameter.value,
+            "unit": parameter.unit,
+            "standard_uncertainty": parameter.standard_uncertainty,
+            "deviation_percent": None if off is None else off.percent,
+        }
+        if is_truth:  # two results of the same data are not independent; their u say nothing of their difference
+            parameters[key]["deviation_in_u"] = None if off is None else off.in_u
+    return {
+        "name": name,
+        "model": result.model,
+        "estimator": result.estimator,
+        "discretisation": result.settings.get("discretisation"),
+        "parameters": parameters,
+        "fit": {key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()},
+        "warnings": list(result.warning_codes),
+        "time_s": result.settings.get("time_s"),
+    }
+
+
+def read_truth(path: str | os.PathLike[str]) -> dict[str, float]:
+    """True values by parameter name, from the ``truth.json`` that ``vibrident simulate`` writes.
+
+    Raises:
+        InputError: the file cannot be read or is not of that kind.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content["schema"] != TRUTH_SCHEMA:
+            raise ValueError(f"schema {content['schema']!r}")
+        return {str(name): float(entry["value"]) for name, entry in content["parameters"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            "The file of true values cannot be read.",
+            expected=f"a truth.json that `vibrident simulate` wrote (schema {TRUTH_SCHEMA})",
+            found=f"{type(error).__name__}: {error}",
+            where=str(path),
+            remedy="check the path",
+        ) from error

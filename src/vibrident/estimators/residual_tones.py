@@ -1,0 +1,67 @@
+"""The tones of the sine records, cleaned of all that the network already explains.
+
+A sine fit of each channel alone is disturbed by motion beside the tone: noise that the sensor felt shows in both channels,
+but its start and end in the record leave a transient in the response that no ratio of spectra takes out (Pintelon &
+Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), in which felt motion, initial state
+and start transient are gone, and the response's amplitude is put together again: Y = H(θ) X + E. To first order it does not
+depend on the θ used, and two rounds leave nothing of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.discretize import method
+from vibrident.errors import InputError
+from vibrident.measure import MeasuredResponse, measure_tones
+from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.records import FloatArray
+
+
+def network_problem(evidence: Evidence, values: dict[str, float]) -> TimeProblem | None:
+    """The time-domain problem with band-limited inputs; None where every record is too short for it."""
+    try:
+        return TimeProblem.build(evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values)
+    except InputError:
+        return None
+
+
+def residual_tones(
+    evidence: Evidence, problem: TimeProblem | None, coordinates: Coordinates, z: FloatArray
+) -> MeasuredResponse:
+    """The tones at coordinates ``z``; plain sine fits for records that the network does not reach.
+
+    Args:
+        evidence: with sine records.
+        problem: of all records; None where there is none.
+        coordinates: the map from z to parameters.
+        z: where the residual is taken, shape (p,).
+    """
+    plain = evidence.tones
+    assert plain is not None
+    values = coordinates.values(z)
+    poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
+    predicted = [None] * len(evidence.records) if problem is None else problem.predict(coordinates, z)
+    records, cleaned = [], []
+    for index in plain.record:
+        record, series = evidence.records[index], predicted[index]
+        used = np.zeros(record.samples, dtype=bool) if series is None else record.mask & np.isfinite(series)
+        # Too little reached: the record keeps all its samples and its felt noise.
+        reached = series is not None and used.sum() > 0.5 * record.mask.sum()
+        if reached:
+            record = replace(record, response=np.where(used, record.response - series, 0.0), valid=used)
+        records.append(record)
+        cleaned.append(reached)
+    tones = measure_tones(records, plain.frequency_hz.tolist(), poles)
+    share = np.where(cleaned, 1.0, 0.0)
+    model, quantity = evidence.model, evidence.quantity
+    explained = model.frequency_response(values, tones.frequency_hz, quantity) * tones.reference
+    lines = model.frequency_response(values, tones.line_hz.ravel(), quantity).reshape(tones.line_hz.shape)
+    return replace(
+        tones,
+        response=tones.response + share * explained,
+        line_response=tones.line_response + share[:, None] * lines * tones.line_reference,
+        record=plain.record,
+    )

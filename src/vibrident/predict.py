@@ -1,0 +1,181 @@
+"""The response that a result foretells for the motion of other records, and how well it meets the response measured there.
+
+The network runs with the result's parameters and, where the result was trained with one, its discretisation. What belongs
+to a record and not to the sensor, the state at its first sample and its offset, is fitted to the record's own response; a
+record of n samples has n − 3 left to judge the prediction by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.discretize import method
+from vibrident.errors import InputError
+from vibrident.measure import Finding, screen
+from vibrident.models import SensorModel, parse
+from vibrident.problem import Coordinates, TimeProblem
+from vibrident.records import BoolArray, Calibration, FloatArray, Record
+from vibrident.result import Result
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One record and its predicted response.
+
+    Attributes:
+        record: as screened: clipped samples are marked as not valid.
+        predicted: shape (samples,), response unit; NaN where there is none (at the ends, the band-limited
+            interpolation of the reference lacks neighbours).
+    """
+
+    record: Record
+    predicted: FloatArray
+
+    @property
+    def compared(self) -> BoolArray:
+        """Samples with a valid measured and a predicted response, shape (samples,)."""
+        return self.record.mask & np.isfinite(self.predicted)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted response at the samples compared."""
+        return self.record.response[self.compared] - self.predicted[self.compared]
+
+    @property
+    def rmse(self) -> float | None:
+        """Root mean square of the residual, response unit; None where nothing can be compared."""
+        return root_mean_square(self.residual)
+
+    @property
+    def nrmse(self) -> float | None:
+        """``rmse`` over the standard deviation of the measured response; None where there is no such ratio."""
+        deviation = float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
+        return None if self.rmse is None or deviation == 0.0 else self.rmse / deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Predictions for a calibration's records.
+
+    Attributes:
+        predictions: one a record, in order, without those left out.
+        findings: doubts about the data; a record without signal is left out and named here.
+        discretisation: of the network.
+    """
+
+    predictions: tuple[Prediction, ...]
+    findings: tuple[Finding, ...]
+    discretisation: str
+
+    @property
+    def rmse(self) -> float | None:
+        """Root mean square of the residuals of all records together."""
+        return root_mean_square(np.concatenate([p.residual for p in self.predictions]))
+
+
+def predict(result: Result, calibration: Calibration) -> Predictions:
+    """Predict the response of a calibration's records.
+
+    Args:
+        result: of an identification; its model and estimated parameters are used.
+        calibration: records of the same kind of sensor; its own model name is not used.
+
+    Raises:
+        InputError: the calibration is a table, its units are not the result's, or its records cannot be used.
+    """
+    model = parse(result.model)
+    values = _values(result, model)
+    _check_units(result, calibration)
+    records, findings = screen(calibration.records)
+    name = str(result.settings.get("discretisation") or "bandlimited")
+    problem = TimeProblem.build(records, model, method(name), calibration.quantity, values)
+    # The coordinates' bounds are those of a search; around the value itself they bound nothing.
+    natural = values["natural_frequency"]
+    coordinates = Coordinates.at(model, values, (natural, natural))
+    predicted = problem.predict(coordinates, coordinates.first)
+    pairs = zip(records, predicted, strict=True)
+    return Predictions(tuple(Prediction(record, series) for record, series in pairs), findings, name)
+
+
+def root_mean_square(values: FloatArray) -> float | None:
+    """√mean(v²); None of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def summary(predictions: Predictions, files: Sequence[str], unit: str) -> dict[str, Any]:
+    """What ``prediction.json`` says: plain values.
+
+    Args:
+        predictions: of :func:`predict`.
+        files: name of each prediction's own file.
+        unit: of the response.
+    """
+    rows = [
+        {
+            "name": p.record.name,
+            "file": file,
+            "rmse": p.rmse,
+            "nrmse": p.nrmse,
+            "samples": p.record.samples,
+            "samples_compared": int(np.sum(p.compared)),
+            "samples_without_prediction": int(np.sum(~np.isfinite(p.predicted))),
+        }
+        for p, file in zip(predictions.predictions, files, strict=True)
+    ]
+    return {
+        "records": rows,
+        "rmse": predictions.rmse,
+        "unit": unit,
+        "discretisation": predictions.discretisation,
+        "fitted_per_record": ["initial state", "offset"],
+        "findings": [{"code": f.code, "message": f.message} for f in predictions.findings],
+    }
+
+
+def _values(result: Result, model: SensorModel) -> dict[str, float]:
+    values = {}
+    for name in model.parameter_names:
+        parameter = result.parameters.get(name)
+        if parameter is None or parameter.value is None or not np.isfinite(parameter.value):
+            raise InputError(
+                "The result lacks a parameter of its model.",
+                expected=f"a finite {name} for the model {model.name!r}",
+                found="none" if parameter is None else repr(parameter.value),
+                where=f"result, parameters, {name}",
+                remedy="run `vibrident identify` again",
+            )
+        values[name] = float(parameter.value)
+    return values
+
+
+def _check_units(result: Result, calibration: Calibration) -> None:
+    where = calibration.source or "calibration in memory"
+    if calibration.table is not None:
+        raise InputError(
+            "A table has no motion to predict a response to.",
+            expected="a calibration with [[records]]",
+            found="[table]",
+            where=where,
+            remedy="give a calibration file with records",
+        )
+    if calibration.response_unit != result.response_unit:
+        raise InputError(
+            "The response is not in the unit of the result.",
+            expected=f'[response] unit = "{result.response_unit}", the unit of the result',
+            found=f'unit = "{calibration.response_unit}"',
+            where=f"{where}, [response]",
+            remedy="set unit, and scale so that file values times scale are in that unit",
+        )
+    theirs = result.reference.get("quantity", "acceleration")
+    if (calibration.quantity == "drive") != (theirs == "drive"):
+        raise InputError(
+            "The reference is not of the kind that the result was made with.",
+            expected='quantity = "drive"' if theirs == "drive" else "acceleration | velocity | displacement",
+            found=f'quantity = "{calibration.quantity}"',
+            where=f"{where}, [reference]",
+            remedy="predict with a result from the same kind of reference",
+        )
