@@ -74,10 +74,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     chi2 = adequacy.chi2_reduced or 0.0
     worst = _worst(points, response)
     text = (
-        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
-        f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}. The "
-        "stated uncertainties cover the noise only; uncertainty='inflated' (--uncertainty inflated) scales them by "
-        "that factor."
+        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times what "
+        f"the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
     )
     signals = _excerpts(evidence, predicted)
     return Judgement(adequacy, text, predicted, None, signals, weights)
@@ -134,9 +132,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     else:
         text = (
             f"The model does not explain the table: deviations are {np.sqrt(chi2 or 0.0):.3g} times the stated "
-            f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom). The parameters' uncertainties "
-            "follow from the stated ones alone; uncertainty='inflated' (--uncertainty inflated) scales them by that "
-            "factor."
+            f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom)."
         )
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter

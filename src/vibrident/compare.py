@@ -86,7 +86,9 @@ def _method(
         "estimator": result.estimator,
         "discretisation": result.settings.get("discretisation"),
         "parameters": parameters,
-        "fit": {key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()},
+        "fit": {
+            key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()
+        },
         "warnings": list(result.warning_codes),
         "time_s": result.settings.get("time_s"),
     }

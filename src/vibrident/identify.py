@@ -24,6 +24,7 @@ from vibrident.uncertainty import correlation, curve, doubts, parameter_table, w
 from vibrident.uncertainty.curve import frequencies
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
 
+Uncertainty = Literal["auto", "noise", "inflated"]
 EstimatorName = Literal["auto", "ipnn", "ml", "lsm"]
 ESTIMATORS: dict[str, type[Ipnn] | type[MaximumLikelihood] | type[LeastSquares]] = {
     "ipnn": Ipnn,
@@ -39,7 +40,7 @@ def identify(
     model: str | None = None,
     estimator: EstimatorName | Estimator = "auto",
     *,
-    uncertainty: Literal["noise", "inflated"] = "noise",
+    uncertainty: Uncertainty = "auto",
     progress: Progress = silent,
 ) -> Result:
     """Identify a sensor from its calibration.
@@ -49,8 +50,11 @@ def identify(
         model: name of the sensor model; None takes the calibration's.
         estimator: ``auto``, a name, or an estimator object with settings of its own, such as
             ``Ipnn(discretisation="euler", optimiser="adam")``.
-        uncertainty: ``noise``: what the noise (or the stated uncertainty) of the data explains. ``inflated``: where the
-            deviations from the model are larger than that, all uncertainties times √(χ²/dof) (Birge ratio).
+        uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
+            ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
+            ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
+            records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
+            uncertainties of a table are never scaled unasked.
         progress: called after each iteration of the optimiser.
 
     Returns:
@@ -64,23 +68,22 @@ def identify(
     begin = time.perf_counter()
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
-    chosen, reason = _estimator(evidence, estimator)
+    chosen, reason = _estimator(evidence, estimator, uncertainty)
     estimate = chosen.fit(evidence, progress)
     judgement = judge_table(evidence, estimate) if calibration.table else judge_records(evidence, estimate)
-    covariance, scale = _scaled(estimate, judgement, uncertainty)
+    covariance, freedom, scope = _scaled(evidence, estimate, judgement, uncertainty)
     weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
     covariance = with_reference(covariance, estimate.z, sensor_model, calibration.reference_standard_uncertainty)
     settings = {
         **estimate.settings,
         "estimator_choice": reason,
-        "uncertainty": scale,
-        "coverage_factor": coverage_factor(estimate.degrees_of_freedom),
-        "effective_degrees_of_freedom": estimate.degrees_of_freedom,
+        "uncertainty_covers": scope,
+        "coverage_factor": coverage_factor(freedom),
+        "effective_degrees_of_freedom": freedom,
         "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
         "start": dict(zip(sensor_model.parameter_names, np.asarray(estimate.coordinates.start).tolist(), strict=True)),
     }
     fields = unit_fields(calibration)
-    freedom = estimate.degrees_of_freedom
     table = parameter_table(estimate.coordinates, estimate.z, covariance, freedom, fields, weak)
     band = frequencies(evidence.band_hz)
     response = curve(estimate.coordinates, estimate.z, covariance, calibration.quantity, band)
@@ -94,7 +97,7 @@ def identify(
         fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
         response=response,
         measured=measured_curve(estimate, judgement.adequacy, calibration.quantity),
-        warnings=_warnings(evidence, sensor_model, table, judgement, warnings),
+        warnings=_warnings(evidence, sensor_model, table, judgement, warnings, scope),
         sensor=dict(calibration.sensor),
         reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
         response_unit=calibration.response_unit,
@@ -105,12 +108,13 @@ def identify(
     return replace(result, settings={**result.settings, "time_s": time.perf_counter() - begin})
 
 
-def _estimator(evidence: Evidence, asked: EstimatorName | Estimator) -> tuple[Estimator, str]:
+def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
     if not isinstance(asked, str):
         return asked, "chosen by the user"
+    reason = "chosen by the user"
     if asked == "auto":
-        name, reason = choose(evidence)
-        return ESTIMATORS[name](), f"{name}: {reason}"
+        asked, why = choose(evidence)
+        reason = f"{asked}: {why}"
     if asked not in ESTIMATORS:
         raise ModelError(
             f"The estimator {asked!r} is not known.",
@@ -119,17 +123,28 @@ def _estimator(evidence: Evidence, asked: EstimatorName | Estimator) -> tuple[Es
             where="estimator",
             remedy="choose one from the list",
         )
-    return ESTIMATORS[asked](), "chosen by the user"
+    settings = {"model_error": scope != "noise"} if asked == "ml" else {}
+    return ESTIMATORS[asked](**settings), reason
 
 
-def _scaled(estimate: Estimate, judgement: Judgement, choice: str) -> tuple[np.ndarray, str]:
-    """Covariance of z, and in words what it stands for."""
-    chi2 = judgement.adequacy.chi2_reduced
+def _scaled(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, choice: Uncertainty
+) -> tuple[np.ndarray, float, str]:
+    """Covariance of z, its degrees of freedom, and in words what it covers."""
+    adequacy, freedom = judgement.adequacy, estimate.degrees_of_freedom
     if judgement.scatter is not None:
-        return estimate.covariance * judgement.scatter**2, "from the scatter of the points (no uncertainty was stated)"
-    if choice == "inflated" and chi2 is not None and chi2 > 1.0:
-        return estimate.covariance * chi2, f"inflated by the Birge ratio {np.sqrt(chi2):.3g}, as asked"
-    return estimate.covariance, "noise" if estimate.degrees_of_freedom < np.inf else "stated"
+        scatter = "the scatter of the points (no uncertainty was stated)"
+        return estimate.covariance * judgement.scatter**2, float(max(adequacy.degrees_of_freedom, 1)), scatter
+    error = estimate.settings.get("model_error")
+    if error is not None:
+        text = f"noise and a relative model error of {100 * error:.3g} %, as large as the deviations demand"
+        return estimate.covariance, freedom, text
+    chi2 = adequacy.chi2_reduced or 0.0
+    unasked = choice == "auto" and bool(evidence.records) and not adequacy.adequate
+    if (choice == "inflated" and chi2 > 1.0) or unasked:
+        text = f"noise, scaled by the Birge ratio {np.sqrt(chi2):.3g}, as the deviations demand"
+        return estimate.covariance * chi2, float(max(adequacy.degrees_of_freedom, 1)), text
+    return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"
 
 
 def _warnings(
@@ -138,11 +153,13 @@ def _warnings(
     table: dict[str, Any],
     judgement: Judgement,
     doubtful: list[ResultWarning],
+    scope: str,
 ) -> tuple[ResultWarning, ...]:
     warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
     adequacy = judgement.adequacy
     if not adequacy.adequate:
-        warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit))
+        covered = f" The stated uncertainties cover {scope}."
+        warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered))
     warnings += doubtful
     gain = table[model.gain_name]
     if gain.value < 0:

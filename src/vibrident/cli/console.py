@@ -70,6 +70,4 @@ def _console(*, stderr: bool) -> Console:
 
     stream = sys.stderr if stderr else sys.stdout
     free = not stream.isatty() and not os.environ.get("COLUMNS")
-    return Console(
-        stderr=stderr, width=WIDTH_IN_A_FILE if free else None, markup=False, highlight=False, emoji=False
-    )
+    return Console(stderr=stderr, width=WIDTH_IN_A_FILE if free else None, markup=False, highlight=False, emoji=False)

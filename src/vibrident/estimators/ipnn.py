@@ -124,4 +124,3 @@ def _delay_moved(problem: TimeProblem, values: dict[str, float]) -> bool:
     """Whether the inputs were interpolated at another delay than is now estimated, by more than 1e-3 of a sample."""
     moved = abs(values.get("delay", 0.0) - problem.delay_s)
     return bool(moved > 1e-3 * np.min(problem.intervals_s))
-

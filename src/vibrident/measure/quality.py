@@ -20,6 +20,8 @@ PLATEAU_RATIO = 4.0
 LEAST_CUT = 2.5e-3
 #: Shortest run that is looked at, how near the extreme it lies, samples left out beside it, points used on either side.
 PLATEAU_SAMPLES, PLATEAU_TOLERANCE, PLATEAU_GUARD, MOST_POINTS = 4, 2e-3, 2, 64
+#: One run of a few samples is chance, noise being what it is; so many runs, or one so long, are not.
+PLATEAU_RUNS, LONG_PLATEAU = 3, 12
 #: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
 ALIAS_POWER = 0.01
 FEWEST_PERIODS = 2.0
@@ -119,7 +121,8 @@ def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
             level = float(np.median(values[at_extreme]))
             if abs(level - rest) < 0.05 * (high - low):
                 continue
-            if any(_is_plateau(values, first, last, LEAST_CUT * (high - low)) for first, last in _runs_of(at_extreme)):
+            flat = [run for run in _runs_of(at_extreme) if _is_plateau(values, *run, LEAST_CUT * (high - low))]
+            if len(flat) >= PLATEAU_RUNS or any(last - first + 1 >= LONG_PLATEAU for first, last in flat):
                 found |= at_extreme  # the level is a rail: every sample on it counts, also a single one
         if not found.any():
             break

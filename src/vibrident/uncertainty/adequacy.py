@@ -11,13 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from vibrident.measure.bands import coherent_remainder
 from vibrident.measure.response import ComplexArray, MeasuredResponse
+from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 
-REJECTION = 1e-3
 #: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
 #: show.
 RANDOM_ENOUGH = 4.0
@@ -97,8 +96,6 @@ def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
     # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
     chi2 = float(np.sum(squares * np.maximum(1.0 - 2.0 / freedom, 0.1)))
     degrees = 2 * len(squares) - parameters
-    spread = 1.0 + 4.0 / float(np.mean(freedom))
-    probability = float(chdtrc(degrees, chi2 / spread)) if degrees > 0 else 1.0
     return Adequacy(
         np.concatenate([p.frequency_hz for p in parts]),
         np.concatenate([p.measured for p in parts]),
@@ -106,7 +103,7 @@ def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
         tuple(name for p in parts for name in p.record),
         chi2 / degrees if degrees > 0 else None,
         degrees,
-        probability >= REJECTION,
+        not rejected(chi2, degrees, freedom),
     )
 
 
@@ -116,7 +113,7 @@ def judge_residuals(residual: FloatArray, parameters: int) -> tuple[float | None
     if degrees <= 0:
         return None, degrees, True
     chi2 = float(np.sum(residual**2))
-    return chi2 / degrees, degrees, float(chdtrc(degrees, chi2)) >= REJECTION
+    return chi2 / degrees, degrees, not rejected(chi2, degrees)
 
 
 def looks_random(residual: FloatArray) -> bool:

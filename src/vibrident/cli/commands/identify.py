@@ -20,7 +20,8 @@ _DETAILS = "Settings of an estimator"
 def identify(
     calibration: options.CalibrationFile,
     model: Annotated[
-        str | None, typer.Option("--model", metavar="NAME", help="Sensor model, in place of the file's; add-ons with +.")
+        str | None,
+        typer.Option("--model", metavar="NAME", help="Sensor model, in place of the file's; add-ons with +."),
     ] = None,
     estimator_name: Annotated[
         str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data and says why.")
@@ -38,7 +39,9 @@ def identify(
     ] = "noise",
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw pictures (PNG) into the folder.")] = True,
-    weights: Annotated[bool, typer.Option("--weights", help="Print the network's weights, the paper's Table 1.")] = False,
+    weights: Annotated[
+        bool, typer.Option("--weights", help="Print the network's weights, the paper's Table 1.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")] = False,
     discretisation: Annotated[
         str | None,
@@ -57,7 +60,10 @@ def identify(
     weighting: Annotated[
         str | None,
         choice(
-            "--weighting", options.WEIGHTINGS, "lsm: by uncertainty, or plain as in the paper.", rich_help_panel=_DETAILS
+            "--weighting",
+            options.WEIGHTINGS,
+            "lsm: by uncertainty, or plain as in the paper.",
+            rich_help_panel=_DETAILS,
         ),
     ] = None,
 ) -> None:

@@ -20,7 +20,9 @@ _UNSAFE = re.compile(r"[^\w.+-]+")
 
 
 def predict(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)],
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)
+    ],
     calibration: options.CalibrationFile,
     folder: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the CSV files and prediction.json.")
