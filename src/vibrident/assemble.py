@@ -12,6 +12,7 @@ from vibrident.discretize import Weights, method
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
 from vibrident.estimators.residual_tones import network_problem, residual_tones
+from vibrident.measure import MeasuredResponse
 from vibrident.network import weight_table
 from vibrident.problem import Evidence, TimeProblem
 from vibrident.problem.frequency_domain import response_residual
@@ -38,6 +39,7 @@ class Judgement:
     Attributes:
         adequacy: points, χ², verdict.
         lack_of_fit: the warning's text, should it be needed.
+        birge: factor on the uncertainties that the deviations demand, at least one.
         predicted: predicted response of each record, NaN where there is none; empty for a table.
         scatter: standard deviation of the weighted residuals where no uncertainty was stated, else None.
         signals: excerpts for pictures.
@@ -46,6 +48,7 @@ class Judgement:
 
     adequacy: Adequacy
     lack_of_fit: str
+    birge: float = 1.0
     predicted: tuple[FloatArray, ...] = ()
     scatter: float | None = None
     signals: tuple[Signal, ...] = ()
@@ -62,8 +65,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
     points: list[Points] = []
     if evidence.tones is not None:
-        problem = estimate.problem or network_problem(evidence, values)
-        tones = estimate.tones or residual_tones(evidence, problem, estimate.coordinates, estimate.z)
+        tones = estimate.tones or _tones(evidence, estimate, values)
         names = [r.name for r in evidence.records]
         deviation = tones.error_deviation(response)
         points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
@@ -71,6 +73,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
     points += band_points([evidence.records[i] for i in others], [predicted[i] for i in others], response)
     adequacy = assess(points, len(estimate.z))
+    birge = _birge(evidence, estimate, points, adequacy)
     chi2 = adequacy.chi2_reduced or 0.0
     worst = _worst(points, response)
     text = (
@@ -78,7 +81,41 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         f"the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
     )
     signals = _excerpts(evidence, predicted)
-    return Judgement(adequacy, text, predicted, None, signals, weights)
+    return Judgement(adequacy, text, birge, predicted, None, signals, weights)
+
+
+def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
+    """Tones at the estimate, by the network with exact weights, whatever network was trained."""
+    exact = estimate.settings.get("discretisation", "bandlimited") == "bandlimited"
+    problem = estimate.problem if exact else None
+    problem = problem or network_problem(evidence, values)
+    return residual_tones(evidence, problem, estimate.coordinates, estimate.z)
+
+
+def _birge(evidence: Evidence, estimate: Estimate, points: list[Points], adequacy: Adequacy) -> float:
+    """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
+
+    The network weighs a record by its whole residual, misfit and all, so its share of that is taken as the noise of a tone.
+    """
+    chi2 = adequacy.chi2_reduced or 0.0
+    noise = estimate.settings.get("noise")
+    if noise and adequacy.degrees_of_freedom > 0:
+        records = {r.name: r for r in evidence.records}
+        total = 0.0
+        for part in points:
+            size = np.abs(part.measured) * part.relative_deviation
+            for name, squares, deviation, measured in zip(
+                part.record, part.squares, part.relative_deviation, size, strict=True
+            ):
+                record = records[name]
+                if record.excitation != "sine":
+                    total += squares
+                    continue
+                error = squares * deviation**2
+                own = 2.0 * noise[name] ** 2 / float(record.mask.sum()) / np.var(record.response[record.mask]) / 2.0
+                total += error / max(own, deviation**2)
+        chi2 = total / adequacy.degrees_of_freedom
+    return float(np.sqrt(max(chi2, 1.0)))
 
 
 def _worst(points: list[Points], response: Any) -> str:
@@ -137,7 +174,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate)
-    return Judgement(adequacy, text, scatter=scatter)
+    return Judgement(adequacy, text, float(np.sqrt(max(chi2 or 0.0, 1.0))), scatter=scatter)
 
 
 def measured_curve(estimate: Estimate, adequacy: Adequacy, quantity: Quantity) -> MeasuredCurve:

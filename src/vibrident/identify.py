@@ -139,11 +139,10 @@ def _scaled(
     if error is not None:
         text = f"noise and a relative model error of {100 * error:.3g} %, as large as the deviations demand"
         return estimate.covariance, freedom, text
-    chi2 = adequacy.chi2_reduced or 0.0
     unasked = choice == "auto" and bool(evidence.records) and not adequacy.adequate
-    if (choice == "inflated" and chi2 > 1.0) or unasked:
-        text = f"noise, scaled by the Birge ratio {np.sqrt(chi2):.3g}, as the deviations demand"
-        return estimate.covariance * chi2, float(max(adequacy.degrees_of_freedom, 1)), text
+    if (choice == "inflated" and judgement.birge > 1.0) or unasked:
+        text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
+        return estimate.covariance * judgement.birge**2, float(max(adequacy.degrees_of_freedom, 1)), text
     return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"
 
 

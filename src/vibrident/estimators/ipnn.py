@@ -16,6 +16,7 @@ from vibrident.backend import jnp
 from vibrident.discretize import method
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
+from vibrident.estimators.coloured import coloured_covariance
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
 from vibrident.estimators.start import start_values
@@ -82,14 +83,13 @@ class Ipnn:
         z = trace.last
         normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
         noise_now = _from_squares(problem, np.asarray(normal.squares))
-        freedom = float(np.sum(problem.degrees_of_freedom)) - len(z)
         settings = {
             "discretisation": self.discretisation,
             "optimiser": trace.optimiser,
             "inputs_per_step": problem.layout.terms,
             "noise": dict(zip([r.name for r in problem.records], noise_now.tolist(), strict=True)),
         }
-        covariance = np.linalg.pinv(np.asarray(normal.matrix), hermitian=True)
+        covariance, freedom = coloured_covariance(problem, normal, noise)
         return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem)
 
     def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:

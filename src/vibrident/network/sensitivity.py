@@ -39,6 +39,7 @@ class Normal(NamedTuple):
         cost: rᵀr.
         squares: Σ r² of every segment, not weighted by the noise, shape (S,).
         response: the network's response with the best initial states and offsets, shape (L, M).
+        columns: P times ∂(weighted response)/∂parameter with states and offsets held, shape (L, M).
     """
 
     matrix: Any
@@ -46,6 +47,7 @@ class Normal(NamedTuple):
     cost: Any
     squares: Any
     response: Any
+    columns: Any
 
 
 def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int) -> Normal:
@@ -86,7 +88,7 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     totals = jnp.stack([imitable(proj, lanes, column) for column in columns])  # (P, S, n + 1)
     matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
-    return Normal(matrix, gradient, cost, squares, response)
+    return Normal(matrix, gradient, cost, squares, response, columns)
 
 
 def contract(matrix: Any, vectors: Any) -> Any:
