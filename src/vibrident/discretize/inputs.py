@@ -27,8 +27,8 @@ from vibrident.records import BoolArray, FloatArray
 USABLE_BAND = 0.4
 #: Samples used on either side of a step.
 HALF_WIDTH = 40
-#: Kaiser β for the half width above: interpolation error below 1e-7 up to 0.43 of the sampling rate.
-KAISER_BETA = 16.0
+#: Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate.
+KAISER_BETA = 20.0
 #: Error allowed for cutting the Legendre series, relative to the response.
 SERIES_TOLERANCE = 1e-10
 MAX_TERMS = 12

@@ -44,6 +44,7 @@ def coloured_covariance(problem: TimeProblem, normal: Normal, noise: FloatArray)
         slopes[:, used] -= slopes[:, used].mean(axis=1, keepdims=True)  # what an offset imitates
         width = _width(record)
         level = _level(residual, used, width)
+        level *= max(1.0, 1.0 / max(float(level.mean()), 1e-300))  # the weights may rest on a floor above the residual
         lines = fft.rfft(slopes, axis=1)
         twice = np.full(lines.shape[1], 2.0)
         twice[0] = 1.0

@@ -17,16 +17,18 @@ from vibrident.discretize import method
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
+from vibrident.estimators.free import train_free
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
 from vibrident.estimators.start import start_values
+from vibrident.network.readback import Reading
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
 
 #: Rounds of training with refreshed noise weights and delay.
 ROUNDS = 3
 #: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
-LEAST_NOISE = 1e-9
+LEAST_NOISE = 1e-7
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
 
@@ -40,12 +42,16 @@ class Ipnn:
         optimiser: ``lm`` (Levenberg–Marquardt) or ``adam``.
         learning_rate: of Adam.
         steps: of Adam.
+        weights: ``tied`` to the physics, or ``free`` and read back; see :mod:`vibrident.estimators.free`.
+        reading: of free weights: ``eigenvalues``, or the paper's ``elements``.
     """
 
     discretisation: str = "bandlimited"
     optimiser: Literal["lm", "adam"] = "lm"
     learning_rate: float = 0.001
     steps: int = 1500
+    weights: Literal["tied", "free"] = "tied"
+    reading: Reading = "eigenvalues"
     name: str = "ipnn"
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
@@ -90,6 +96,9 @@ class Ipnn:
             "noise": dict(zip([r.name for r in problem.records], noise_now.tolist(), strict=True)),
         }
         covariance, freedom = coloured_covariance(problem, normal, noise)
+        if self.weights == "free":
+            z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
+            settings |= {"weights": "free", "reading": self.reading}
         return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem)
 
     def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.response import LEAST_DEVIATION, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
 LINES_IN_BAND = 6
@@ -105,8 +105,9 @@ def coherent_remainder(
         rho = np.sum(spectra[0, a:b] * np.conj(spectra[1, a:b])) / total
         rest = float(np.sum(np.abs(spectra[0, a:b] - rho * spectra[1, a:b]) ** 2))
         freedom = 2.0 * max((b - a) * float(np.mean(used)) - 1.0, 1.0)
-        variance = rest / (b - a - 1.0) / total / 2.0
-        if variance <= 0.0 or variance > 0.25:
+        floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
+        variance = max(rest / (b - a - 1.0) / total / 2.0, floor)
+        if variance > 0.25:
             continue
         centre = float(np.sum(np.arange(a, b) * power[1, a:b]) / total) * rate / n
         rows.append((centre, rho, np.sqrt(variance), freedom))

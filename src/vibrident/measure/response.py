@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from vibrident.records import FloatArray
 
+#: No deviation below this part of the amplitude is believed: interpolation between samples is no better than that.
+LEAST_DEVIATION = 1e-7
 #: Lines count by their distance from the tone, a normal curve of this width in the logarithm of frequency.
 NEAR = 0.7
 #: The logarithm of a periodogram line has mean ln(level) − 0.577 and this deviation (correlated in neighbours).
@@ -72,7 +74,7 @@ class MeasuredResponse:
         h = self.ratio[:, None] if model is None else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
         error = np.abs(self.line_response - h * self.line_reference) ** 2
         variance = _level_at_tone(error, self.line_hz / self.frequency_hz[:, None], self.line_weight)
-        floor = (1e-13 * np.abs(self.response)) ** 2 + np.finfo(float).tiny
+        floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
 
     @staticmethod

@@ -15,10 +15,11 @@ from scipy import fft
 
 from vibrident.records import FloatArray
 
-#: Simulated this many times finer than sampled, then filtered and thinned.
-OVERSAMPLING = 16
+#: Simulated this many times finer than sampled, then filtered and thinned. What folds back at the fine rate is smaller by the
+#: square of this number than the content beside it, for a corner's 1/f² spectrum.
+OVERSAMPLING = 64
 #: Edges of pass and stop band, as fractions of the sampling rate, and depth of the stop band.
-PASS_BAND, STOP_BAND, DEPTH_DB = 0.4, 0.5, 160.0
+PASS_BAND, STOP_BAND, DEPTH_DB = 0.32, 0.42, 160.0
 
 
 @functools.cache

@@ -93,7 +93,7 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             _paper("table2", 1.0, "the sensor of Table 2: 630 Hz, 1020 mV/g"),
             _paper("inverted", -1.0, "the sensor of Table 2 with its leads exchanged"),
             Sensor(
-                "piezo", "piezoelectric accelerometer, 30 kHz", "accelerometer", _PIEZO, (10.0, 10e3), 102400.0, 50.0
+                "piezo", "piezoelectric accelerometer, 30 kHz", "accelerometer", _PIEZO, (20.0, 20e3), 102400.0, 50.0
             ),
             Sensor("geophone", "geophone, 4.5 Hz", "velocity-pickup", _GEOPHONE, (1.0, 200.0), 2000.0, 1.0),
             Sensor("seismometer", "seismometer, 1 Hz", "velocity-pickup", _SEISMOMETER, (0.1, 40.0), 200.0, 0.01),
