@@ -73,7 +73,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
     points += band_points([evidence.records[i] for i in others], [predicted[i] for i in others], response)
     adequacy = assess(points, len(estimate.z))
-    birge = _birge(evidence, estimate, points, adequacy)
+    birge = _birge(estimate, evidence, points, adequacy)
     chi2 = adequacy.chi2_reduced or 0.0
     worst = _worst(points, response)
     text = (
@@ -89,31 +89,24 @@ def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> 
     exact = estimate.settings.get("discretisation", "bandlimited") == "bandlimited"
     problem = estimate.problem if exact else None
     problem = problem or network_problem(evidence, values)
-    return residual_tones(evidence, problem, estimate.coordinates, estimate.z)
+    predicted = estimate.predicted if exact and estimate.predicted is not None else None
+    return residual_tones(evidence, problem, estimate.coordinates, estimate.z, predicted)
 
 
-def _birge(evidence: Evidence, estimate: Estimate, points: list[Points], adequacy: Adequacy) -> float:
+def _birge(estimate: Estimate, evidence: Evidence, points: list[Points], adequacy: Adequacy) -> float:
     """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
 
-    The network weighs a record by its whole residual, misfit and all, so its share of that is taken as the noise of a tone.
+    The network weighs a record by its whole residual, misfit and all; a sine's deviation is then compared with what
+    white noise of that size would do to its tone.
     """
     chi2 = adequacy.chi2_reduced or 0.0
-    noise = estimate.settings.get("noise")
-    if noise and adequacy.degrees_of_freedom > 0:
-        records = {r.name: r for r in evidence.records}
-        total = 0.0
-        for part in points:
-            size = np.abs(part.measured) * part.relative_deviation
-            for name, squares, deviation, measured in zip(
-                part.record, part.squares, part.relative_deviation, size, strict=True
-            ):
-                record = records[name]
-                if record.excitation != "sine":
-                    total += squares
-                    continue
-                error = squares * deviation**2
-                own = 2.0 * noise[name] ** 2 / float(record.mask.sum()) / np.var(record.response[record.mask]) / 2.0
-                total += error / max(own, deviation**2)
+    noise, tones = estimate.settings.get("noise"), evidence.tones
+    if noise and tones is not None and adequacy.degrees_of_freedom > 0:
+        sines, others = points[0], points[1:]
+        samples = np.array([evidence.records[i].mask.sum() for i in tones.record])
+        own = np.array(noise)[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
+        weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
+        total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
         chi2 = total / adequacy.degrees_of_freedom
     return float(np.sqrt(max(chi2, 1.0)))
 
@@ -137,13 +130,13 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
         )
     except InputError:  # all records too short to interpolate: the tones stand alone
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
-    predicted = problem.predict(estimate.coordinates, estimate.z)
+    predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
     if estimate.estimator != "ipnn":
-        return tuple(predicted), {}
+        return predicted, {}
     first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
     scale = evidence.model.rational(values, evidence.quantity).angular_scale
     table = weight_table(first, scale ** np.arange(problem.layout.order))  # in the paper's states V, V̇
-    return tuple(predicted), {
+    return predicted, {
         **table,
         "discretisation": name,
         "sampling_interval_s": float(problem.intervals_s[0]),

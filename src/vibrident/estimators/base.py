@@ -26,6 +26,7 @@ class Estimate:
         settings: what was chosen.
         tones: the tones as last measured, with the start transient taken out; None without sine records.
         problem: the time-domain problem, where the estimator made one.
+        predicted: predicted response of every record at the optimum, NaN where there is none, where it is at hand.
     """
 
     estimator: str
@@ -37,6 +38,7 @@ class Estimate:
     settings: Mapping[str, Any] = field(default_factory=dict)
     tones: MeasuredResponse | None = None
     problem: TimeProblem | None = None
+    predicted: tuple[FloatArray, ...] | None = None
 
 
 class Estimator(Protocol):

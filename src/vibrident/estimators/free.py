@@ -68,7 +68,7 @@ def train_free(
     tied = Weights(*(np.asarray(w)[0] for w in problem.weights(values)))
     scale = float(model.rational(values, layout.quantity).angular_scale) ** np.arange(layout.order)
     args = (problem.lanes, jnp.asarray(problem.by_lane(noise)), layout.order, layout.terms, layout.segments)
-    trace = levenberg_marquardt(_objective, pack(tied), args, tolerance=1e-6, progress=progress)
+    trace = levenberg_marquardt(_objective, pack(tied), args, tolerance=1e-2, progress=progress)
     interval = float(problem.intervals_s[0])
 
     def read(vector: FloatArray) -> FloatArray:

@@ -74,32 +74,37 @@ class Ipnn:
         coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
         z = coordinates.first
         problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, start)
-        noise = _noise_at(problem, coordinates, z, np.ones(len(evidence.records)))
-        trace = self._train(problem, coordinates, z, noise, progress)
-        for _ in range(ROUNDS - 1):
-            before, old_noise, z = z, noise, trace.last
+        noise, trace = np.ones(len(evidence.records)), None
+        for _ in range(ROUNDS):
+            normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
+            found = _record_noise(problem, np.asarray(normal.squares))
+            if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED):
+                break
+            noise = found
+            trace = self._train(problem, coordinates, z, noise, progress)
+            z = trace.last
             values = coordinates.values(z)
             if _delay_moved(problem, values):
                 problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
-            noise = _noise_at(problem, coordinates, z, noise)
-            settled = np.allclose(noise, old_noise, rtol=NOISE_SETTLED) and np.allclose(before, z, rtol=0.1, atol=0.1)
-            if settled and problem.delay_s == values.get("delay", problem.delay_s):
-                break
-            trace = self._train(problem, coordinates, z, noise, progress)
-        z = trace.last
-        normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
-        noise_now = _from_squares(problem, np.asarray(normal.squares))
+                noise = noise * (1.0 + 2.0 * NOISE_SETTLED)  # another round, with the inputs at the delay found
+        else:
+            normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
+        assert trace is not None
         settings = {
             "discretisation": self.discretisation,
             "optimiser": trace.optimiser,
             "inputs_per_step": problem.layout.terms,
-            "noise": dict(zip([r.name for r in problem.records], noise_now.tolist(), strict=True)),
+            "noise": noise.tolist(),
         }
         covariance, freedom = coloured_covariance(problem, normal, noise)
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
             settings |= {"weights": "free", "reading": self.reading}
-        return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem)
+            return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem)
+        predicted = tuple(problem.by_record(normal.response))
+        return Estimate(
+            "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, predicted=predicted
+        )
 
     def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:
         return coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise))
@@ -113,14 +118,8 @@ class Ipnn:
         return levenberg_marquardt(time_objective, z, args, tolerance=1e-6, progress=progress)
 
 
-def _noise_at(problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray) -> FloatArray:
-    """Standard deviation of each record's residual at ``z``, shape (records,)."""
-    lanes_noise = jnp.asarray(problem.by_lane(noise))
-    normal = time_objective(jnp.asarray(z), (coordinates, problem.layout, problem.data, lanes_noise))
-    return _from_squares(problem, np.asarray(normal.squares))
-
-
-def _from_squares(problem: TimeProblem, squares: FloatArray) -> FloatArray:
+def _record_noise(problem: TimeProblem, squares: FloatArray) -> FloatArray:
+    """Standard deviation of each record's residual, shape (records,), from the sums of squares of the segments."""
     count = len(problem.records)
     squares = squares[: len(problem.record_of_segment)]  # segments beyond are padding
     totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)

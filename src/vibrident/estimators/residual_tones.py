@@ -9,6 +9,7 @@ depend on the θ used, and two rounds leave nothing of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,11 @@ def network_problem(evidence: Evidence, values: dict[str, float]) -> TimeProblem
 
 
 def residual_tones(
-    evidence: Evidence, problem: TimeProblem | None, coordinates: Coordinates, z: FloatArray
+    evidence: Evidence,
+    problem: TimeProblem | None,
+    coordinates: Coordinates,
+    z: FloatArray,
+    predicted: Sequence[FloatArray] | None = None,
 ) -> MeasuredResponse:
     """The tones at coordinates ``z``; plain sine fits for records that the network does not reach.
 
@@ -38,20 +43,24 @@ def residual_tones(
         problem: of all records; None where there is none.
         coordinates: the map from z to parameters.
         z: where the residual is taken, shape (p,).
+        predicted: the network's response to each record at ``z``, where it is at hand.
     """
     plain = evidence.tones
     assert plain is not None
     values = coordinates.values(z)
     poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
-    predicted = [None] * len(evidence.records) if problem is None else problem.predict(coordinates, z)
+    if predicted is None and problem is not None:
+        predicted = problem.predict(coordinates, z)
     records, cleaned = [], []
     for index in plain.record:
-        record, series = evidence.records[index], predicted[index]
-        used = np.zeros(record.samples, dtype=bool) if series is None else record.mask & np.isfinite(series)
-        # Too little reached: the record keeps all its samples and its felt noise.
-        reached = series is not None and used.sum() > 0.5 * record.mask.sum()
-        if reached:
-            record = replace(record, response=np.where(used, record.response - series, 0.0), valid=used)
+        record, series = evidence.records[index], None if predicted is None else predicted[index]
+        reached = False
+        if series is not None:
+            used = record.mask & np.isfinite(series)
+            # Where the network reaches too little, the record keeps all its samples and its felt noise.
+            reached = bool(used.sum() > 0.5 * record.mask.sum())
+            if reached:
+                record = replace(record, response=np.where(used, record.response - series, 0.0), valid=used)
         records.append(record)
         cleaned.append(reached)
     tones = measure_tones(records, plain.frequency_hz.tolist(), poles)

@@ -5,6 +5,6 @@ from __future__ import annotations
 from vibrident.measure.bands import measure_bands
 from vibrident.measure.quality import Finding, screen
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.tones import measure_tones
+from vibrident.measure.tones import find_tones, measure_tones
 
-__all__ = ["Finding", "MeasuredResponse", "measure_bands", "measure_tones", "screen"]
+__all__ = ["Finding", "MeasuredResponse", "find_tones", "measure_bands", "measure_tones", "screen"]

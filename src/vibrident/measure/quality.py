@@ -121,9 +121,8 @@ def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
             level = float(np.median(values[at_extreme]))
             if abs(level - rest) < 0.05 * (high - low):
                 continue
-            flat = [run for run in _runs_of(at_extreme) if _is_plateau(values, *run, LEAST_CUT * (high - low))]
-            if len(flat) >= PLATEAU_RUNS or any(last - first + 1 >= LONG_PLATEAU for first, last in flat):
-                found |= at_extreme  # the level is a rail: every sample on it counts, also a single one
+            if _is_rail(values, at_extreme, LEAST_CUT * (high - low)):
+                found |= at_extreme  # every sample on a rail counts, also a single one
         if not found.any():
             break
         for shift in range(1, PLATEAU_GUARD + 1):
@@ -131,6 +130,17 @@ def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
             bad[:-shift] |= found[shift:]
         bad |= found
     return bad
+
+
+def _is_rail(values: FloatArray, at_extreme: BoolArray, least: float) -> bool:
+    """Whether the longest runs at an extreme are plateaus: one long one, or PLATEAU_RUNS of them."""
+    runs = sorted(_runs_of(at_extreme), key=lambda run: run[0] - run[1])[:PLATEAU_RUNS]
+    for count, (first, last) in enumerate(runs, start=1):
+        if not _is_plateau(values, first, last, least):
+            return False
+        if last - first + 1 >= LONG_PLATEAU or count == PLATEAU_RUNS:
+            return True
+    return False
 
 
 def _is_plateau(values: FloatArray, first: int, last: int, least: float) -> bool:

@@ -46,8 +46,40 @@ def measure_tones(
     return MeasuredResponse.join(parts)
 
 
+def find_tones(records: Sequence[Record]) -> MeasuredResponse:
+    """Frequency and amplitudes of every sine record, quickly: no harmonics, and noise taken for white.
+
+    Good for start values; :func:`measure_tones` is the careful measurement.
+    """
+    parts = []
+    for index, record in enumerate(records):
+        frequency, amplitude, variance = _sine_fit(record)
+        # Two lines stand for the noise, one of each channel, twice the variance each: their mean is the variance.
+        lines = np.diag(np.sqrt(2.0 * variance)).astype(complex)
+        parts.append(
+            MeasuredResponse(
+                np.array([frequency]),
+                amplitude[:1],
+                amplitude[1:],
+                np.full((1, 2), frequency),
+                lines[:1],
+                lines[1:],
+                np.ones((1, 2)),
+                np.array([float(record.mask.sum())]),
+                np.array([index]),
+                np.zeros((1, 2)),
+            )
+        )
+    return MeasuredResponse.join(parts)
+
+
 def tone_frequency(record: Record) -> float:
     """Frequency of a sine record, Hz: the spectrum's peak, refined by least squares on both channels."""
+    return _sine_fit(record)[0]
+
+
+def _sine_fit(record: Record) -> tuple[float, ComplexArray, FloatArray]:
+    """Frequency, amplitudes of both channels, and the variance of their real parts for white noise."""
     reference, response, mask = np.asarray(record.reference), record.response, record.mask
     times = record.time_s
     start = _spectral_peak(reference, mask, record.sampling_rate_hz, record.frequency_hz)
@@ -77,7 +109,12 @@ def tone_frequency(record: Record) -> float:
         omega += step
         if abs(step) * span < FREQUENCY_TOLERANCE:
             break
-    return abs(float(omega)) / (2.0 * np.pi)
+    amplitude = (found[0] - 1j * found[1]) * np.exp(-0.5j * omega * span)  # from the record's middle to its start
+    count = max(t.shape[0], 6)
+    variance = 2.0 * np.sum(residual**2, axis=1) / (count - 5.0) / count
+    if omega < 0:
+        omega, amplitude = -omega, np.conj(amplitude)
+    return float(omega) / (2.0 * np.pi), amplitude, variance
 
 
 def _spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.measure import Finding, MeasuredResponse, measure_bands, measure_tones, screen
+from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
 from vibrident.measure.quality import short_records, silent_channels
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
@@ -46,7 +46,7 @@ class Evidence:
         records, findings = screen(calibration.records)
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
         others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
-        tones = _renumbered(measure_tones([records[i] for i in sines]), sines) if sines else None
+        tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None
         bands = measure_bands([records[i] for i in others]) if others else None
         bands = _renumbered(bands, others) if bands is not None else None
         more: list[Finding] = []

@@ -61,7 +61,7 @@ class TimeProblem:
         fractions: read-out fraction at ``delay_s``, shape (R,).
         delay_s: delay at which the inputs were interpolated.
         record_of_segment: record of each real segment; segments beyond them are padding.
-        sample: shape (L, M), index of each step in its record, −1 for padding.
+        pieces: record, samples and first lane of each segment.
     """
 
     layout: Layout
@@ -71,7 +71,7 @@ class TimeProblem:
     fractions: FloatArray
     delay_s: float
     record_of_segment: np.ndarray
-    sample: np.ndarray
+    pieces: tuple[tuple[int, slice, int], ...]
 
     @classmethod
     def build(
@@ -121,10 +121,11 @@ class TimeProblem:
                 where="records",
                 remedy="use longer records, or the estimator 'ml'",
             )
-        lanes, sample = _cut(pieces, records, rate, terms)
+        lanes, first_lanes = _cut(pieces, records, rate, terms)
         layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1))
         owners = np.array([piece[0] for piece in pieces])
-        return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, sample)
+        placed = tuple((p[0], p[1], lane) for p, lane in zip(pieces, first_lanes, strict=True))
+        return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, placed)
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
@@ -159,15 +160,10 @@ class TimeProblem:
 
     def by_record(self, lanes_values: Any) -> list[FloatArray]:
         """Put values of the lanes, shape (L, M), back in the order of the records' samples; NaN elsewhere."""
-        flat = np.asarray(lanes_values).T.ravel()
-        index = self.sample.T.ravel()
-        owner = np.repeat(self.by_lane(np.arange(len(self.records)), fill=-1), self.sample.shape[0])
-        ordered = []
-        for number, record in enumerate(self.records):
-            mine = (owner == number) & (index >= 0)
-            series = np.full(record.samples, np.nan)
-            series[index[mine]] = flat[mine]
-            ordered.append(series)
+        flat = np.asarray(lanes_values).T.ravel()  # lane after lane
+        ordered = [np.full(record.samples, np.nan) for record in self.records]
+        for owner, run, lane in self.pieces:
+            ordered[owner][run] = flat[lane * CHUNK : lane * CHUNK + run.stop - run.start]
         return ordered
 
 
@@ -243,14 +239,13 @@ def _runs(usable: BoolArray) -> list[slice]:
 
 def _cut(
     pieces: list[tuple[int, slice, FloatArray]], records: Sequence[Record], rate: np.ndarray, terms: int
-) -> tuple[Lanes, np.ndarray]:
-    """Cut segments into chunks of CHUNK steps, the last one padded with weight zero."""
+) -> tuple[Lanes, list[int]]:
+    """Cut segments into chunks of CHUNK steps, the last one padded with weight zero; also each one's first lane."""
     counts = [-(-(piece[1].stop - piece[1].start) // CHUNK) for piece in pieces]
     total = _bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
     padding = len(pieces)
     inputs = np.zeros((total, CHUNK, terms))
     response, weight = np.zeros((total, CHUNK)), np.zeros((total, CHUNK))
-    sample = np.full((total, CHUNK), -1)
     first, segment, rates = np.ones(total, dtype=bool), np.full(total, padding), np.zeros(total, dtype=int)
     lane = 0
     for number, ((index, run, coefficients), count) in enumerate(zip(pieces, counts, strict=True)):
@@ -260,7 +255,6 @@ def _cut(
         inputs[mine].reshape(-1, terms)[:steps] = coefficients
         response[mine].reshape(-1)[:steps] = records[index].response[run] * mask
         weight[mine].reshape(-1)[:steps] = mask
-        sample[mine].reshape(-1)[:steps] = np.arange(run.start, run.stop)
         first[mine], segment[mine], rates[mine] = False, number, rate[index]
         first[lane] = True
         lane += count
@@ -272,4 +266,4 @@ def _cut(
         segment,
         rates,
     )
-    return lanes, sample.T
+    return lanes, [sum(counts[:i]) for i in range(len(counts))]
