@@ -87,7 +87,7 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
 
 def half_width_for(samples: int) -> int:
     """Half width of the interpolation for a record of that many samples: short records get a shorter one."""
-    return int(min(HALF_WIDTH, max(4, samples // 12)))
+    return int(min(HALF_WIDTH, max(4, samples // 5)))
 
 
 def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:

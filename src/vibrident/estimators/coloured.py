@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
+from vibrident.estimators.covariance import inverse_normal
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import TimeProblem
 from vibrident.records import FloatArray, Record
@@ -30,7 +31,7 @@ def coloured_covariance(problem: TimeProblem, normal: Normal, noise: FloatArray)
         normal: the normal equations at the optimum.
         noise: standard deviation by which each record was weighted, shape (records,).
     """
-    inverse = np.linalg.pinv(np.asarray(normal.matrix), hermitian=True)
+    inverse = inverse_normal(np.asarray(normal.matrix))
     predicted = problem.by_record(normal.response)
     columns = [problem.by_record(column) for column in normal.columns]
     middle = np.zeros_like(inverse)

@@ -18,6 +18,7 @@ import numpy as np
 from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
+from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.ml import weighted_problem
 from vibrident.estimators.objectives import inverse_jacobian, inverse_objective
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
@@ -67,7 +68,7 @@ class LeastSquares:
         jacobian = np.asarray(inverse_jacobian(jnp.asarray(trace.last), args))
         # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
-        gain = np.linalg.pinv(jacobian)
+        gain = inverse_normal(jacobian.T @ jacobian) @ jacobian.T
         covariance = (gain * deviation**2) @ gain.T
         settings = {"weighting": self.weighting}
         return Estimate("lsm", coordinates, trace.last, covariance, freedom, trace, settings, tones)

@@ -16,6 +16,7 @@ import numpy as np
 from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
+from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
@@ -133,7 +134,7 @@ def _estimate(
     assert trace is not None
     kind = (problem.polar, problem.has_phase, problem.quantity)
     local = response_objective(jnp.asarray(trace.last), (coordinates, kind, problem.data))
-    covariance = np.linalg.pinv(np.asarray(local.matrix), hermitian=True)
+    covariance = inverse_normal(np.asarray(local.matrix))
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
         covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))

@@ -154,6 +154,8 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
     # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
     amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
     lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics)
+    fitted = design.shape[0] + (0 if extra is None else extra.shape[0])
+    lines *= np.sqrt(mask.sum() / max(float(mask.sum()) - fitted, 1.0))  # what the fit took from the residual
     overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
     count = lines_hz.shape[0]
     return MeasuredResponse(
