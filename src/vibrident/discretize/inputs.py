@@ -85,6 +85,14 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
     return filters
 
 
+@functools.lru_cache(maxsize=8)
+def _spectra(terms: int, half_width: int, shift: float, size: int) -> NDArray[np.complex128]:
+    """Spectra of the reversed filters: their product with a signal's is a correlation; shape (terms, size/2 + 1)."""
+    from scipy import fft
+
+    return np.asarray(fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1))
+
+
 def half_width_for(samples: int) -> int:
     """Half width of the interpolation for a record of that many samples: short records get a shorter one."""
     return int(min(HALF_WIDTH, max(4, samples // 5)))
@@ -105,11 +113,10 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
     half = half_width_for(n)
     whole = math.ceil(delay_samples)  # step k starts at sample k − whole + shift
     shift = whole - delay_samples
-    filters = _filters(terms, half, shift)
     clean = np.where(valid, samples, 0.0)
     size = fft.next_fast_len(n + 2 * half, real=True)
     spectrum = np.asarray(fft.rfft(clean, size))
-    kernels = np.asarray(fft.rfft(filters[:, ::-1], size, axis=-1))  # reversed: a correlation as a convolution
+    kernels = _spectra(terms, half, shift, size)
     convolved = np.asarray(fft.irfft(spectrum * kernels, size, axis=-1))
     # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k sits at k + half.
     coefficients = convolved[:, half : half + n].T
