@@ -1,8 +1,9 @@
-"""The response that a result foretells for the motion of other records, and how well it meets the response measured there.
+"""The response that a result foretells for the motion of other records, and how well it meets the response measured
+there.
 
-The network runs with the result's parameters and, where the result was trained with one, its discretisation. What belongs
-to a record and not to the sensor, the state at its first sample and its offset, is fitted to the record's own response; a
-record of n samples has n − 3 left to judge the prediction by.
+The network runs with the result's parameters and, where the result was trained with one, its discretisation. What
+belongs to a record and not to the sensor, the state at its first sample and its offset, is fitted to the record's own
+response; a record of n samples has n − 3 left to judge the prediction by.
 """
 
 from __future__ import annotations

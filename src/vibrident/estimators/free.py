@@ -1,9 +1,9 @@
 """The same network with free weights: trained entry by entry, then read back as a sensor.
 
 The tied network has as many unknowns as the sensor has parameters; the free one has n² + n q + n + q weights, n² of
-which only choose coordinates for the hidden states. It starts from the tied weights and shows what the data say when the
-physics is not imposed; its parameters come from eigenvalues and the network's own response (or, as in the paper, entry by
-entry of Euler's W1 and W3).
+which only choose coordinates for the hidden states. It starts from the tied weights and shows what the data say when
+the physics is not imposed; its parameters come from eigenvalues and the network's own response (or, as in the paper,
+entry by entry of Euler's W1 and W3).
 """
 
 from __future__ import annotations

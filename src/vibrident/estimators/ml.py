@@ -29,7 +29,8 @@ from vibrident.records import FloatArray
 
 #: Bisections for the model error: a relative step of 2e-5 at the end.
 MODEL_ERROR_STEPS = 20
-#: Most rounds of fit and refreshed tones, and the change of the coordinates (relative, nearly) that needs no further one.
+#: Most rounds of fit and refreshed tones, and the change of the coordinates (relative, nearly) that needs no further
+#: one.
 ROUNDS, SETTLED = 4, 1e-4
 
 
@@ -38,10 +39,10 @@ class MaximumLikelihood:
     """Settings of the estimator ``ml``.
 
     Attributes:
-        model_error: where the deviations of sine records exceed what their noise explains, a relative error of the model,
-            the same at all frequencies, joins the noise (Mandel & Paule 1970), as large as the deviations demand. Points
-            of very little noise then no longer rule, and the uncertainty covers the misfit. It is reported, and never
-            applied to the stated uncertainties of a table.
+        model_error: where the deviations of sine records exceed what their noise explains, a relative error of the
+            model, the same at all frequencies, joins the noise (Mandel & Paule 1970), as large as the deviations
+            demand. Points of very little noise then no longer rule, and the uncertainty covers the misfit. It is
+            reported, and never applied to the stated uncertainties of a table.
     """
 
     model_error: bool = True

@@ -1,8 +1,8 @@
 """Two ways down the same residual: Levenberg–Marquardt (optimistix) and Adam (optax), one step at a time.
 
-An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape (p,), however
-many residuals there are. ``compressed`` turns them into p + 1 numbers with the same cost, gradient and JᵀJ, so the optimiser's
-steps are those of the full problem, and its own code is compiled once for all data.
+An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape
+(p,), however many residuals there are. ``compressed`` turns them into p + 1 numbers with the same cost, gradient and
+JᵀJ, so the optimiser's steps are those of the full problem, and its own code is compiled once for all data.
 """
 
 from __future__ import annotations
@@ -89,8 +89,9 @@ def levenberg_marquardt(
 ) -> Trace:
     """Minimise by Levenberg–Marquardt (optimistix; damped Gauss–Newton with a trust region) from ``start``.
 
-    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``. With residuals in units of their
-    standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known is left.
+    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``. With residuals in units
+    of their standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known
+    is left.
 
     Args:
         objective: compiled function.

@@ -1,10 +1,10 @@
 """The tones of the sine records, cleaned of all that the network already explains.
 
-A sine fit of each channel alone is disturbed by motion beside the tone: noise that the sensor felt shows in both channels,
-but its start and end in the record leave a transient in the response that no ratio of spectra takes out (Pintelon &
-Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), in which felt motion, initial state
-and start transient are gone, and the response's amplitude is put together again: Y = H(θ) X + E. To first order it does not
-depend on the θ used, and two rounds leave nothing of it.
+A sine fit of each channel alone is disturbed by motion beside the tone: noise that the sensor felt shows in both
+channels, but its start and end in the record leave a transient in the response that no ratio of spectra takes out
+(Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), in which felt
+motion, initial state and start transient are gone, and the response's amplitude is put together again: Y = H(θ) X +
+E. To first order it does not depend on the θ used, and two rounds leave nothing of it.
 """
 
 from __future__ import annotations

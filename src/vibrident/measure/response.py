@@ -102,8 +102,8 @@ class MeasuredResponse:
 def _level_at_tone(power: FloatArray, ratio: FloatArray, weight: FloatArray) -> FloatArray:
     """Noise power at the tone from that of the lines around it, shape (n,).
 
-    The mean, where the lines are level. Where they fall or rise with frequency beyond doubt (1/f noise, the foot of mains
-    hum), the power law through the lines near the tone, by regression of their logarithms.
+    The mean, where the lines are level. Where they fall or rise with frequency beyond doubt (1/f noise, the foot of
+    mains hum), the power law through the lines near the tone, by regression of their logarithms.
 
     Args:
         power: |line|², shape (n, K).

@@ -71,8 +71,8 @@ def simulate(
         quantity: what the reference shows.
         method: ``exact``, or ``rk4`` (the paper's) with ``substeps`` steps a sample.
         substeps: for ``rk4``.
-        antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose corners
-            would alias. Needs ``exact`` and the start from rest.
+        antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose
+            corners would alias. Needs ``exact`` and the start from rest.
         seed: of everything random; every record and purpose has a stream of its own.
 
     Returns:

@@ -31,7 +31,8 @@ def predict(
     """Predict the response of other records: a CSV file each, and their rmse in prediction.json.
 
     Each record's state at its first sample and its offset are fitted to its measured response.
-    Where the reference has no neighbours to interpolate between (about forty samples at each end), the prediction is blank.
+    Where the reference has no neighbours to interpolate between (about forty samples at each end), the prediction is
+    blank.
     """
     from vibrident.io import read
     from vibrident.result import Result
