@@ -111,20 +111,18 @@ def identify(
 def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
     if not isinstance(asked, str):
         return asked, "chosen by the user"
-    reason = "chosen by the user"
-    if asked == "auto":
-        asked, why = choose(evidence)
-        reason = f"{asked}: {why}"
-    if asked not in ESTIMATORS:
+    name, reason = (str(asked), "chosen by the user") if asked != "auto" else choose(evidence)
+    if name not in ESTIMATORS:
         raise ModelError(
-            f"The estimator {asked!r} is not known.",
+            f"The estimator {name!r} is not known.",
             expected="auto | " + " | ".join(ESTIMATORS),
-            found=repr(asked),
+            found=repr(name),
             where="estimator",
             remedy="choose one from the list",
         )
-    settings = {"model_error": scope != "noise"} if asked == "ml" else {}
-    return ESTIMATORS[asked](**settings), reason
+    if name == "ml":
+        return MaximumLikelihood(model_error=scope != "noise"), reason
+    return ESTIMATORS[name](), reason
 
 
 def _scaled(

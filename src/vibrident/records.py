@@ -265,7 +265,7 @@ class ResponseTable:
         """Complex response, shape (points,); real and positive where the table has no phase."""
         if self.phase_rad is None:
             return self.magnitude.astype(np.complex128)
-        return self.magnitude * np.exp(1j * self.phase_rad)
+        return np.asarray(self.magnitude * np.exp(1j * self.phase_rad), dtype=np.complex128)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ def coloured_covariance(problem: TimeProblem, normal: Normal, noise: FloatArray)
         width = _width(record)
         level = _level(residual, used, width)
         level *= max(1.0, 1.0 / max(float(level.mean()), 1e-300))  # the weights may rest on a floor above the residual
-        lines = fft.rfft(slopes, axis=1)
+        lines = np.asarray(fft.rfft(slopes, axis=1))
         twice = np.full(lines.shape[1], 2.0)
         twice[0] = 1.0
         if record.samples % 2 == 0:
@@ -62,7 +62,7 @@ def _width(record: Record) -> int:
 
 def _level(residual: FloatArray, used: np.ndarray, width: int) -> FloatArray:
     """Spectrum of the residual around each line of its real transform, one for white noise of unit variance."""
-    power = np.abs(fft.rfft(residual)) ** 2 / float(used.sum())
+    power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / float(used.sum())
     padded = np.concatenate([power[width:0:-1], power, power[-2 : -width - 2 : -1]])
     total = np.concatenate([[0.0], np.cumsum(padded)])
 

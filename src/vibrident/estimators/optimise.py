@@ -23,9 +23,17 @@ from vibrident.records import FloatArray
 class Quadratic(Protocol):
     """What an objective returns: rᵀr, Jᵀr with J = −∂r/∂z, and JᵀJ."""
 
-    cost: Any
-    gradient: Any
-    matrix: Any
+    @property
+    def cost(self) -> Any:
+        """Sum of squares."""
+
+    @property
+    def gradient(self) -> Any:
+        """Shape (p,)."""
+
+    @property
+    def matrix(self) -> Any:
+        """Shape (p, p)."""
 
 
 Objective = Callable[[Any, Any], Quadratic]

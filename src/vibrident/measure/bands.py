@@ -93,7 +93,7 @@ def coherent_remainder(
     series = np.where(used, predicted - np.mean(predicted[used]), 0.0)
     residual = np.where(used, record.response - predicted, 0.0)
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    spectra = fft.rfft(np.stack([residual, series]), axis=-1)
+    spectra = np.asarray(fft.rfft(np.stack([residual, series]), axis=-1))
     power = np.abs(spectra) ** 2
     edges = band_edges(n, rate).astype(int)
     strongest = max(float(np.mean(power[1, a:b])) for a, b in itertools.pairwise(edges))

@@ -51,5 +51,6 @@ def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, 
     count = (samples + margin_samples()) * OVERSAMPLING
     values = fine(sampling_rate_hz * OVERSAMPLING, count)
     size = fft.next_fast_len(count + 2 * half, real=True)
-    smooth = fft.irfft(fft.rfft(values, size) * fft.rfft(taps, size), size)
+    spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
+    smooth = np.asarray(fft.irfft(spectrum, size))
     return smooth[half : half + samples * OVERSAMPLING : OVERSAMPLING].copy()
