@@ -58,19 +58,14 @@ def predict(
     _show(document, predictions, folder)
 
 
-def _file_names(names: list[str]) -> list[str]:
+def _file_names(records: list[str]) -> list[str]:
     """A file name for each record that every system takes and no other record has."""
-    taken: list[str] = []
-    for name in names:
-        stem = _UNSAFE.sub("_", Path(name).stem if name.endswith(".csv") else name).strip("._") or "record"
-        number, candidate = 1, stem
-        while candidate.casefold() in taken:
-            number += 1
-            candidate = f"{stem}_{number}"
-        taken.append(candidate.casefold())
-        yield_name = candidate
-        names[names.index(name)] = f"{yield_name}.csv"
-    return names
+    stems: list[str] = []
+    for record in records:
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).strip("._").casefold() or "record"
+        candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
+        stems.append(next(name for name in candidates if name not in stems))
+    return [f"{stem}.csv" for stem in stems]
 
 
 def _write_csv(path: Path, prediction: Prediction) -> None:
@@ -93,7 +88,7 @@ def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> N
             "samples": row["samples"],
             "compared": row["samples_compared"],
             f"rmse / {unit}": row["rmse"],
-            "nrmse_percent": None if row["nrmse"] is None else 100.0 * row["nrmse"],
+            "rmse / sd": row["nrmse"],
         }
         for row in document["records"]
     ]

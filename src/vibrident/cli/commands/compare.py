@@ -1,0 +1,185 @@
+"""``vibrident compare``: estimators, models and discretisations on the same data, or results made before."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import note, out
+from vibrident.cli.estimators import EstimatorOptions, estimator
+from vibrident.cli.folder import written_whole
+from vibrident.errors import InputError, ModelError, NotConverged
+
+if TYPE_CHECKING:
+    from vibrident.records import Calibration
+    from vibrident.result import Result
+
+#: Tried in this order where none is named; those that do not suit the data are left out.
+_USUAL = ("ml", "lsm", "ipnn")
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to identify the same data; None for the model of the calibration file, and the usual discretisation."""
+
+    estimator: str
+    model: str | None = None
+    discretisation: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What distinguishes it, in a line."""
+        return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
+
+
+def compare(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="CAL.toml | RESULT...", help="A calibration file, or results.", show_default=False),
+    ],
+    estimators: Annotated[
+        str | None,
+        typer.Option("--estimators", metavar="A,B", help="Of ipnn, ml, lsm.", show_default="all that suit the data"),
+    ] = None,
+    models: Annotated[
+        str | None, typer.Option("--models", metavar="A,B", help="Sensor models.", show_default="the file's")
+    ] = None,
+    discretisations: Annotated[
+        str | None,
+        typer.Option(
+            "--discretisations",
+            metavar="A,B",
+            help=f"ipnn: of {', '.join(options.DISCRETISATIONS)}.",
+            show_default=False,
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="FILE", help="truth.json of a simulation, to deviate from.")
+    ] = None,
+    folder: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for comparison.json, and each result.")
+    ] = Path("vibrident-comparison"),
+) -> None:
+    """Compare methods side by side: parameters, fit, and time; the first one is what the others deviate from."""
+    named = options.listed("--estimators", options.ESTIMATORS[1:])(estimators)
+    steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
+    names = options.listed("--models")(models)
+    if steps and named and "ipnn" not in named:
+        raise _misplaced("--discretisations", "--estimators with ipnn", f"--estimators {','.join(named)}")
+    from vibrident.compare import document, read_truth
+
+    known = read_truth(truth) if truth else {}
+    with written_whole(folder) as output:
+        if files[0].suffix.lower() == ".toml":
+            methods = _methods(named or _USUAL, names or (None,), steps or (None,))
+            results = _identified(files, methods, must=bool(named or names or steps))
+            for name, result in results.items():
+                result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
+        else:
+            _refuse_for_results({"--estimators": named, "--models": names, "--discretisations": steps})
+            results = _loaded(files)
+        text = json.dumps(document(results, known), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        (output.path / "comparison.json").write_text(text, encoding="utf-8")
+    from vibrident import terminal
+
+    console = out()
+    console.print(terminal.compare_table(list(results.values()), list(results), known))
+    console.print(terminal.written_lines(output.files))
+
+
+def _methods(estimators: tuple | list, models: tuple | list, steps: tuple | list) -> list[Method]:
+    """Every combination that makes sense: a discretisation is the network's alone."""
+    return [
+        Method(name, model, step)
+        for model, name in itertools.product(models, estimators)
+        for step in (steps if name == "ipnn" else (None,))
+    ]
+
+
+def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict[str, Result]:
+    if len(files) > 1:
+        raise _mixed(files)
+    from vibrident.io import read
+
+    calibration = read(files[0])
+    results = {}
+    for method, outcome in _outcomes(calibration, methods):
+        if not isinstance(outcome, Exception):
+            results[method.name] = outcome
+        elif must:
+            raise outcome
+        else:
+            problem = outcome.problem if isinstance(outcome, ModelError) else str(outcome)
+            note(f"Left out: {method.name}. {problem}")
+            failure = outcome
+    if not results:
+        raise failure
+    return results
+
+
+def _outcomes(
+    calibration: Calibration, methods: list[Method]
+) -> Iterator[tuple[Method, Result | ModelError | NotConverged]]:
+    from vibrident.cli.progress import Busy
+
+    for method in methods:
+        with Busy(f"Identifying by {method.name}") as progress:
+            from vibrident.identify import identify
+
+            settings = EstimatorOptions(discretisation=method.discretisation)
+            try:
+                chosen = estimator(method.estimator, settings)
+                outcome = identify(calibration, method.model, chosen, progress=progress)
+            except (ModelError, NotConverged) as error:
+                outcome = error
+        yield method, outcome
+
+
+def _loaded(files: list[Path]) -> dict[str, Result]:
+    from vibrident.result import Result
+
+    if any(file.suffix.lower() == ".toml" for file in files):
+        raise _mixed(files)
+    names = (
+        [file.parent.name or file.stem for file in files]
+        if len({f.stem for f in files}) == 1
+        else [f.stem for f in files]
+    )
+    results = {}
+    for name, file in zip(names, files, strict=True):
+        unique = name if name not in results else f"{name} ({len(results) + 1})"
+        results[unique] = Result.load(file)
+    return results
+
+
+def _refuse_for_results(given: dict[str, object]) -> None:
+    for option, value in given.items():
+        if value:
+            raise _misplaced(option, "a calibration file (.toml)", "results, which are made already")
+
+
+def _misplaced(option: str, expected: str, found: str) -> InputError:
+    return InputError(
+        f"The option {option} does not fit.",
+        expected=f"{option} with {expected}",
+        found=found,
+        where="command line",
+        remedy=f"leave {option} out, or change what it goes with",
+    )
+
+
+def _mixed(files: list[Path]) -> InputError:
+    return InputError(
+        "These files cannot be compared with each other.",
+        expected="one calibration file (.toml), or results (.json)",
+        found=", ".join(str(file) for file in files),
+        where="command line",
+        remedy="compare one calibration file at a time, or the results of several",
+    )

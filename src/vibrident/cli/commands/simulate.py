@@ -1,0 +1,103 @@
+"""``vibrident simulate``: a calibration whose truth is known, as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import out
+from vibrident.cli.folder import refuse_used, written_whole
+from vibrident.cli.options import choice
+
+_NOISE = "Noise"
+
+
+def simulate(
+    folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.", show_default=False)],
+    sensor: Annotated[
+        str, typer.Option("--sensor", metavar="NAME", help=f"Of {', '.join(options.SENSORS)}.")
+    ] = "paper",
+    excitation: Annotated[
+        str, choice("--excitation", options.EXCITATIONS, "Motion; sine makes a record for every frequency.")
+    ] = "sine",
+    rate: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate.", show_default="the sensor's usual")
+    ] = None,
+    samples: Annotated[int, typer.Option("--samples", metavar="N", help="Samples of every record.")] = 16000,
+    frequencies: Annotated[
+        str | None,
+        typer.Option(
+            "--frequencies",
+            metavar="LOW:HIGH|A,B",
+            help="Hz: one-third octaves in a range, or a list.",
+            show_default="the sensor's band",
+        ),
+    ] = None,
+    quantity: Annotated[str, choice("--quantity", options.QUANTITIES, "What the reference shows.")] = "acceleration",
+    start: Annotated[
+        str,
+        choice(
+            "--start", options.STARTS, "State at the first sample: rest as in the paper, steady as in a laboratory."
+        ),
+    ] = "rest",
+    method: Annotated[
+        str, choice("--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.")
+    ] = "exact",
+    excitation_snr: Annotated[
+        float | None,
+        typer.Option(
+            "--excitation-snr", metavar="DB", help="Motion over noise that the sensor feels.", rich_help_panel=_NOISE
+        ),
+    ] = None,
+    reference_noise: Annotated[
+        float,
+        typer.Option("--reference-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE),
+    ] = 0.0,
+    response_noise: Annotated[
+        float,
+        typer.Option("--response-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE),
+    ] = 0.0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of everything random.", rich_help_panel=_NOISE)] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
+) -> None:
+    """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
+    refuse_used(folder, force=force)
+    settings: dict[str, Any] = {
+        "sampling_rate_hz": rate,
+        "samples": samples,
+        "frequencies_hz": options.frequencies(frequencies),
+        "quantity": quantity,
+        "start": start,
+        "method": method,
+        "excitation_snr_db": excitation_snr,
+        "reference_noise": reference_noise,
+        "response_noise": response_noise,
+        "seed": seed,
+    }
+    from vibrident import terminal
+    from vibrident.cli.progress import Busy
+
+    with written_whole(folder) as output, Busy("Simulating"):
+        write(output.path, sensor, excitation, **settings)
+    records = [file for file in output.files if file.suffix == ".csv"]
+    others = [file for file in output.files if file not in records]
+    out().print(
+        f"Simulated: sensor {sensor}, {excitation}, {len(records)} record{'s' * (len(records) != 1)}, seed {seed}."
+    )
+    out().print(terminal.written_lines([*others, folder / "*.csv"]))
+
+
+def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:
+    """Write a simulated calibration and its truth into a folder; settings as those of ``vibrident.simulate``."""
+    from vibrident.cli.truth import write_truth
+    from vibrident.io import write_calibration
+    from vibrident.simulate import sensor_named
+    from vibrident.simulate import simulate as run
+
+    chosen = sensor_named(sensor)
+    calibration = run(chosen, excitation, seed=seed, **settings)
+    write_calibration(folder, calibration)
+    write_truth(folder / "truth.json", chosen, calibration, seed)
