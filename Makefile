@@ -42,8 +42,17 @@ format: $(DEV)  ## rewrite the sources in the agreed format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(DEV)  ## benchmarks and long statistical studies
-	$(BIN)/python bench/run.py
+bench: $(DEV)  ## benchmarks beside their targets; against peers too after make bench-peers
+	$(BIN)/python -m bench $(BENCH_ARGS)
+
+# Environments of their own for the packages that the benchmarks compare with; nothing of them enters $(VENV).
+.PHONY: bench-peers
+bench-peers: bench/peers/envs/jax-sysid/.installed bench/peers/envs/pydynamic/.installed
+
+bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
+	$(BIN)/python -m venv $(@D)
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check --requirement $<
+	@touch $@
 
 clean:  ## remove what make and the tools have made
 	rm -rf $(CORE) $(DEV) .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from vibrident.discretize import method
-from vibrident.errors import VibridentError
-from vibrident.estimators import Ipnn
-from vibrident.models.state_space import realise
-from vibrident.problem import Evidence
 
 from bench.figures import Figure, Section
 from bench.options import Options
 from bench.progress import steps
 from bench.truth import COLUMNS, SAMPLES, SENSOR, model, paper_truth, relative_errors
+from vibrident.discretize import method
+from vibrident.errors import VibridentError
+from vibrident.estimators import Ipnn
+from vibrident.models.state_space import realise
+from vibrident.problem import Evidence
 
 DISCRETISATIONS = ("bandlimited", "foh", "tustin", "zoh", "euler")
 LONG = 100_000

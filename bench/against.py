@@ -12,10 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from vibrident import Calibration, ResponseTable
-from vibrident.estimators import Ipnn, MaximumLikelihood
-from vibrident.estimators.base import Estimate
-from vibrident.problem import Evidence
 
 from bench.figures import STYLES, Figure, Section
 from bench.options import Options
@@ -23,6 +19,10 @@ from bench.pairs import Ratio, seconds
 from bench.progress import steps
 from bench.speed import noisy
 from bench.truth import COLUMNS, PARAMETERS, RATE_HZ, model, relative_errors
+from vibrident import Calibration, ResponseTable, identify
+from vibrident.estimators import Ipnn, MaximumLikelihood
+from vibrident.estimators.base import Estimate
+from vibrident.problem import Evidence
 
 HERE = Path(__file__).parent / "peers"
 #: Folder of the environments; BENCH_PEERS names another.
@@ -67,10 +67,11 @@ def measure(options: Options) -> Section:
             continue
         figures += _played(match, python, pairs, versions)
     remarks = (
-        "Times of the fits alone, imports left out; ours warm, theirs as their interface gives it (jax-sysid compiles anew "
-        "in every fit). PyDynamic is warm too.",
-        "jax-sysid: free two-state model, scaled channels, one initial state a record; its defaults, and a longer training "
-        "with feedthrough. PyDynamic and ours get the 21 complex sensitivities with their standard uncertainties.",
+        "Times of the fits alone, without imports. Ours and PyDynamic warm; jax-sysid compiles anew in every fit, as "
+        "its interface has it.",
+        "jax-sysid: free two-state model, scaled channels, one initial state a record; by its defaults, and trained "
+        "longer with feedthrough. PyDynamic and our fit of a table get the 21 complex sensitivities that `identify` "
+        "reports as measured, with their standard uncertainties.",
     )
     return Section("peers", f"Peers; errors are relative: {COLUMNS}", tuple(figures), {"versions": versions}, remarks)
 
@@ -94,16 +95,17 @@ def _records(calibration: Calibration) -> list[Match]:
 
 
 def _response(calibration: Calibration) -> list[Match]:
-    tones = Evidence.gather(calibration, model()).tones
-    assert tones is not None  # there are sines
-    sensitivity = tones.ratio
-    deviation = tones.error_deviation() / np.abs(tones.reference)  # of the real part, and of the imaginary part
-    magnitude = np.abs(sensitivity)
-    table = ResponseTable(tones.frequency_hz, magnitude, np.angle(sensitivity), deviation, deviation / magnitude)
+    measured = identify(calibration, estimator="ml").measured
+    frequency, magnitude, deviation = (
+        np.array(column) for column in (measured.frequency_hz, measured.magnitude, measured.magnitude_uncertainty)
+    )
+    phase = np.deg2rad(np.array(measured.phase_deg, dtype=float))
+    sensitivity = magnitude * np.exp(1j * phase)
+    table = ResponseTable(frequency, magnitude, phase, deviation, deviation / magnitude)
     evidence = Evidence.gather(Calibration(table=table, model=calibration.model), model())
     _ = evidence.first_look
     data = {
-        "frequency_hz": tones.frequency_hz,
+        "frequency_hz": frequency,
         "parts": np.concatenate([sensitivity.real, sensitivity.imag]),
         "deviation": np.concatenate([deviation, deviation]),
     }
@@ -111,7 +113,9 @@ def _response(calibration: Calibration) -> list[Match]:
     def match(settings: str, uncertain: bool, repeats: int) -> Match:
         arrays = {**data, "uncertain": uncertain, "repeats": repeats}
         fit = MaximumLikelihood().fit
-        return Match("pydynamic", "pydynamic_peer.py", settings, arrays, "ml fit", lambda: fit(evidence), repeats=15)
+        return Match(
+            "pydynamic", "pydynamic_peer.py", settings, arrays, "ml fit of the table", lambda: fit(evidence), repeats=15
+        )
 
     return [match("weighted, 10 000 draws", True, 3), match("no uncertainties", False, 15)]
 

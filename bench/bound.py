@@ -15,9 +15,9 @@ exact response only checks the sensitivities, by central differences.
 from __future__ import annotations
 
 import numpy as np
-from vibrident.simulate import exact_response
 
 from bench.truth import PARAMETERS, RESPONSE_NOISE, SENSOR, Truth, model, tones_of
+from vibrident.simulate import exact_response
 
 #: Largest relative deviation allowed between closed form and central differences.
 AGREEMENT = 1e-6

@@ -10,13 +10,12 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibrident.io.writer import write_calibration
-
 from bench.figures import Figure, Section
 from bench.options import Options
 from bench.pairs import Ratio
 from bench.progress import steps
 from bench.speed import noisy
+from vibrident.io.writer import write_calibration
 
 START_TARGET, MEMORY_TARGET = 6.0, 700.0
 IMPORT = [sys.executable, "-c", "import jax"]

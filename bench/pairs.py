@@ -40,7 +40,8 @@ class Ratio:
     def note(self) -> str:
         """Spread, in words."""
         ratios = np.array(self.a) / np.array(self.b)
-        return f"of minima {self.of_minima:.3g}; {len(self.a)} pairs, {np.min(ratios):.3g} to {np.max(ratios):.3g}"
+        pairs = f"{len(ratios)} pairs" if len(ratios) > 1 else "1 pair"
+        return f"of minima {self.of_minima:.3g}; {pairs}, {np.min(ratios):.3g} to {np.max(ratios):.3g}"
 
 
 def seconds(job: Callable[[], object], repeats: int = 1) -> float:

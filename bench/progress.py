@@ -15,4 +15,5 @@ STDERR = Console(stderr=True)
 def steps(label: str, items: Iterable[T], total: int | None = None) -> Iterator[T]:
     """The items, with a bar that follows them."""
     count = total if total is not None else len(items) if isinstance(items, Sized) else None
-    yield from track(items, description=label, total=count, console=STDERR, transient=True)
+    hidden = not STDERR.is_terminal
+    yield from track(items, description=label, total=count, console=STDERR, transient=True, disable=hidden)

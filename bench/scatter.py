@@ -1,4 +1,4 @@
-"""Statistics: many calibrations that differ in their noise alone, against the Cramér–Rao bound and the stated intervals."""
+"""Statistics: calibrations that differ in noise alone, against the Cramér–Rao bound and the stated intervals."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
-from vibrident import identify
-from vibrident.simulate import with_noise
 
 from bench.bound import standard_deviations
 from bench.figures import Figure, Section
 from bench.options import Options
 from bench.progress import steps
 from bench.truth import COLUMNS, PARAMETERS, RESPONSE_NOISE, SEED, SENSOR, paper_truth
+from vibrident import identify
+from vibrident.simulate import with_noise
 
 ESTIMATORS = ("ipnn", "ml")
 QUICK_RUNS = 16

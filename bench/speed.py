@@ -6,6 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.signal import lfilter
+
+from bench.figures import Figure, Section
+from bench.options import Options
+from bench.pairs import pairwise
+from bench.progress import steps
+from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
 from vibrident import Calibration, identify
 from vibrident.backend import jnp
 from vibrident.discretize import method
@@ -15,12 +21,6 @@ from vibrident.estimators.optimise import adam
 from vibrident.estimators.start import start_values
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.simulate import with_noise
-
-from bench.figures import Figure, Section
-from bench.options import Options
-from bench.pairs import pairwise
-from bench.progress import steps
-from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
 
 FILTER_TARGET, ADAM_TARGET, TWICE_TARGET = 60.0, 100.0, 2.2
 ADAM_STEPS, ADAM_TIMED = 1500, 100

@@ -6,6 +6,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+
 from vibrident.models import SensorModel, parse
 from vibrident.records import STANDARD_GRAVITY, Calibration
 from vibrident.simulate import SENSORS, FeltNoise, Sine, Superposition, felt_noise, one_third_octave, simulate

@@ -1,9 +1,9 @@
 """jax-sysid on the records of the benchmark, in its own environment: ``python jax_sysid_peer.py IN.npz OUT.json``.
 
-IN: reference and response, shape (records, samples), rate_hz, adam_epochs, lbfgs_epochs, feedthrough. OUT: relative to
-nothing: parameters in the units of IN, seconds of ``fit``, versions. A two-state model without physics is trained, one
-initial state a record; the parameters are then read from its poles and its gain at zero frequency. Imports only what that
-environment holds.
+IN: reference and response, shape (records, samples), rate_hz, adam_epochs, lbfgs_epochs, feedthrough. OUT: parameters
+in the units of IN, seconds of ``fit``, versions. A two-state model without physics is trained, one initial state a
+record; the parameters are then read from its poles and its gain at zero frequency. Imports only what that environment
+holds.
 """
 
 import importlib.metadata

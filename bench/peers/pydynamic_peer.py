@@ -1,8 +1,8 @@
 """PyDynamic on the response of the benchmark, in its own environment: ``python pydynamic_peer.py IN.npz OUT.json``.
 
-IN: frequency_hz, shape (n,); parts and deviation of parts, shape (2 n,), real parts first; uncertain (with uncertainties,
-the fit weighted by them) and repeats. OUT: parameters, median seconds of ``fit_som`` after one untimed call, versions.
-Imports only what that environment holds.
+IN: frequency_hz, shape (n,); parts and deviation of parts, shape (2 n,), real parts first; uncertain (with
+uncertainties, the fit weighted by them) and repeats. OUT: parameters, median seconds of ``fit_som`` after one
+untimed call, versions. Imports only what that environment holds.
 """
 
 import importlib.metadata

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from vibrident.compare import deviations
 from vibrident.plots.units import pretty, reference_unit, scaled, sensitivity_unit, sensor_name
 from vibrident.report import words
 from vibrident.report.numbers import NONE, concise, percent, plain, stated
@@ -23,6 +24,7 @@ __all__ = [
     "inspection_table",
     "parameter_table",
     "summary",
+    "truth_table",
     "warning_lines",
     "weights_table",
     "written_lines",
@@ -145,6 +147,28 @@ def compare_table(
 
     labels = list(names) if names else _labels(results)
     return Group(_parameters_by_method(results, labels, truth or {}), _metrics_by_method(results, labels))
+
+
+def truth_table(result: Result, truth: Mapping[str, float]) -> Table:
+    """Identified values beside the true ones, with their difference in units of u.
+
+    Args:
+        result: of simulated data.
+        truth: true values by parameter name, in the result's units; parameters without one are left out.
+    """
+    table = _table("Identified and true values")
+    for header in ("true", "identified", "u"):
+        table.add_column(header, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("difference / u", justify="right")
+    for key, off in deviations(result, truth).items():
+        parameter = result.parameters[key]
+        number = stated(parameter)
+        scale = scaled(parameter.unit, abs(parameter.value))
+        row = (words.parameter_name(key).words, plain(off.true * scale.factor, 8), number.value, number.standard)
+        difference = NONE if off.in_u is None else f"{off.in_u:+.1f}"
+        table.add_row(*(_plain(cell) for cell in (*row, number.unit, difference)))
+    return table
 
 
 def _labels(results: Sequence[Result]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The command line: ``vibrident --help``. One file a command; no arithmetic here, heavy libraries only inside commands."""
+"""The command line: ``vibrident --help``. One file a command; no arithmetic, heavy libraries only inside commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of options: names to choose from, lists, ranges. Each is checked here, with a message that names the option."""
+"""Values of options: names to choose from, lists, ranges. Checked here, with a message that names the option."""
 
 from __future__ import annotations
 

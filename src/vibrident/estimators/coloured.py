@@ -42,7 +42,6 @@ def coloured_covariance(problem: TimeProblem, normal: Normal, noise: FloatArray)
             continue
         residual = np.where(used, (record.response - predicted[index]) / noise[index], 0.0)
         slopes = np.stack([np.where(used, column[index], 0.0) for column in columns])
-        slopes[:, used] -= slopes[:, used].mean(axis=1, keepdims=True)  # what an offset imitates
         width = _width(record)
         level = _level(residual, used, width)
         level *= max(1.0, 1.0 / max(float(level.mean()), 1e-300))  # the weights may rest on a floor above the residual

@@ -6,6 +6,8 @@ the delay from the phase; then a few Levenberg–Marquardt runs from the best an
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,7 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
     Raises:
         NotConverged: no candidate leads to a finite fit.
     """
-    candidates = _grid_candidates(problem, model)
+    candidates = _with_guesses(_grid_candidates(problem, model), problem, model)
     best: tuple[float, dict[str, float]] | None = None
     kind = (problem.polar, problem.has_phase, problem.quantity)
     for candidate in candidates:
@@ -78,8 +80,22 @@ def _grid_candidates(problem: FrequencyProblem, model: SensorModel) -> list[dict
 
 
 def _trial(model: SensorModel, natural: float, damping: float) -> dict[str, float]:
-    values = {"natural_frequency": float(natural), "damping_ratio": float(damping)}
+    values = {"natural_frequency": float(natural), "damping_ratio": float(damping)}  # add-ons as if they were not there
     return {name: values.get(name, 1.0 if name == model.gain_name else 0.0) for name in model.parameter_names}
+
+
+def _with_guesses(
+    candidates: list[dict[str, float]], problem: FrequencyProblem, model: SensorModel
+) -> list[dict[str, float]]:
+    """Every candidate with every combination of the add-ons' guesses; the best core first."""
+    low, high = problem.band_hz
+    unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}
+    guessed = [spec for spec in model.parameters if spec.guesses]
+    if not guessed:
+        return candidates
+    choices = [[guess * unit[spec.guess_at] for guess in spec.guesses] for spec in guessed]
+    names = [spec.name for spec in guessed]
+    return [{**c, **dict(zip(names, combo, strict=True))} for c in candidates for combo in itertools.product(*choices)]
 
 
 def _different(one: dict[str, float], other: dict[str, float]) -> bool:

@@ -11,11 +11,14 @@ import difflib
 from vibrident.errors import ModelError
 from vibrident.models.accelerometer import ACCELEROMETER
 from vibrident.models.base import AddOn, Core, Derived, ParameterSpec, Rational, SensorModel
+from vibrident.models.boxcar import BOXCAR
 from vibrident.models.delay import DELAY
+from vibrident.models.highpass import HIGHPASS
+from vibrident.models.mode2 import MODE2
 from vibrident.models.velocity_pickup import VELOCITY_PICKUP
 
 CORES: dict[str, Core] = {core.name: core for core in (ACCELEROMETER, VELOCITY_PICKUP)}
-ADD_ONS: dict[str, AddOn] = {addon.name: addon for addon in (DELAY,)}
+ADD_ONS: dict[str, AddOn] = {addon.name: addon for addon in (MODE2, HIGHPASS, BOXCAR, DELAY)}
 
 __all__ = ["ADD_ONS", "CORES", "Derived", "ParameterSpec", "Rational", "SensorModel", "parse"]
 

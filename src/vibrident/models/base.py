@@ -32,13 +32,17 @@ class ParameterSpec:
         name: contracted name.
         unit: unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive.
         kind: how the optimiser sees it. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
-            by its logarithm; ``positive``: linear, reflected at zero; ``time``: linear, in units of the shortest
-            time scale of the data.
+            by its logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at
+            zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear.
+        guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
+        guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``.
     """
 
     name: str
     unit: str
-    kind: Literal["gain", "log", "positive", "time"]
+    kind: Literal["gain", "log", "duration", "positive", "time", "ratio"]
+    guesses: tuple[float, ...] = ()
+    guess_at: Literal["lowest", "highest", "period", "one"] = "one"
 
 
 @dataclass(frozen=True)
@@ -77,13 +81,18 @@ class Core:
 
 @dataclass(frozen=True)
 class AddOn:
-    """What stands in series with, or beside, the core. ``rational`` changes the core's transfer function."""
+    """What stands in series with, or beside, the core.
+
+    ``rational`` changes the core's transfer function; ``factor`` multiplies its frequency response where that is not
+    rational, given s = jω.
+    """
 
     name: str
     title: str
     parameters: tuple[ParameterSpec, ...]
     rational: Callable[[Parameters, Rational], Rational] | None = None
     delay: Callable[[Parameters], Any] | None = None
+    factor: Callable[[Parameters, Any], Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -141,9 +150,17 @@ class SensorModel:
         s = 2j * np.pi * frequency_hz
         system = self.rational(parameters, quantity)
         response = system.gain * polynomial(system.numerator, s) / polynomial(system.denominator, s)
+        for addon in self.add_ons:
+            if addon.factor is not None:
+                response = response * addon.factor(parameters, s)
         if self.has_delay:
-            response = response * _exponential(-s * self.delay_s(parameters))
+            response = response * exponential(-s * self.delay_s(parameters))
         return response
+
+    @property
+    def has_network(self) -> bool:
+        """True where the model is rational up to a delay, so that it has a state space."""
+        return all(addon.factor is None for addon in self.add_ons)
 
     def derived(self, parameters: Parameters) -> tuple[Derived, ...]:
         """Derived quantities that exist for these parameters."""
@@ -158,9 +175,19 @@ def polynomial(coefficients: tuple[Any, ...], s: Any) -> Any:
     return value
 
 
-def _exponential(z: Any) -> Any:
-    if isinstance(z, (np.ndarray, np.generic, complex)):
-        return np.exp(z)
+def exponential(z: Any) -> Any:
+    """e^z of NumPy or JAX arrays."""
+    return _library(z).exp(z)
+
+
+def sinc(x: Any) -> Any:
+    """sin(x)/x of NumPy or JAX arrays."""
+    return _library(x).sinc(x / np.pi)
+
+
+def _library(z: Any) -> Any:
+    if isinstance(z, (np.ndarray, np.generic, complex, float)):
+        return np
     import jax.numpy as jnp  # only tracers and JAX arrays come here, so JAX is loaded already
 
-    return jnp.exp(z)
+    return jnp

@@ -18,12 +18,14 @@ from vibrident.backend import jax, jnp, lax
 from vibrident.discretize.weights import Weights
 from vibrident.network.unroll import (
     Lanes,
+    Nuisance,
     dot,
     fit_nuisance,
     free_part,
     free_response,
     from_rest,
     imitable,
+    nuisance_response,
     per_lane,
     projection,
     start_states,
@@ -39,7 +41,7 @@ class Normal(NamedTuple):
         cost: rᵀr.
         squares: Σ r² of every segment, not weighted by the noise, shape (S,).
         response: the network's response with the best initial states and offsets, shape (L, M).
-        columns: P times ∂(weighted response)/∂parameter with states and offsets held, shape (L, M).
+        columns: P columns of J, what initial states and offsets could imitate taken out, each of shape (L, M).
     """
 
     matrix: Any
@@ -87,6 +89,11 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     # What initial states and offset could imitate: moments of J against them, by segment.
     totals = jnp.stack([imitable(proj, lanes, column) for column in columns])  # (P, S, n + 1)
     matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
+    shares = jnp.einsum("sij,psj->psi", proj.inverse, totals)
+    columns = [
+        column - lanes.weight * nuisance_response(proj, lanes, Nuisance(share[:, :-1], share[:, -1]))
+        for column, share in zip(columns, shares, strict=True)
+    ]
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
     return Normal(matrix, gradient, cost, squares, response, columns)
 

@@ -5,7 +5,9 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 | gain | z · start | linear; keeps its sign free |
 | log | start · e^z | positive, and scale-free |
 | positive | \|z\| | reflected at zero: δ = 0 is reachable |
+| duration | start · e^z | positive, and scale-free |
 | time | z · unit | linear, any sign |
+| ratio | z | linear, any sign |
 """
 
 from __future__ import annotations
@@ -56,7 +58,8 @@ class Coordinates:
         kinds = [spec.kind for spec in self.model.parameters]
         pairs = zip(kinds, np.asarray(self.start), strict=True)
         unit = float(self.time_unit_s)
-        return np.array([{"gain": 1.0, "log": 0.0, "positive": v, "time": v / unit}[kind] for kind, v in pairs])
+        steps = {"gain": 1.0, "log": 0.0, "duration": 0.0}
+        return np.array([steps.get(kind, v / unit if kind == "time" else v) for kind, v in pairs])
 
     def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced. ``xp``: array library of the few functions needed."""
@@ -68,6 +71,10 @@ class Coordinates:
                 values[spec.name] = z[index] * start
             elif spec.kind == "log":
                 values[spec.name] = xp.clip(start * xp.exp(z[index]), low, high)
+            elif spec.kind == "duration":
+                values[spec.name] = xp.clip(start * xp.exp(z[index]), 1.0 / (BAND_MARGIN * high), 1.0 / low)
+            elif spec.kind == "ratio":
+                values[spec.name] = z[index]
             elif spec.kind == "positive":
                 values[spec.name] = xp.abs(z[index])
             else:

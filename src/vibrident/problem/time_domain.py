@@ -18,7 +18,7 @@ import numpy as np
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.discretize import Method, Weights
-from vibrident.errors import InputError
+from vibrident.errors import InputError, ModelError
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
 from vibrident.network.sensitivity import Normal, normal_equations
@@ -95,6 +95,14 @@ class TimeProblem:
         Raises:
             InputError: no record is long enough.
         """
+        if not model.has_network:
+            raise ModelError(
+                "This model has no network: it is not a rational function.",
+                expected="a model without 'boxcar'",
+                found=repr(model.name),
+                where="estimator 'ipnn'",
+                remedy="use the estimator 'ml', with sine records or a table",
+            )
         delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
         system = model.rational(start, quantity)

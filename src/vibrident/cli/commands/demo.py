@@ -41,8 +41,9 @@ def _steps(place: Path, folder: Path) -> None:
     with painters() as artists:
         _say(
             "1  A calibration",
-            f"The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, {SAMPLES} samples each. "
-            f"The sensor feels noise {SNR_DB:g} dB below the motion; its output carries {100 * RESPONSE_NOISE:g} % noise.",
+            f"The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, {SAMPLES} samples "
+            f"each. The sensor feels noise {SNR_DB:g} dB below the motion; its output carries "
+            f"{100 * RESPONSE_NOISE:g} % noise.",
             f"Look at: {folder}/calibration.toml, which says what the columns of the CSV files mean.",
         )
         with Busy("Simulating"):

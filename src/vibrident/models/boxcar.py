@@ -1,0 +1,24 @@
+"""Average over a window of length L, as the digital filter of a MEMS sensor takes it: (1 − e^{−sL})/(sL).
+
+Its delay of L/2 is part of it; a ``delay`` add-on comes on top. It is no rational function, so a model with it is fitted in
+frequency (``ml``) and has no network.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vibrident.models.base import AddOn, Parameters, ParameterSpec, exponential, sinc
+
+
+def _factor(parameters: Parameters, s: Any) -> Any:
+    half = 0.5 * s * parameters["boxcar_length"]  # jωL/2
+    return exponential(-half) * sinc(half.imag)
+
+
+BOXCAR = AddOn(
+    name="boxcar",
+    title="average over a window",
+    parameters=(ParameterSpec("boxcar_length", "s", "duration", guesses=(0.1, 0.4, 0.8), guess_at="period"),),
+    factor=_factor,
+)
