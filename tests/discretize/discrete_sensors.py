@@ -1,7 +1,11 @@
 """Sensors and their exact motion, written in NumPy apart from the package, and the network's recursion step by step."""
 
+import functools
+
 import numpy as np
 
+from vibrident.backend import jax
+from vibrident.discretize import Weights, method
 from vibrident.models import parse
 from vibrident.models.state_space import realise
 
@@ -21,6 +25,18 @@ def matrices(p):
 
 def system_of(p, name="accelerometer", quantity="acceleration"):
     return realise(parse(name).rational(p, quantity))
+
+
+@functools.partial(jax.jit, static_argnames=("name", "model", "quantity", "terms", "whole"))
+def _compiled(p, ts, fraction, name, model, quantity, terms, whole):
+    system = realise(parse(model).rational(p, quantity))
+    return method(name).weights(system, ts, 0.0 if whole else fraction, terms)
+
+
+def weights_of(name, p, ts, fraction, terms, model="accelerometer", quantity="acceleration"):
+    """The method's weights for a sensor, compiled once for all parameters, as NumPy arrays."""
+    whole = fraction == 0.0
+    return Weights(*(np.asarray(w) for w in _compiled(p, ts, fraction, name, model, quantity, terms, whole)))
 
 
 def recursion(weights, coefficients, state):

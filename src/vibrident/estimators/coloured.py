@@ -23,13 +23,16 @@ from vibrident.records import FloatArray, Record
 SHARE, FEWEST, MOST, NEAREST = 1 / 256, 12, 200, 2
 
 
-def coloured_covariance(problem: TimeProblem, normal: Normal, noise: FloatArray) -> tuple[FloatArray, float]:
+def coloured_covariance(
+    problem: TimeProblem, normal: Normal, noise: FloatArray, floor: FloatArray
+) -> tuple[FloatArray, float]:
     """Covariance of the parameters, shape (P, P), and the degrees of freedom behind it.
 
     Args:
         problem: the records.
         normal: the normal equations at the optimum.
         noise: standard deviation by which each record was weighted, shape (records,).
+        floor: standard deviation that no residual is believed to be below, shape (records,).
     """
     inverse = inverse_normal(np.asarray(normal.matrix))
     predicted = problem.by_record(normal.response)
@@ -44,7 +47,7 @@ def coloured_covariance(problem: TimeProblem, normal: Normal, noise: FloatArray)
         slopes = np.stack([np.where(used, column[index], 0.0) for column in columns])
         width = _width(record)
         level = _level(residual, used, width)
-        level *= max(1.0, 1.0 / max(float(level.mean()), 1e-300))  # the weights may rest on a floor above the residual
+        level = np.maximum(level, (floor[index] / noise[index]) ** 2)
         lines = np.asarray(fft.rfft(slopes, axis=1))
         twice = np.full(lines.shape[1], 2.0)
         twice[0] = 1.0

@@ -26,7 +26,7 @@ from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
 
 #: Rounds of training with refreshed noise weights and delay.
-ROUNDS = 3
+ROUNDS = 6
 #: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
 LEAST_NOISE = 1e-7
 #: Relative change of the noise below which its weights need no further round.
@@ -96,7 +96,7 @@ class Ipnn:
             "inputs_per_step": problem.layout.terms,
             "noise": noise.tolist(),
         }
-        covariance, freedom = coloured_covariance(problem, normal, noise)
+        covariance, freedom = coloured_covariance(problem, normal, noise, _noise_floor(problem))
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
             settings |= {"weights": "free", "reading": self.reading}
@@ -123,9 +123,14 @@ def _record_noise(problem: TimeProblem, squares: FloatArray) -> FloatArray:
     count = len(problem.records)
     squares = squares[: len(problem.record_of_segment)]  # segments beyond are padding
     totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)
-    floor = np.array([LEAST_NOISE * float(np.std(r.response[r.mask])) for r in problem.records])
     estimate = np.sqrt(totals / np.maximum(problem.degrees_of_freedom, 1.0))
-    return np.maximum(estimate, np.maximum(floor, np.finfo(float).tiny))
+    return np.maximum(estimate, _noise_floor(problem))
+
+
+def _noise_floor(problem: TimeProblem) -> FloatArray:
+    """Least noise believed of each record, shape (records,)."""
+    floor = np.array([LEAST_NOISE * float(np.std(r.response[r.mask])) for r in problem.records])
+    return np.maximum(floor, np.finfo(float).tiny)
 
 
 def _delay_moved(problem: TimeProblem, values: dict[str, float]) -> bool:
