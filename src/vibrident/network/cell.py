@@ -51,5 +51,5 @@ class Cell(NamedTuple):
 def run(cell: Cell, inputs: Any, initial_state: Any | None = None) -> Any:
     """The unrolled network: inputs (steps, q) → outputs (steps,)."""
     state = jnp.zeros(cell.w2.shape[0]) if initial_state is None else initial_state
-    _, outputs = lax.scan(cell, state, inputs)
+    _, outputs = lax.scan(lambda hidden, u: cell(hidden, u), state, inputs)
     return outputs
