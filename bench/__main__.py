@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     wide = Console(width=None if sys.stdout.isatty() else 160)
     show(sections, wide)
     path = keep(sections, tuple(SECTIONS), trial=options.quick)
-    STDERR.print(f"{taken['machine']}; commit {taken['commit']}\nwritten: {path}")
+    STDERR.print(f"{taken['machine']}; commit {taken['commit']}\nwritten: {path}", soft_wrap=True)
     return 0
 
 

@@ -29,7 +29,7 @@ def measure(options: Options) -> Section:
         evidence = Evidence.gather(paper_truth(rate_hz, samples).calibration, model())
         figures += [_figure(evidence, name, rate_hz, samples) for name in DISCRETISATIONS]
     remarks = (
-        f"16 000 samples at 1 MHz last 16 ms: 0.16 period of 10 Hz and less than one period of nine of the 21 tones. "
+        f"16 000 samples at 1 MHz last 16 ms: 0.16 period of 10 Hz and less than one period of eight of the 21 tones. "
         f"{LONG:,} samples hold one period of the lowest.".replace(",", " "),
         "Start values come from the records themselves; all records start from rest; no noise on the channels.",
     )

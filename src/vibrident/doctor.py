@@ -148,9 +148,8 @@ def _identification() -> list[Check]:
         result = identify(calibration, estimator=estimator)
         elapsed = time.perf_counter() - begin
         off = deviations(result, SENSORS["paper"].parameters)
-        name, worst = max(off.items(), key=lambda item: abs(item[1].in_u or 0.0))
-        far = abs(worst.in_u or float("inf"))
-        found = f"{name.replace('_', ' ')} {worst.in_u:+.1f} u from the truth at most, {elapsed:.1f} s"
+        far, name = max((float("inf") if d.in_u is None else abs(d.in_u), name) for name, d in off.items())
+        found = f"at most {far:.1f} u from the truth ({name.replace('_', ' ')}), {elapsed:.1f} s"
         remedy = "" if far < CLOSE else "reinstall vibrident and the pinned JAX; if it stays, report it as a bug"
         checks.append(Check(f"Identification, {estimator}", found, far < CLOSE, remedy))
     return checks

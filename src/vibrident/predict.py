@@ -22,6 +22,9 @@ from vibrident.problem import Coordinates, TimeProblem
 from vibrident.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.result import Result
 
+#: The band of coordinates bounds what a search may find; here nothing is searched.
+UNBOUNDED_HZ = (1e-9, 1e12)
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -94,9 +97,7 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     records, findings = screen(calibration.records)
     name = str(result.settings.get("discretisation") or "bandlimited")
     problem = TimeProblem.build(records, model, method(name), calibration.quantity, values)
-    # The coordinates' bounds are those of a search; around the value itself they bound nothing.
-    natural = values["natural_frequency"]
-    coordinates = Coordinates.at(model, values, (natural, natural))
+    coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
     predicted = problem.predict(coordinates, coordinates.first)
     pairs = zip(records, predicted, strict=True)
     return Predictions(tuple(Prediction(record, series) for record, series in pairs), findings, name)

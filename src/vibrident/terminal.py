@@ -166,7 +166,7 @@ def truth_table(result: Result, truth: Mapping[str, float]) -> Table:
         number = stated(parameter)
         scale = scaled(parameter.unit, abs(parameter.value))
         row = (words.parameter_name(key).words, plain(off.true * scale.factor, 8), number.value, number.standard)
-        difference = NONE if off.in_u is None else f"{off.in_u:+.1f}"
+        difference = NONE if off.in_u is None else f"{off.in_u:+.1f}".replace("-0.0", "+0.0")
         table.add_row(*(_plain(cell) for cell in (*row, number.unit, difference)))
     return table
 

@@ -36,7 +36,7 @@ def smooth_error(name, rate, frequency, p, fraction):
 def test_order_of_convergence(name, order, fraction, frequency, p):
     """Error against step is a straight line of the stated slope in the logarithms (within 0.06 of it)."""
     assert METHODS[name].order == order
-    rates = 51200.0 * 2.0 ** np.arange(1, 6)
+    rates = 51200.0 * 2.0 ** np.arange(1, 5)
     errors = [smooth_error(name, rate, frequency, p, fraction) for rate in rates]
     slope = -np.polyfit(np.log(rates), np.log(errors), 1)[0]
     assert slope == pytest.approx(order, abs=0.06), errors
@@ -87,7 +87,7 @@ def test_tustin_is_scipys_bilinear_transform(rng):
     expected = lfilter(b, a, samples)
     chosen = method("tustin")
     coefficients = chosen.inputs(samples, np.ones(n + 3, dtype=bool), 2).coefficients
-    found = recursion(chosen.weights(system_of(PAPER), 1 / rate, 0.0, 2), coefficients, np.zeros(2))
+    found = recursion(weights_of("tustin", PAPER, 1 / rate, 0.0, 2), coefficients, np.zeros(2))
     np.testing.assert_allclose(found[:-1], expected[:-1], atol=1e-12 * np.max(np.abs(expected)))
 
 
@@ -116,9 +116,8 @@ def test_euler_reproduces_equation_7_element_by_element(rate):
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize(("model", "quantity"), [("accelerometer", "acceleration"), ("accelerometer", "displacement")])
 def test_table_round_trip(name, model, quantity):
-    system = system_of(PAPER, model, quantity)
     terms = METHODS[name].terms(0.1)
-    weights = method(name).weights(system, 1 / 51200, 0.3, terms)
+    weights = weights_of(name, PAPER, 1 / 51200, 0.3, terms, model, quantity)
     table = weights.table()
     again = Weights.from_table(table["W1"], table["W2"], table["W3"], table["W4"])
     for ours, theirs in zip(weights, again, strict=True):
@@ -183,6 +182,11 @@ def test_an_unknown_method_is_named():
     assert caught.value.expected == "euler | zoh | foh | tustin | bandlimited"
 
 
+@jax.jit
+def _expm_with_slope(matrix, direction):
+    return jax.jvp(expm, (matrix,), (direction,))
+
+
 @pytest.mark.parametrize("damping", [0.0, 0.02, 0.7, 1.0, 2.5])
 @pytest.mark.parametrize("angle", [1e-6, 0.08, 1.6, 40.0, 3000.0])
 def test_the_exponential_against_scipy(damping, angle):
@@ -191,10 +195,10 @@ def test_the_exponential_against_scipy(damping, angle):
     a = np.asarray(system.a) / (2 * np.pi) * angle
     matrix = np.block([[a, np.ones((2, 3))], [np.zeros((3, 2)), np.diag([2.0, 6.0], 1)]])
     expected = scipy_expm(matrix)
-    assert np.max(np.abs(np.asarray(expm(jnp.asarray(matrix))) - expected)) < 2e-12 * np.max(np.abs(expected))
     direction = np.zeros((5, 5))
     direction[:2, :2] = a / angle
-    _, slope = jax.jvp(expm, (jnp.asarray(matrix),), (jnp.asarray(direction),))
+    found, slope = _expm_with_slope(jnp.asarray(matrix), jnp.asarray(direction))
+    assert np.max(np.abs(np.asarray(found) - expected)) < 2e-12 * np.max(np.abs(expected))
     # Van Loan's trick: the derivative sits in the corner of the exponential of a matrix of twice the size.
     both = scipy_expm(np.block([[matrix, direction], [np.zeros((5, 5)), matrix]]))
     expected = both[:5, 5:]

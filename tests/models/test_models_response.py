@@ -20,7 +20,15 @@ CASES = [
     ("accelerometer+delay", PAPER | {"delay": 3e-4}),
     ("velocity-pickup", GEOPHONE),
     ("velocity-pickup+delay", GEOPHONE | {"delay": -1e-3}),
+    ("accelerometer+highpass", PAPER | {"highpass_frequency": 0.5}),
+    ("accelerometer+mode2", PAPER | {"mode2_frequency": 1800.0, "mode2_damping": 0.02, "mode2_gain": -0.03}),
+    (
+        "velocity-pickup+highpass+mode2",
+        GEOPHONE | {"highpass_frequency": 0.1, "mode2_frequency": 140.0, "mode2_damping": 0.01, "mode2_gain": 0.01},
+    ),
 ]
+#: Not a rational function: no realisation.
+BOXCAR = ("accelerometer+boxcar+delay", PAPER | {"boxcar_length": 2.0165e-3, "delay": 5e-4})
 QUANTITIES = ["acceleration", "velocity", "displacement", "drive"]
 
 
@@ -105,6 +113,39 @@ def test_a_delay_lags():
     assert np.angle(parse("accelerometer").frequency_response(PAPER, np.array([652.0])))[0] == pytest.approx(-np.pi / 2)
 
 
+def test_a_high_pass_is_a_first_order_corner():
+    """s/(s + 2π fh): 1/√2 and +45° at the corner, one far above."""
+    frequency = np.array([0.05, 0.5, 5e5])
+    plain = parse("accelerometer").frequency_response(PAPER, frequency)
+    passed = parse("accelerometer+highpass").frequency_response(PAPER | {"highpass_frequency": 0.5}, frequency) / plain
+    np.testing.assert_allclose(passed, 1 / (1 - 0.5j / frequency), rtol=1e-12)
+    assert np.rad2deg(np.angle(passed[1])) == pytest.approx(45.0, rel=1e-12)
+
+
+def test_a_second_mode_stands_beside_the_first():
+    """S0 (H1 + g₂ H2), each by the textbook's formula."""
+    p = PAPER | {"mode2_frequency": 1800.0, "mode2_damping": 0.02, "mode2_gain": -0.03}
+    frequency = np.geomspace(1.0, 1e4, 100)
+    second = {"sensitivity": -0.03, "natural_frequency": 1800.0, "damping_ratio": 0.02}
+    expected = PAPER["sensitivity"] * (
+        accelerometer_formula(PAPER | {"sensitivity": 1.0}, frequency) + accelerometer_formula(second, frequency)
+    )
+    np.testing.assert_allclose(parse("accelerometer+mode2").frequency_response(p, frequency), expected, rtol=1e-11)
+
+
+def test_a_boxcar_is_the_mean_over_a_window():
+    """(1/L) ∫₀ᴸ e^{−jωt} dt by quadrature: zero at 1/L, half the window's length late."""
+    model = parse("accelerometer+boxcar")
+    frequency = np.array([1.0, 130.0, 499.0, 500.0, 777.0])
+    t = (np.arange(100000) + 0.5) / 100000 * 2e-3
+    mean = np.array([np.mean(np.exp(-2j * np.pi * f * t)) for f in frequency])
+    plain = parse("accelerometer").frequency_response(PAPER, frequency)
+    found = model.frequency_response(PAPER | {"boxcar_length": 2e-3}, frequency) / plain
+    np.testing.assert_allclose(found, mean, atol=1e-8)
+    assert not model.has_network
+    assert all(parse(name).has_network for name, _ in CASES)
+
+
 def test_polarity_turns_the_phase_by_half_a_turn():
     frequency = np.geomspace(1, 1e4, 30)
     model = parse("accelerometer")
@@ -112,7 +153,7 @@ def test_polarity_turns_the_phase_by_half_a_turn():
     np.testing.assert_allclose(inverted, -model.frequency_response(PAPER, frequency), rtol=1e-15)
 
 
-@pytest.mark.parametrize(("name", "p"), CASES)
+@pytest.mark.parametrize(("name", "p"), [*CASES, BOXCAR])
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_numpy_and_jax_give_the_same(name, p, quantity):
     model, frequency = parse(name), np.geomspace(0.003, 1e5, 40)
@@ -130,12 +171,12 @@ def test_state_space_is_the_rational_function(name, p, quantity):
     wn = 2 * np.pi * p["natural_frequency"]
     rational = model.rational(p, quantity)
     system = realise(rational)
-    assert system.order == 2
+    assert system.order == 2 + name.count("highpass") + 2 * name.count("mode2")
     a, b, c = (np.asarray(m) for m in (system.a, system.b, system.c))
     s = wn * np.concatenate([1j * np.geomspace(1e-2, 1e2, 31), np.array([0.3 + 0.2j, -3 - 1j, 5.0, -0.01 + 2j])])
     if p["damping_ratio"] == 0:
         s = s[np.abs(s - 1j * wn) > 1e-3 * wn]
-    states = np.stack([np.linalg.solve(value * np.eye(2) - a, b.astype(complex)) for value in s])
+    states = np.stack([np.linalg.solve(value * np.eye(system.order) - a, b.astype(complex)) for value in s])
     parts = np.stack([states @ c, *(float(d) * s**m for m, d in enumerate(system.d))])
     ascending = np.polynomial.polynomial
     expected = rational.gain * ascending.polyval(s, rational.numerator) / ascending.polyval(s, rational.denominator)

@@ -12,8 +12,8 @@ from vibrident.errors import InputError, VibridentError
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: Most columns of a table that goes into a file or a pipe.
-WIDTH_IN_A_FILE = 120
+#: Most columns of a table that goes into a file or a pipe, and least of any: better a broken line than a cut number.
+WIDTH_IN_A_FILE, LEAST_WIDTH = 120, 80
 #: Control characters that text of others may hold, but tab and line end.
 _CONTROLS = {code: "�" for code in (*range(32), 127, *range(128, 160)) if chr(code) not in "\t\n"}
 
@@ -68,6 +68,8 @@ def show_error(error: VibridentError) -> None:
 def _console(*, stderr: bool) -> Console:
     from rich.console import Console
 
-    stream = sys.stderr if stderr else sys.stdout
-    free = not stream.isatty() and not os.environ.get("COLUMNS")
-    return Console(stderr=stderr, width=WIDTH_IN_A_FILE if free else None, markup=False, highlight=False, emoji=False)
+    console = Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+    free = not (sys.stderr if stderr else sys.stdout).isatty() and not os.environ.get("COLUMNS")
+    if not stderr:
+        console.width = WIDTH_IN_A_FILE if free else max(console.width, LEAST_WIDTH)
+    return console

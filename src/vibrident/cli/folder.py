@@ -1,4 +1,4 @@
-"""Files that appear together or not at all: written into a hidden folder beside the wanted one, then moved."""
+"""Files that appear together or not at all: written into a hidden folder in or beside the wanted one, then moved."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ def written_whole(target: Path) -> Iterator[Folder]:
             remedy="give another --out",
         )
     missing = [folder for folder in (target, *target.parents) if not folder.exists()]
-    partial = target.with_name(f".{target.resolve().name}.{os.getpid()}.part")
+    # Inside a folder that exists: the one above may belong to somebody else, or to another file system.
+    partial = (target if target.is_dir() else target.parent) / f".vibrident.{os.getpid()}.part"
     folder = Folder(partial, target)
     try:
         partial.mkdir(parents=True)

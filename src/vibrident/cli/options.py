@@ -26,11 +26,11 @@ FORMATS = ("md",)
 CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]
 
 
-def choice(name: str, allowed: Sequence[str], help: str, **more: Any) -> Any:
-    """An option that takes one of a few names."""
+def choice(name: str, allowed: Sequence[str], help: str, metavar: str | None = None, **more: Any) -> Any:
+    """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them."""
     return typer.Option(
         name,
-        metavar="|".join(allowed),
+        metavar=metavar or "|".join(allowed),
         help=help,
         callback=lambda value: None if value is None else one_of(name, value, allowed),
         autocompletion=lambda: list(allowed),

@@ -104,11 +104,9 @@ def _panel(picture: Figure, cell: SubplotSpec, record: Record, calibration: Cali
     kind = frequency_text(record.frequency_hz) if record.frequency_hz else record.excitation
     rate = scaled("Hz", record.sampling_rate_hz)
     length = scaled("s", record.duration_s)
-    top.set_title(
-        f"{kind} · {name}\n{record.samples} samples, {record.sampling_rate_hz * rate.factor:.6g} {rate.unit}, "
-        f"{record.duration_s * length.factor:.3g} {length.unit}",
-        fontsize=8,
-    )
+    heading = " · ".join(dict.fromkeys((kind, name)))
+    size = f"{record.samples} samples, {record.sampling_rate_hz * rate.factor:.6g} {rate.unit}, "
+    top.set_title(f"{heading}\n{size}{record.duration_s * length.factor:.3g} {length.unit}", fontsize=8)
 
 
 def _line(axes: Axes, time: FloatArray, values: FloatArray, mask: np.ndarray, unit: str, kind: int) -> str:

@@ -81,7 +81,7 @@ def _panel(
     size, residual_size = _unit(signal, measured, sizes[0]), _unit(signal, residual, sizes[1])
 
     name = style.shortened(signal.record, 22)
-    heading = f"{frequency_text(frequency_hz)} · {name}" if frequency_hz else name
+    heading = " · ".join(dict.fromkeys((frequency_text(frequency_hz), name))) if frequency_hz else name
     upper.set_title(f"{heading}\nresidual {100 * (signal.nrmse or 0.0):.2g} % of sd", fontsize=8)
     few = {"marker": ".", "markersize": 3} if 0 < time.size <= 60 else {}
     upper.plot(

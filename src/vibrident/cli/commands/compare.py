@@ -15,12 +15,12 @@ from vibrident.cli import options
 from vibrident.cli.console import note, out
 from vibrident.cli.estimators import EstimatorOptions, estimator
 from vibrident.cli.folder import written_whole
+from vibrident.cli.results import load_result
 from vibrident.errors import InputError, ModelError, NotConverged
 
 if TYPE_CHECKING:
     from vibrident.records import Calibration
     from vibrident.result import Result
-
 #: Tried in this order where none is named; those that do not suit the data are left out.
 _USUAL = ("ml", "lsm", "ipnn")
 
@@ -109,18 +109,19 @@ def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict
     from vibrident.io import read
 
     calibration = read(files[0])
-    results = {}
+    results: dict[str, Result] = {}
+    failures: list[ModelError | NotConverged] = []
     for method, outcome in _outcomes(calibration, methods):
-        if not isinstance(outcome, Exception):
+        if not isinstance(outcome, (ModelError, NotConverged)):
             results[method.name] = outcome
         elif must:
             raise outcome
         else:
+            failures.append(outcome)
             problem = outcome.problem if isinstance(outcome, ModelError) else str(outcome)
             note(f"Left out: {method.name}. {problem}")
-            failure = outcome
     if not results:
-        raise failure
+        raise failures[0]
     return results
 
 
@@ -143,8 +144,6 @@ def _outcomes(
 
 
 def _loaded(files: list[Path]) -> dict[str, Result]:
-    from vibrident.result import Result
-
     if any(file.suffix.lower() == ".toml" for file in files):
         raise _mixed(files)
     names = (
@@ -155,7 +154,7 @@ def _loaded(files: list[Path]) -> dict[str, Result]:
     results = {}
     for name, file in zip(names, files, strict=True):
         unique = name if name not in results else f"{name} ({len(results) + 1})"
-        results[unique] = Result.load(file)
+        results[unique] = load_result(file)
     return results
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from vibrident.cli.commands.simulate import write
-from vibrident.cli.console import out
+from vibrident.cli.console import out, printable
 from vibrident.cli.folder import written_whole
 
 #: A sensor and its calibration as in the paper's section 4, at a rate that keeps the files small.
@@ -96,7 +96,9 @@ def _finish(place: Path, folder: Path, result, artists) -> None:
 
 
 def _say(title: str, *lines: str) -> None:
+    from rich.padding import Padding
+
     console = out()
     console.print(f"\n{title}", style="bold")
     for line in lines:
-        console.print(f"   {line}")
+        console.print(Padding(printable(line), (0, 0, 0, 3)))

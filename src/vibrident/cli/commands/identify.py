@@ -16,6 +16,58 @@ from vibrident.cli.options import choice
 WARNED = 3
 _DETAILS = "Settings of an estimator"
 
+_Discretisation = Annotated[
+    str | None,
+    choice(
+        "--discretisation",
+        options.DISCRETISATIONS,
+        f"ipnn: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
+        "NAME",
+        rich_help_panel=_DETAILS,
+        show_default="bandlimited",
+    ),
+]
+_Optimiser = Annotated[
+    str | None,
+    choice(
+        "--optimiser",
+        options.OPTIMISERS,
+        "ipnn: Levenberg-Marquardt, or Adam as in the paper.",
+        rich_help_panel=_DETAILS,
+        show_default="lm",
+    ),
+]
+_Steps = Annotated[
+    int | None,
+    typer.Option(
+        "--steps",
+        metavar="N",
+        min=1,
+        help="ipnn with adam: training steps.",
+        rich_help_panel=_DETAILS,
+        show_default="1500",
+    ),
+]
+_LearningRate = Annotated[
+    float | None,
+    typer.Option(
+        "--learning-rate",
+        metavar="X",
+        help="ipnn with adam: step size.",
+        rich_help_panel=_DETAILS,
+        show_default="0.001",
+    ),
+]
+_Weighting = Annotated[
+    str | None,
+    choice(
+        "--weighting",
+        options.WEIGHTINGS,
+        "lsm: by uncertainty, or plain as in the paper.",
+        rich_help_panel=_DETAILS,
+    ),
+]
+
 
 def identify(
     calibration: options.CalibrationFile,
@@ -43,29 +95,11 @@ def identify(
         bool, typer.Option("--weights", help="Print the network's weights, the paper's Table 1.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")] = False,
-    discretisation: Annotated[
-        str | None,
-        choice("--discretisation", options.DISCRETISATIONS, "ipnn: how a step is taken.", rich_help_panel=_DETAILS),
-    ] = None,
-    optimiser: Annotated[
-        str | None,
-        choice("--optimiser", options.OPTIMISERS, "ipnn: how it is trained.", rich_help_panel=_DETAILS),
-    ] = None,
-    steps: Annotated[
-        int | None, typer.Option("--steps", min=1, help="ipnn with adam: training steps.", rich_help_panel=_DETAILS)
-    ] = None,
-    learning_rate: Annotated[
-        float | None, typer.Option("--learning-rate", help="ipnn with adam.", rich_help_panel=_DETAILS)
-    ] = None,
-    weighting: Annotated[
-        str | None,
-        choice(
-            "--weighting",
-            options.WEIGHTINGS,
-            "lsm: by uncertainty, or plain as in the paper.",
-            rich_help_panel=_DETAILS,
-        ),
-    ] = None,
+    discretisation: _Discretisation = None,
+    optimiser: _Optimiser = None,
+    steps: _Steps = None,
+    learning_rate: _LearningRate = None,
+    weighting: _Weighting = None,
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
 

@@ -12,6 +12,7 @@ import typer
 from vibrident.cli import options
 from vibrident.cli.console import note, out
 from vibrident.cli.folder import written_whole
+from vibrident.cli.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.predict import Prediction, Predictions
@@ -35,9 +36,8 @@ def predict(
     blank.
     """
     from vibrident.io import read
-    from vibrident.result import Result
 
-    known = Result.load(result)
+    known = load_result(result)
     data = read(calibration)
     with written_whole(folder) as output:
         from vibrident.cli.progress import Busy
@@ -62,9 +62,10 @@ def _file_names(records: list[str]) -> list[str]:
     """A file name for each record that every system takes and no other record has."""
     stems: list[str] = []
     for record in records:
-        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).strip("._").casefold() or "record"
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).strip("._") or "record"
+        used = {name.casefold() for name in stems}
         candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
-        stems.append(next(name for name in candidates if name not in stems))
+        stems.append(next(name for name in candidates if name.casefold() not in used))
     return [f"{stem}.csv" for stem in stems]
 
 

@@ -10,6 +10,7 @@ import typer
 from vibrident.cli import options
 from vibrident.cli.console import out
 from vibrident.cli.folder import written_whole
+from vibrident.cli.results import load_result
 from vibrident.errors import InputError
 
 
@@ -32,9 +33,8 @@ def report(
     _check_form(form)
     from vibrident import terminal
     from vibrident.report import write_report
-    from vibrident.result import Result
 
-    loaded = [(path, Result.load(path)) for path in results]
+    loaded = [(path, load_result(path)) for path in results]
     written: list[Path] = []
     if folder is None:
         for path, result in loaded:

@@ -14,6 +14,19 @@ from vibrident.cli.options import choice
 
 _NOISE = "Noise"
 
+_ExcitationSnr = Annotated[
+    float | None,
+    typer.Option(
+        "--excitation-snr", metavar="DB", help="Motion over noise that the sensor feels.", rich_help_panel=_NOISE
+    ),
+]
+_ReferenceNoise = Annotated[
+    float, typer.Option("--reference-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE)
+]
+_ResponseNoise = Annotated[
+    float, typer.Option("--response-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE)
+]
+
 
 def simulate(
     folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.", show_default=False)],
@@ -21,7 +34,13 @@ def simulate(
         str, typer.Option("--sensor", metavar="NAME", help=f"Of {', '.join(options.SENSORS)}.")
     ] = "paper",
     excitation: Annotated[
-        str, choice("--excitation", options.EXCITATIONS, "Motion; sine makes a record for every frequency.")
+        str,
+        choice(
+            "--excitation",
+            options.EXCITATIONS,
+            f"{', '.join(options.EXCITATIONS)}; sine makes a record for every frequency.",
+            "NAME",
+        ),
     ] = "sine",
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate.", show_default="the sensor's usual")
@@ -36,7 +55,9 @@ def simulate(
             show_default="the sensor's band",
         ),
     ] = None,
-    quantity: Annotated[str, choice("--quantity", options.QUANTITIES, "What the reference shows.")] = "acceleration",
+    quantity: Annotated[
+        str, choice("--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "NAME")
+    ] = "acceleration",
     start: Annotated[
         str,
         choice(
@@ -46,21 +67,12 @@ def simulate(
     method: Annotated[
         str, choice("--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.")
     ] = "exact",
-    excitation_snr: Annotated[
-        float | None,
-        typer.Option(
-            "--excitation-snr", metavar="DB", help="Motion over noise that the sensor feels.", rich_help_panel=_NOISE
-        ),
-    ] = None,
-    reference_noise: Annotated[
-        float,
-        typer.Option("--reference-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE),
-    ] = 0.0,
-    response_noise: Annotated[
-        float,
-        typer.Option("--response-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE),
-    ] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of everything random.", rich_help_panel=_NOISE)] = 0,
+    excitation_snr: _ExcitationSnr = None,
+    reference_noise: _ReferenceNoise = 0.0,
+    response_noise: _ResponseNoise = 0.0,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.", rich_help_panel=_NOISE)
+    ] = 0,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""

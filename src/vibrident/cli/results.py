@@ -1,0 +1,28 @@
+"""A result file, with its name in every complaint about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibrident.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.result import Result
+
+
+def load_result(path: Path) -> Result:
+    """Read a result.
+
+    Raises:
+        InputError: the file cannot be read or is not a result.
+    """
+    from vibrident.result import Result
+
+    try:
+        return Result.load(path)
+    except InputError as error:
+        if error.where:
+            raise
+        fields = {"expected": error.expected, "found": error.found, "remedy": error.remedy}
+        raise InputError(error.problem, where=str(path), **fields) from error

@@ -1,0 +1,47 @@
+"""A small simulated calibration as files, its result, and the command line run in this process."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from vibrident.cli import app
+
+Run = Callable[..., Result]
+SMALL = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "--samples", "2000", "--response-noise", "0.01")
+
+
+@pytest.fixture(scope="session")
+def run() -> Run:
+    """Run ``vibrident`` with these arguments, in this process."""
+    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="session")
+def made(run, tmp_path_factory) -> Path:
+    """A folder with calibration.toml, five records and truth.json; do not change it."""
+    folder = tmp_path_factory.mktemp("made") / "small"
+    done = run("simulate", "--out", folder, *SMALL, "--seed", 7)
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture(scope="session")
+def identified(run, made, tmp_path_factory) -> Path:
+    """The result.json of that calibration; do not change it."""
+    folder = tmp_path_factory.mktemp("identified") / "out"
+    done = run("identify", made / "calibration.toml", "--out", folder, "--no-plots")
+    assert done.exit_code == 0, done.output
+    return folder / "result.json"
+
+
+@pytest.fixture
+def calibration(made, tmp_path) -> Path:
+    """A copy of the calibration file among its records, to be spoiled."""
+    folder = tmp_path / "data"
+    shutil.copytree(made, folder)
+    return folder / "calibration.toml"

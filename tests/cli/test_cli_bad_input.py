@@ -1,0 +1,236 @@
+"""Bad input: exit 2, one message that says expected, found, where and remedy, no traceback, nothing written."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+RECORD = "100_Hz.csv"
+
+
+def assert_refused(done, folder: Path, *words: str):
+    """One complete message on stderr, nothing else printed, nothing written."""
+    assert done.exit_code == 2, done.output
+    assert done.exception is None or isinstance(done.exception, SystemExit)
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith("Error: ")
+    assert sum(line.startswith("Error") for line in lines) == 1
+    labels = [line.split()[0] for line in lines if line.startswith("  ") and line.split()[0].endswith(":")]
+    assert labels == ["expected:", "found:", "where:", "remedy:"]
+    assert "Traceback" not in done.output
+    for word in words:
+        assert word in done.stderr
+    assert not folder.exists()
+    assert not list(folder.parent.rglob("*.part"))
+
+
+def edit(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def edit_record(calibration: Path, line: int, change) -> None:
+    """Change one line (counted from 1) of a record."""
+    file = calibration.with_name(RECORD)
+    lines = file.read_text().splitlines(keepends=True)
+    lines[line - 1] = change(lines[line - 1])
+    file.write_text("".join(lines))
+
+
+def missing_record(file):
+    file.with_name(RECORD).unlink()
+
+
+def missing_column(file):
+    edit(file, '"response"', '"respons"')
+
+
+def repeated_column(file):
+    edit_record(file, 1, lambda line: line.replace("time_s", "response"))
+
+
+def text_in_numbers(file):
+    edit_record(file, 42, lambda line: line.rpartition(",")[0] + ",broken\n")
+
+
+def nan_in_numbers(file):
+    edit_record(file, 42, lambda line: line.rpartition(",")[0] + ",nan\n")
+
+
+def nothing_matched(file):
+    edit(file, f'"{RECORD}"', '"nothing*.csv"')
+
+
+def lengths_differ(file):
+    short = file.with_name("reference.csv")
+    short.write_text("".join(file.with_name(RECORD).read_text().splitlines(keepends=True)[:1500]))
+    edit(file, f'file = "{RECORD}"', f'file = "{RECORD}"\nreference_file = "reference.csv"')
+
+
+def rate_of_zero(file):
+    edit(file, "rate_hz = 12800.0", "rate_hz = 0.0")
+
+
+def frequency_above_nyquist(file):
+    edit(file, "frequency_hz = 100.0", "frequency_hz = 7000.0")
+
+
+def unknown_key(file):
+    edit(file, "rate_hz", "rate_herz")
+
+
+def empty_data_file(file):
+    file.with_name(RECORD).write_text("")
+
+
+def file_cut_in_mid_line(file):
+    text = file.with_name(RECORD).read_text()
+    file.with_name(RECORD).write_text(text[: text.rindex(",", 0, len(text) // 2) - 3])
+
+
+def invalid_toml(file):
+    edit(file, "[response]", "[response")
+
+
+SPOILED = {
+    missing_record: [RECORD],
+    missing_column: ["respons", RECORD],
+    repeated_column: ["response", RECORD],
+    text_in_numbers: ["broken", "line 42"],
+    nan_in_numbers: ["nan", RECORD],
+    nothing_matched: ["nothing*.csv"],
+    lengths_differ: ["1499", "2000"],
+    rate_of_zero: ["rate_hz", "0.0"],
+    frequency_above_nyquist: ["7000", "6400"],
+    unknown_key: ["rate_herz", "rate_hz"],
+    empty_data_file: [RECORD],
+    file_cut_in_mid_line: [RECORD, "line"],
+    invalid_toml: ["calibration.toml, line"],
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILED, ids=lambda spoil: spoil.__name__)
+def test_a_spoiled_calibration(spoil, calibration, run, tmp_path):
+    spoil(calibration)
+    done = run("identify", calibration, "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", *SPOILED[spoil])
+
+
+def test_a_missing_calibration_file(run, tmp_path):
+    done = run("identify", tmp_path / "no[where].toml", "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", "no[where].toml")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--model", "acelerometer"], ["accelerometer", "did you mean"]),
+        (["--model", "accelerometer+dely"], ["delay", "did you mean"]),
+        (["--estimator", "mll"], ["auto | ipnn | ml | lsm", "did you mean 'ml'"]),
+        (["--uncertainty", "big"], ["noise | inflated"]),
+        (["--estimator", "ipnn", "--discretisation", "eular"], ["did you mean 'euler'"]),
+        (["--estimator", "ml", "--discretisation", "euler"], ["--discretisation", "--estimator ipnn"]),
+        (["--discretisation", "euler"], ["--estimator auto"]),
+        (["--estimator", "ipnn", "--steps", "10"], ["--optimiser adam"]),
+        (["--estimator", "ipnn", "--optimiser", "adam", "--learning-rate", "-1"], ["--learning-rate"]),
+        (["--estimator", "ml", "--weighting", "plain"], ["--estimator lsm"]),
+        (["--estimator", "lsm", "--weights"], ["--estimator ipnn"]),
+    ],
+    ids=" ".join,
+)
+def test_options_that_do_not_fit(options, words, made, run, tmp_path):
+    done = run("identify", made / "calibration.toml", "--out", tmp_path / "out", *options)
+    assert_refused(done, tmp_path / "out", *words)
+
+
+@pytest.mark.parametrize("arguments", [["identify"], ["identify", "a", "b"], ["identify", "--nope"], ["serve"], []])
+def test_usage_errors_exit_with_2(arguments, run):
+    assert run(*arguments).exit_code == 2
+
+
+@pytest.mark.parametrize("command", ["predict", "report", "compare"])
+@pytest.mark.parametrize("damage", ["cut", "other", "lacking", "missing"])
+def test_a_damaged_result(command, damage, identified, made, run, tmp_path):
+    text = identified.read_text(encoding="utf-8")
+    document = json.loads(text)
+    del document["fit"]
+    damaged = {"cut": text[: len(text) // 2], "other": '{"schema": "other"}', "lacking": json.dumps(document)}
+    file = tmp_path / "result.json"
+    if damage != "missing":
+        file.write_text(damaged[damage], encoding="utf-8")
+    arguments = [file, made / "calibration.toml"] if command == "predict" else [file]
+    done = run(command, *arguments, "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", str(file))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--sensor", "papper"], ["did you mean 'paper'"]),
+        (["--excitation", "sinus"], ["sine"]),
+        (["--frequencies", "10-1000"], ["10:1000"]),
+        (["--frequencies", "1000:10"], ["1000 to 10"]),
+        (["--rate", "0"], ["sampling_rate_hz"]),
+        (["--rate", "1500"], ["750"]),
+        (["--samples", "2"], ["samples"]),
+        (["--response-noise", "-1"], ["white"]),
+    ],
+    ids=" ".join,
+)
+def test_a_simulation_that_cannot_be(options, words, run, tmp_path):
+    assert_refused(run("simulate", "--out", tmp_path / "out", *options), tmp_path / "out", *words)
+
+
+def test_a_used_folder_is_not_simulated_into(run, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    done = run("simulate", "--out", tmp_path)
+    assert done.exit_code == 2
+    assert "--force" in done.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_an_output_that_is_a_file(made, run, tmp_path):
+    (tmp_path / "out").write_text("mine")
+    done = run("identify", made / "calibration.toml", "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "is a file" in done.stderr
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_form_of_report_that_does_not_exist(identified, run, tmp_path):
+    done = run("report", identified, "--out", tmp_path / "out", "--format", "pdf")
+    assert_refused(done, tmp_path / "out", "'pdf'", "md")
+
+
+def test_a_prediction_in_another_unit(calibration, identified, run, tmp_path):
+    edit(calibration, 'unit = "V"', 'unit = "mV"')
+    done = run("predict", identified, calibration, "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", '"mV"', '"V"')
+
+
+def test_a_prediction_for_a_table(identified, run, tmp_path):
+    (tmp_path / "frf.csv").write_text("f,m\n1,1\n2,1\n3,1\n4,1\n")
+    (tmp_path / "table.toml").write_text('[table]\nfile = "frf.csv"\nfrequency = 1\nmagnitude = 2\n')
+    done = run("predict", identified, tmp_path / "table.toml", "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", "[table]")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["CAL", "RESULT"], ["one calibration file"]),
+        (["CAL", "--estimators", "ml,foo"], ["ipnn | ml | lsm"]),
+        (["CAL", "--estimators", ","], ["joined by commas"]),
+        (["CAL", "--estimators", "ml", "--discretisations", "euler"], ["--estimators with ipnn"]),
+        (["CAL", "--models", "nope"], ["accelerometer"]),
+        (["CAL", "--truth", "CAL"], ["truth.json"]),
+        (["RESULT", "--models", "accelerometer"], ["results, which are made already"]),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_comparisons_that_cannot_be(arguments, words, made, identified, run, tmp_path):
+    files = {"CAL": made / "calibration.toml", "RESULT": identified}
+    done = run("compare", *(files.get(argument, argument) for argument in arguments), "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", *words)

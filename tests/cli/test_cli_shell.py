@@ -1,0 +1,107 @@
+"""The command as a shell sees it: a process with streams, an environment and signals."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+VIBRIDENT = [sys.executable, "-c", "from vibrident.cli import main; main()"]
+HEAVY = ("jax", "matplotlib", "pandas", "scipy")
+
+
+def shell(*arguments, **environment):
+    """Run a process of its own; return it when it is done."""
+    return subprocess.run(
+        [*VIBRIDENT, *map(str, arguments)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys, vibrident.cli\n"
+        "sys.argv = ['vibrident', 'identify', '--help']\n"
+        "try:\n    vibrident.cli.main()\n"
+        "except SystemExit:\n    pass\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_bad_file_is_one_message_and_no_jax(made, tmp_path):
+    begin = time.perf_counter()
+    done = shell("identify", tmp_path / "none.toml", "--out", tmp_path / "out")
+    assert time.perf_counter() - begin < 30
+    assert done.returncode == 2
+    assert done.stdout == b""
+    assert done.stderr.startswith(b"Error: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_redirected_output_is_plain_text_with_nothing_on_stderr(made, tmp_path):
+    done = shell("identify", made / "calibration.toml", "--out", tmp_path / "out", TERM="xterm-256color")
+    assert done.returncode == 0
+    assert done.stderr == b""  # no log lines of a library either
+    assert b"\x1b" not in done.stdout
+    assert "mV/(m/s²)" in done.stdout.decode()
+    assert (tmp_path / "out" / "signals.png").is_file()
+
+
+def test_an_ascii_terminal_gets_question_marks(identified, made, tmp_path):
+    done = shell("inspect", made / "calibration.toml", "--out", tmp_path, PYTHONIOENCODING="ascii", LC_ALL="C")
+    assert done.returncode == 0, done.stderr
+    assert b"m/s?" in done.stdout
+    done.stdout.decode("ascii")
+
+
+def test_a_reader_that_leaves_is_no_traceback(made, tmp_path):
+    process = subprocess.Popen(
+        [*VIBRIDENT, "inspect", str(made / "calibration.toml"), "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert b"Traceback" not in process.stderr.read()
+    process.wait(timeout=120)
+    process.stderr.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_nothing_behind(number, made, tmp_path):
+    process = subprocess.Popen(
+        [*VIBRIDENT, "identify", str(made / "calibration.toml"), "--out", str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 60
+    while not any(Path(tmp_path).iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(0.5)  # the data are read, JAX is being loaded
+    process.send_signal(number)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == (130 if number == signal.SIGINT else 143)
+    assert b"Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_of_a_folder_are_no_modules(made, tmp_path):
+    (tmp_path / "matplotlib.py").write_text("raise SystemExit('the wrong module')")
+    code = (
+        "import sys; sys.path = [p for p in sys.path if p]\n"
+        f"sys.argv = ['vibrident', 'identify', {str(made / 'calibration.toml')!r}]\n"
+        "from vibrident.cli import main; main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "vibrident-out" / "sensitivity.png").is_file()

@@ -1,0 +1,121 @@
+"""The chunked network against its definition, and its hand-written derivative against automatic and finite ones."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+import vibrident.problem.time_domain as time_domain
+from vibrident.backend import jnp
+from vibrident.discretize import Weights, method
+from vibrident.models import parse
+from vibrident.network import Cell, run
+from vibrident.problem import Coordinates, TimeProblem
+from vibrident.problem.time_domain import evaluate, physical_residual
+from vibrident.records import Record
+
+TRUTH = {"sensitivity": 0.1, "natural_frequency": 650.0, "damping_ratio": 0.2, "delay": 3e-5}
+
+
+def records(rng: np.random.Generator, gap: bool) -> list[Record]:
+    made = []
+    for samples, rate in ((900, 20e3), (2300, 51.2e3), (520, 20e3)):
+        time = np.arange(samples) / rate
+        tone = np.sin(2 * np.pi * 700 * time) + 0.3 * np.sin(2 * np.pi * 1900 * time + 1)
+        valid = np.ones(samples, dtype=bool)
+        if gap:
+            valid[300:306] = False
+        response = rng.standard_normal(samples) * 0.01 + 0.1 * np.roll(tone, 3)
+        made.append(Record(f"{samples}", tone, response, rate, "random", valid=valid))
+    return made
+
+
+@pytest.fixture(params=["accelerometer", "accelerometer+delay", "velocity-pickup"])
+def model_name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def built(model_name: str, rng: np.random.Generator, gap: bool = False, discretisation: str = "bandlimited"):
+    model = parse(model_name)
+    start = {**TRUTH, "generator_constant": 5.0}
+    start = {name: start[name] for name in model.parameter_names}
+    problem = TimeProblem.build(records(rng, gap), model, method(discretisation), "acceleration", start)
+    coordinates = Coordinates.at(model, {**start, "damping_ratio": 0.25}, (100.0, 5000.0))
+    noise = jnp.asarray(problem.by_lane(np.array([0.01, 0.02, 0.03])))
+    return problem, coordinates, (coordinates, problem.layout, problem.data, noise)
+
+
+@pytest.mark.parametrize("gap", [False, True])
+def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, rng: np.random.Generator) -> None:
+    """Each segment: the definition, run from the best initial state, plus an offset, explains the same prediction."""
+    problem, coordinates, _ = built(model_name, rng, gap)
+    predicted = problem.predict(coordinates, coordinates.first)
+    values = coordinates.values(coordinates.first)
+    weights = problem.weights(values)
+    for owner, run_of, _lane in problem.pieces:
+        record = problem.records[owner]
+        rate = int(np.searchsorted(problem.intervals_s, record.sampling_interval_s))
+        one = Weights(*(jnp.asarray(w)[rate] for w in weights))
+        valid = record.mask
+        reference = np.where(valid, np.asarray(record.reference) - np.asarray(record.reference)[valid].mean(), 0.0)
+        delay = problem.delay_s * record.sampling_rate_hz
+        inputs = problem.layout.method.inputs(reference, valid, problem.layout.terms, delay).coefficients[run_of]
+        cell = Cell.from_weights(one)
+        forced = np.asarray(run(cell, inputs))
+        basis = [np.asarray(run(cell, 0.0 * inputs, jnp.eye(2)[i])) for i in range(2)]
+        design = np.stack([*basis, np.ones(len(forced))], axis=1)
+        used = valid[run_of]
+        found = np.linalg.lstsq(design[used], (record.response[run_of] - forced)[used], rcond=None)[0]
+        np.testing.assert_allclose(predicted[owner][run_of], forced + design @ found, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("discretisation", ["bandlimited", "euler", "tustin", "foh", "zoh"])
+def test_normal_equations_are_those_of_automatic_differentiation(discretisation: str, rng: np.random.Generator) -> None:
+    _, coordinates, args = built("accelerometer+delay", rng, gap=True, discretisation=discretisation)
+    z = jnp.asarray(coordinates.first)
+    normal = evaluate(z, *args)
+    residual, jacobian = physical_residual(z, *args), jax.jacfwd(lambda y: physical_residual(y, *args))(z)
+    np.testing.assert_allclose(normal.cost, residual @ residual, rtol=1e-11)
+    np.testing.assert_allclose(normal.gradient, -jacobian.T @ residual, rtol=1e-7)
+    np.testing.assert_allclose(normal.matrix, jacobian.T @ jacobian, rtol=1e-8)
+    columns = np.stack([np.asarray(c).ravel() for c in normal.columns], axis=1)
+    np.testing.assert_allclose(columns.T @ columns, normal.matrix, rtol=1e-7)
+
+
+def test_normal_equations_pass_finite_differences(model_name: str, rng: np.random.Generator) -> None:
+    """Hand-written sensitivity recursion: the gradient is the cost's, by central differences."""
+    _, coordinates, args = built(model_name, rng)
+    z = coordinates.first
+    gradient = -2.0 * np.asarray(evaluate(jnp.asarray(z), *args).gradient)
+    for j in range(len(z)):
+        step = 1e-5 * np.eye(len(z))[j]
+        up, down = (float(evaluate(jnp.asarray(z + s), *args).cost) for s in (step, -step))
+        assert gradient[j] == pytest.approx((up - down) / 2e-5, rel=2e-6)
+
+
+def test_the_length_of_a_chunk_does_not_matter(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    costs = []
+    for chunk in (32, 256, 5000):
+        monkeypatch.setattr(time_domain, "CHUNK", chunk)
+        _, coordinates, args = built("accelerometer", np.random.default_rng(1))
+        normal = evaluate(jnp.asarray(coordinates.first), *args)
+        costs.append((float(normal.cost), *np.asarray(normal.gradient)))
+    np.testing.assert_allclose(costs[1], costs[0], rtol=1e-9)
+    np.testing.assert_allclose(costs[2], costs[0], rtol=1e-9)
+
+
+def test_a_sensor_far_above_the_sampling_rate_keeps_its_response(rng: np.random.Generator) -> None:
+    """ωn Ts = 190: the poles are gone within a step, and the network still gives S0 a(t)."""
+    model = parse("accelerometer")
+    start = {"sensitivity": 0.1, "natural_frequency": 30e3, "damping_ratio": 0.01}
+    time = np.arange(3000) / 1000.0
+    reference = np.sin(2 * np.pi * 60 * time)
+    record = Record("slow", reference, 0.1 * reference, 1000.0, "random")
+    problem = TimeProblem.build([record], model, method("bandlimited"), "acceleration", start)
+    coordinates = Coordinates.at(model, start, (10.0, 400.0))
+    (predicted,) = problem.predict(coordinates, coordinates.first)
+    used = np.isfinite(predicted)
+    response = model.frequency_response(start, np.array([60.0]))[0]
+    exact = np.imag(response * np.exp(2j * np.pi * 60 * time))
+    np.testing.assert_allclose(predicted[used], exact[used], rtol=0, atol=1e-9)

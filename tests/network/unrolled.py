@@ -1,0 +1,78 @@
+"""Random networks and records for them, and the recursion written out in NumPy, sample after sample."""
+
+import numpy as np
+
+from vibrident.discretize import Weights
+from vibrident.network import Lanes
+
+
+def random_weights(rng, states=2, terms=3, damping=0.03):
+    """A stable oscillator in random coordinates of its states: |eigenvalues| = e^{−damping}."""
+    angle = rng.uniform(0.1, 1.0)
+    turn = np.exp(-damping) * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    phi = np.zeros((states, states))
+    phi[:2, :2] = turn
+    for k in range(2, states):
+        phi[k, k] = 0.9**k
+    basis = np.linalg.qr(rng.standard_normal((states, states)))[0] * rng.uniform(0.5, 2.0, states)
+    return Weights(
+        np.linalg.solve(basis, phi @ basis),
+        rng.standard_normal((states, terms)),
+        rng.standard_normal(states),
+        rng.standard_normal(terms),
+    )
+
+
+def recursion(weights, inputs, state, offset=0.0):
+    """x ← Φ x + Γ c, y = C x + D c + offset; inputs (steps, q) → (steps,)."""
+    phi, gamma, c, d = (np.asarray(w) for w in weights)
+    state, outputs = np.array(state, dtype=float), np.empty(len(inputs))
+    for k, u in enumerate(inputs):
+        outputs[k] = c @ state + d @ u + offset
+        state = phi @ state + gamma @ u
+    return outputs
+
+
+def stacked(sets):
+    """Sets of weights with a leading axis, as the unrolled network takes them."""
+    return Weights(*(np.stack(parts) for parts in zip(*sets, strict=True)))
+
+
+def cut(segments, chunk):
+    """Lanes of ``chunk`` steps from segments (inputs, response, weight, rate), and a function that puts lanes back."""
+    terms = segments[0][0].shape[1]
+    lanes, owner = [], []
+    for number, (inputs, response, weight, rate) in enumerate(segments):
+        for start in range(0, len(response), chunk):
+            part = slice(start, start + chunk)
+            padding = chunk - len(response[part])
+            lanes.append(
+                (
+                    np.pad(inputs[part], ((0, padding), (0, 0))),
+                    np.pad(response[part] * weight[part], (0, padding)),
+                    np.pad(weight[part], (0, padding)),
+                    start == 0,
+                    number,
+                    rate,
+                )
+            )
+            owner.append(number)
+    inputs, response, weight, first, segment, rates = zip(*lanes, strict=True)
+    made = Lanes(
+        np.moveaxis(np.stack(inputs), 0, -1),
+        np.stack(response, axis=1),
+        np.stack(weight, axis=1),
+        np.array(first),
+        np.array(segment),
+        np.array(rates),
+    )
+    assert made.inputs.shape == (chunk, terms, len(lanes))
+
+    def back(values):
+        values = np.asarray(values)
+        whole = [
+            np.concatenate([values[:, m] for m in np.flatnonzero(np.array(owner) == s)]) for s in range(len(segments))
+        ]
+        return [series[: len(segment[1])] for series, segment in zip(whole, segments, strict=True)]
+
+    return made, back
