@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from types import FrameType
 
 from vibrident.cli.application import app
 from vibrident.cli.console import forgiving_streams
+from vibrident.cli.folder import discard_unfinished
 
 __all__ = ["app", "main"]
 
@@ -23,5 +25,7 @@ def main() -> None:
 
 
 def _terminated(number: int, frame: FrameType | None) -> None:
-    """Leave through the ``finally`` blocks, so that nothing half-written stays."""
-    sys.exit(128 + number)
+    """Leave nothing half-written and die of the signal. An exception could be lost in a callback or an import."""
+    discard_unfinished()
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from vibrident.errors import InputError
 
 #: Moved last, so that its presence says that the others are there.
 _LAST = "result.json"
+#: What removes the folders being written now.
+_unfinished: list[Callable[[], None]] = []
 
 
 @dataclass
@@ -51,6 +53,14 @@ def written_whole(target: Path) -> Iterator[Folder]:
     # Inside a folder that exists: the one above may belong to somebody else, or to another file system.
     partial = (target if target.is_dir() else target.parent) / f".vibrident.{os.getpid()}.part"
     folder = Folder(partial, target)
+
+    def discard() -> None:
+        shutil.rmtree(partial, ignore_errors=True)
+        for made in missing:  # empty where nothing was written
+            with contextlib.suppress(OSError):
+                made.rmdir()
+
+    _unfinished.append(discard)
     try:
         partial.mkdir(parents=True)
         yield folder
@@ -66,11 +76,15 @@ def written_whole(target: Path) -> Iterator[Folder]:
             remedy="give another --out, or make room",
         ) from error
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        for made in missing:  # empty where nothing was written
-            with contextlib.suppress(OSError):
-                made.rmdir()
+        discard()
+        _unfinished.remove(discard)
     folder.files.sort(key=lambda file: (file.name != _LAST, file))
+
+
+def discard_unfinished() -> None:
+    """Leave nothing of the folders being written: the process is about to end."""
+    for discard in _unfinished:
+        discard()
 
 
 def refuse_used(target: Path, *, force: bool) -> None:

@@ -17,6 +17,7 @@ import optax
 import optimistix as optx
 
 from vibrident.backend import jax, jnp
+from vibrident.errors import NotConverged
 from vibrident.records import FloatArray
 
 
@@ -119,6 +120,11 @@ def levenberg_marquardt(
         trial = state.y_eval
         local = objective(trial, args)
         if not np.isfinite(local.cost):
+            if not costs:
+                raise NotConverged(
+                    "The cost is not finite at the start values: the discretisation is unstable for this sensor at this "
+                    "sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
+                )
             status = "the cost is not finite"
             break
         z, state, accepted, decrement, stalled = _advance(z, (trial, local.matrix, local.gradient, local.cost), state)
@@ -129,8 +135,6 @@ def levenberg_marquardt(
         if decrement < max(tolerance, 1e-15 * costs[-1]) or stalled:
             status, converged = "converged", True
             break
-    if not costs:
-        costs, path = [float("inf")], [np.asarray(start, dtype=float)]
     return Trace("levenberg-marquardt", converged, status, tuple(costs), np.array(path))
 
 

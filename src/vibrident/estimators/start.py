@@ -40,9 +40,12 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
     kind = (problem.polar, problem.has_phase, problem.quantity)
     for candidate in candidates:
         coordinates = Coordinates.at(model, candidate, problem.band_hz)
-        trace = levenberg_marquardt(
-            response_objective, coordinates.first, (coordinates, kind, problem.data), tolerance=1e-2
-        )
+        try:
+            trace = levenberg_marquardt(
+                response_objective, coordinates.first, (coordinates, kind, problem.data), tolerance=1e-2
+            )
+        except NotConverged:
+            continue
         cost = trace.costs[-1]
         if np.isfinite(cost) and (best is None or cost < best[0]):
             best = (cost, coordinates.values(trace.last))

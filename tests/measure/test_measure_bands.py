@@ -1,0 +1,65 @@
+"""The banded response, and the remainder of a residual that is coherent with a prediction."""
+
+import numpy as np
+import pytest
+
+from vibrident.measure import measure_bands
+from vibrident.measure.bands import coherent_remainder
+from vibrident.models import parse
+from vibrident.records import Record
+from vibrident.simulate import simulate
+
+P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+
+
+@pytest.mark.parametrize(
+    ("excitation", "within"), [("random", 0.05), ("sweep", 0.1), ("multisine", 0.05), ("shock", 0.1)]
+)
+def test_bands_show_the_sensor(excitation, within):
+    """Good enough for start values: median of |H/H_true − 1| a few per cent, over a decade of frequency at least."""
+    record = simulate(("accelerometer", P), excitation, samples=8000, sampling_rate_hz=10e3, seed=3).records[0]
+    found = measure_bands([record])
+    true = parse("accelerometer").frequency_response(P, found.frequency_hz)
+    assert np.median(np.abs(found.ratio / true - 1)) < within
+    assert found.frequency_hz.max() > 10 * found.frequency_hz.min()
+
+
+def test_nothing_without_a_reference_or_motion():
+    decay = simulate(("accelerometer", P), "decay", samples=1000).records
+    assert measure_bands(decay) is None
+    flat = Record("flat", np.zeros(100), np.sin(np.arange(100)), 1e3, "random")
+    assert measure_bands([flat]) is None
+
+
+def records(rng, error=0.0, samples=4000):
+    y = np.convolve(rng.standard_normal(samples), np.hanning(9), "same")
+    return Record("r", y, y * (1 + error) + 0.1 * np.std(y) * rng.standard_normal(samples), 1e4, "random"), y
+
+
+def test_an_error_of_the_prediction_is_found_in_every_band(rng):
+    """The response is 5 % larger than predicted: ρ = 0.05 within its stated deviation, χ² as it should be."""
+    record, predicted = records(rng, 0.05)
+    frequency, rho, deviation, freedom = coherent_remainder(record, predicted)
+    assert len(frequency) > 20
+    normal = np.concatenate([(rho.real - 0.05) / deviation, rho.imag / deviation])
+    factor = np.mean(freedom / (freedom - 2))  # of a variance from few lines
+    assert np.mean(normal**2) / factor == pytest.approx(1.0, abs=3 * np.sqrt(2 / len(normal)) * 1.3)
+
+
+def test_the_deviation_is_that_of_the_scatter(rng):
+    """200 right predictions: the mean of |ρ|²/2s² is ν/(ν − 2), within three standard errors."""
+    ratios = []
+    for _ in range(200):
+        record, predicted = records(rng, samples=1000)
+        _, rho, deviation, freedom = coherent_remainder(record, predicted)
+        ratios.append(np.mean(np.abs(rho) ** 2 / (2 * deviation**2) * (1 - 2 / freedom)))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=3 * np.std(ratios) / np.sqrt(200))
+
+
+def test_samples_without_a_prediction_are_left_out(rng):
+    record, predicted = records(rng, 0.05)
+    predicted = np.array(predicted)
+    predicted[:200] = np.nan
+    assert np.mean(coherent_remainder(record, predicted)[1].real) == pytest.approx(0.05, abs=0.02)
+    predicted[20:] = np.nan
+    assert coherent_remainder(record, predicted) is None
