@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vibrident.cli.interruption import tidied_up
+
 if TYPE_CHECKING:
     from vibrident.result import Result
 
@@ -42,10 +44,15 @@ class Painters:
                 return
         plots.save_all(result, folder)  # no helpers, or they failed: an error shows here
 
-    def dismiss(self) -> None:
-        """End processes that are not needed any more."""
+    def kill(self) -> None:
+        """End the processes, without waiting for them to be gone."""
         for process in self._processes:
             process.kill()
+
+    def dismiss(self) -> None:
+        """End processes that are not needed any more."""
+        self.kill()
+        for process in self._processes:
             process.communicate()
 
 
@@ -54,7 +61,8 @@ def painters(*, wanted: bool = True) -> Iterator[Painters]:
     """Start the processes, where there is a core for them; end them with the block."""
     started = Painters([_start() for _ in range(2)] if wanted and _cores() > 1 else [])
     try:
-        yield started
+        with tidied_up(started.kill):
+            yield started
     finally:
         started.dismiss()
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vibrident.cli.interruption import tidied_up
 from vibrident.errors import InputError
 
 #: Moved last, so that its presence says that the others are there.
 _LAST = "result.json"
-#: What removes the folders being written now.
-_unfinished: list[Callable[[], None]] = []
 
 
 @dataclass
@@ -60,11 +59,11 @@ def written_whole(target: Path) -> Iterator[Folder]:
             with contextlib.suppress(OSError):
                 made.rmdir()
 
-    _unfinished.append(discard)
     try:
-        partial.mkdir(parents=True)
-        yield folder
-        folder.files = [_moved(file, partial, target) for file in _in_order(partial)]
+        with tidied_up(discard):
+            partial.mkdir(parents=True)
+            yield folder
+            folder.files = [_moved(file, partial, target) for file in _in_order(partial)]
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -77,14 +76,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
         ) from error
     finally:
         discard()
-        _unfinished.remove(discard)
     folder.files.sort(key=lambda file: (file.name != _LAST, file))
-
-
-def discard_unfinished() -> None:
-    """Leave nothing of the folders being written: the process is about to end."""
-    for discard in _unfinished:
-        discard()
 
 
 def refuse_used(target: Path, *, force: bool) -> None:

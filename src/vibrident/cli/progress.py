@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import threading
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from vibrident.cli.console import err
+from vibrident.cli.interruption import tidied_up
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 #: Seconds before anything is shown.
 PATIENCE_S = 1.0
+#: Clears the line and shows the cursor, which the bar hides.
+_RESTORE = b"\r\x1b[2K\x1b[?25h"
 
 
 class Busy:
@@ -28,6 +33,7 @@ class Busy:
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._timer: threading.Timer | None = None
+        self._open = contextlib.ExitStack()
 
     def __enter__(self) -> Busy:
         console = err()
@@ -40,6 +46,7 @@ class Busy:
         self._task = self._bar.add_task(self._what, total=None)
         self._timer = threading.Timer(PATIENCE_S, self._show)
         self._timer.daemon = True
+        self._open.enter_context(tidied_up(self._restore))
         self._timer.start()
         return self
 
@@ -52,6 +59,7 @@ class Busy:
             bar, self._bar = self._bar, None
             if bar is not None and bar.live.is_started:
                 bar.stop()
+        self._open.close()
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
         """Show an optimiser's progress; see ``vibrident.estimators.optimise.Progress``."""
@@ -64,3 +72,7 @@ class Busy:
         with self._lock:
             if self._bar is not None:
                 self._bar.start()
+
+    def _restore(self) -> None:
+        if self._bar is not None and self._bar.live.is_started:
+            os.write(2, _RESTORE)

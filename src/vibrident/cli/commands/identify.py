@@ -86,9 +86,9 @@ def identify(
         choice(
             "--uncertainty",
             options.UNCERTAINTIES,
-            "inflated: where deviations from the model exceed the noise, scale all uncertainties to cover them.",
+            "What they cover: noise alone; inflated, the misfit too; auto, the misfit of records whose model fails.",
         ),
-    ] = "noise",
+    ] = "auto",
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw pictures (PNG) into the folder.")] = True,
     weights: Annotated[
