@@ -77,8 +77,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     chi2 = adequacy.chi2_reduced or 0.0
     worst = _worst(points, response)
     text = (
-        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times what "
-        f"the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
+        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
+        f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
     )
     signals = _excerpts(evidence, predicted)
     return Judgement(adequacy, text, birge, predicted, None, signals, weights)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import platform
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any, Literal
@@ -168,17 +169,27 @@ def _warnings(
 
 
 def _training(estimate: Estimate) -> Training:
-    trace = estimate.trace
+    """The way from the grid to the optimum: start values from the response, then the estimator's own iterations."""
+    trace, begin = estimate.trace, estimate.begin
     names = estimate.coordinates.model.parameter_names
     keep = np.unique(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), MOST_TRACE)).astype(int))
+    before = () if begin is None or trace.optimiser == "adam" else _shown(begin.costs, begin.equations, begin.path)
     path = [estimate.coordinates.values(trace.coordinates[i]) for i in keep]
+    own = _shown([trace.costs[i] for i in keep], estimate.equations, path)
     return Training(
         optimiser=trace.optimiser,
         status=trace.status,
-        iterations=len(trace.costs),
-        loss=tuple(float(trace.costs[i]) for i in keep),
-        parameters={name: tuple(float(point[name]) for point in path) for name in names},
+        iterations=len(before) + len(trace.costs),
+        loss=tuple(cost for cost, _ in (*before, *own)),
+        parameters={name: tuple(float(point[name]) for _, point in (*before, *own)) for name in names},
     )
+
+
+def _shown(
+    costs: Sequence[float], equations: float, path: Sequence[dict[str, float]]
+) -> tuple[tuple[float, dict[str, float]], ...]:
+    """Mean squared weighted residual and parameters at each iterate."""
+    return tuple((float(cost) / equations, point) for cost, point in zip(costs, path, strict=True))
 
 
 def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:

@@ -145,7 +145,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Training:
-    """How the estimator went: loss and parameters at each iteration of its optimiser."""
+    """How the estimator went: mean squared weighted residual and parameters at each iteration of its optimiser."""
 
     optimiser: str
     status: str

@@ -160,7 +160,9 @@ def test_plain_least_squares_is_the_linear_fit_of_the_paper() -> None:
     frequency = 10.0 ** (np.arange(10, 31) / 10)
     clean = MODEL.frequency_response(PAPER, frequency)
     noisy = clean * (1 + 0.002 * (rng.standard_normal(21) + 1j * rng.standard_normal(21)))
-    table = vibrident.ResponseTable(frequency, np.abs(noisy), np.angle(noisy), 0.002 * np.abs(noisy), np.full(21, 0.002))
+    table = vibrident.ResponseTable(
+        frequency, np.abs(noisy), np.angle(noisy), 0.002 * np.abs(noisy), np.full(21, 0.002)
+    )
     evidence = Evidence.gather(Calibration(table=table), MODEL)
     estimate = LeastSquares(weighting="plain").fit(evidence)
     found = estimate.coordinates.values(estimate.z)

@@ -1,7 +1,7 @@
 """Ctrl-C and SIGTERM: tidy up and end at once.
 
-No exception is raised: inside JAX one may be lost in a callback, or bring the process down with a segmentation fault, and
-what was half-written would stay.
+No exception is raised: inside JAX one may be lost in a callback, or bring the process down with a segmentation fault,
+and what was half-written would stay.
 """
 
 from __future__ import annotations

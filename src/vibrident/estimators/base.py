@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from vibrident.estimators.optimise import Progress, Trace
+from vibrident.estimators.start import Start
 from vibrident.measure import MeasuredResponse
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
@@ -26,6 +27,8 @@ class Estimate:
         settings: what was chosen.
         tones: the tones as last measured, with the start transient taken out; None without sine records.
         problem: the time-domain problem, where the estimator made one.
+        equations: number of residuals in the cost.
+        begin: the way from the grid to the start values.
         predicted: predicted response of every record at the optimum, NaN where there is none, where it is at hand.
     """
 
@@ -39,6 +42,8 @@ class Estimate:
     tones: MeasuredResponse | None = None
     problem: TimeProblem | None = None
     predicted: tuple[FloatArray, ...] | None = None
+    begin: Start | None = None
+    equations: float = 1.0
 
 
 class Estimator(Protocol):

@@ -20,7 +20,7 @@ from vibrident.estimators.coloured import coloured_covariance
 from vibrident.estimators.free import train_free
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
-from vibrident.estimators.start import start_values
+from vibrident.estimators.start import find_start
 from vibrident.network.readback import Reading
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
@@ -69,7 +69,8 @@ class Ipnn:
                 where="estimator",
                 remedy="use the estimator 'ml' for a table; add a record with a reference to free decays",
             )
-        start = start_values(evidence.first_look, evidence.model)
+        begin = find_start(evidence.first_look, evidence.model)
+        start = begin.values
         step = method(self.discretisation)
         coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
         z = coordinates.first
@@ -100,10 +101,23 @@ class Ipnn:
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
             settings |= {"weights": "free", "reading": self.reading}
-            return Estimate("ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem)
+            total = float(np.sum(problem.degrees_of_freedom))
+            return Estimate(
+                "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, equations=total
+            )
         predicted = tuple(problem.by_record(normal.response))
         return Estimate(
-            "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, predicted=predicted
+            "ipnn",
+            coordinates,
+            z,
+            covariance,
+            freedom,
+            trace,
+            settings,
+            problem=problem,
+            predicted=predicted,
+            begin=begin,
+            equations=float(np.sum(problem.degrees_of_freedom)),
         )
 
     def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:

@@ -23,7 +23,7 @@ from vibrident.estimators.ml import weighted_problem
 from vibrident.estimators.objectives import inverse_jacobian, inverse_objective
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
-from vibrident.estimators.start import start_values
+from vibrident.estimators.start import find_start
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 
 
@@ -54,7 +54,8 @@ class LeastSquares:
                 remedy="use the estimator 'ml' for magnitudes, 'ipnn' for other excitation (or 'auto')",
             )
         model = evidence.model
-        start = start_values(first, model)
+        begin = find_start(first, model)
+        start = begin.values
         problem, freedom, tones = first, np.inf, None
         if evidence.tones is not None:
             coordinates = Coordinates.at(model, start, first.band_hz)
@@ -71,7 +72,18 @@ class LeastSquares:
         gain = inverse_normal(jacobian.T @ jacobian) @ jacobian.T
         covariance = (gain * deviation**2) @ gain.T
         settings = {"weighting": self.weighting}
-        return Estimate("lsm", coordinates, trace.last, covariance, freedom, trace, settings, tones)
+        return Estimate(
+            "lsm",
+            coordinates,
+            trace.last,
+            covariance,
+            freedom,
+            trace,
+            settings,
+            tones,
+            begin=begin,
+            equations=problem.equations,
+        )
 
     def _weight(self, problem: FrequencyProblem) -> Any:
         size = np.abs(problem.response)

@@ -20,7 +20,7 @@ from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
-from vibrident.estimators.start import start_values
+from vibrident.estimators.start import find_start
 from vibrident.measure import MeasuredResponse
 from vibrident.measure.verdict import rejected
 from vibrident.models import SensorModel
@@ -64,11 +64,12 @@ class MaximumLikelihood:
                 remedy="use the estimator 'ipnn' (or 'auto')",
             )
         model = evidence.model
-        start = start_values(first, model)
+        begin = find_start(first, model)
+        start = begin.values
         coordinates = Coordinates.at(model, start, first.band_hz)
         if evidence.tones is None:
             trace = _descend(coordinates, coordinates.first, first, progress)
-            return _estimate(coordinates, trace, first, np.inf)
+            return replace(_estimate(coordinates, trace, first, np.inf), begin=begin)
         z = coordinates.first
         network = network_problem(evidence, start)
         for _ in range(ROUNDS):
@@ -81,7 +82,7 @@ class MaximumLikelihood:
                 break
         problem = weighted_problem(tones, model, coordinates.values(z), evidence)
         freedom = float(np.sum(tones.degrees_of_freedom))
-        estimate = replace(_estimate(coordinates, trace, problem, freedom, tones), problem=network)
+        estimate = replace(_estimate(coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
         return _with_model_error(estimate, problem, progress) if self.model_error else estimate
 
 
@@ -105,7 +106,7 @@ def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: P
     error = float(np.exp(0.5 * (low + high)))
     wider, trace = widened(error)
     again = _estimate(estimate.coordinates, trace, wider, float(degrees))
-    return replace(again, tones=tones, problem=estimate.problem, settings={"model_error": error})
+    return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, settings={"model_error": error})
 
 
 def _cost(trace: Trace) -> float:
@@ -139,4 +140,4 @@ def _estimate(
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
         covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
-    return Estimate("ml", coordinates, trace.last, covariance, freedom, trace, tones=tones)
+    return Estimate("ml", coordinates, trace.last, covariance, freedom, trace, tones=tones, equations=problem.equations)

@@ -122,8 +122,8 @@ def levenberg_marquardt(
         if not np.isfinite(local.cost):
             if not costs:
                 raise NotConverged(
-                    "The cost is not finite at the start values: the discretisation is unstable for this sensor at this "
-                    "sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
+                    "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
+                    "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
                 )
             status = "the cost is not finite"
             break

@@ -7,6 +7,7 @@ the delay from the phase; then a few Levenberg–Marquardt runs from the best an
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +30,36 @@ MOST_POINTS, MOST_SCORED = 200, 400
 LEAST_DEVIATION = 0.01
 
 
+@dataclass(frozen=True)
+class Start:
+    """Where an estimator begins, and the way there from the grid.
+
+    Attributes:
+        values: parameters near the optimum, by name, in physical units.
+        costs: cost at each iterate of the way.
+        equations: number of residuals.
+        path: parameters at each iterate.
+    """
+
+    values: dict[str, float]
+    costs: tuple[float, ...]
+    equations: int
+    path: tuple[dict[str, float], ...]
+
+
 def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, float]:
-    """Parameters near the optimum, by name, in physical units.
+    """Parameters near the optimum, by name, in physical units; see :func:`find_start`."""
+    return find_start(problem, model).values
+
+
+def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
+    """The best fit of the nonparametric response from the grid's candidates.
 
     Raises:
         NotConverged: no candidate leads to a finite fit.
     """
     candidates = _with_guesses(_grid_candidates(problem, model), problem, model)
-    best: tuple[float, dict[str, float]] | None = None
+    best: Start | None = None
     kind = (problem.polar, problem.has_phase, problem.quantity)
     for candidate in candidates:
         coordinates = Coordinates.at(model, candidate, problem.band_hz)
@@ -47,13 +70,14 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
         except NotConverged:
             continue
         cost = trace.costs[-1]
-        if np.isfinite(cost) and (best is None or cost < best[0]):
-            best = (cost, coordinates.values(trace.last))
-        if best is not None and best[0] < GOOD_ENOUGH * problem.equations:
+        if np.isfinite(cost) and (best is None or cost < best.costs[-1]):
+            path = tuple(coordinates.values(z) for z in trace.coordinates)
+            best = Start(path[-1], trace.costs, problem.equations, path)
+        if best is not None and best.costs[-1] < GOOD_ENOUGH * problem.equations:
             break
     if best is None:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
-    return best[1]
+    return best
 
 
 def _grid_candidates(problem: FrequencyProblem, model: SensorModel) -> list[dict[str, float]]:

@@ -40,7 +40,7 @@ def figure(result: Result) -> Figure:
 
 def _loss(axes: Axes, training: Training) -> None:
     loss = style.numbers(training.loss)
-    axes.set_ylabel("Loss\n(as minimised)")
+    axes.set_ylabel("Loss (mean squared\nweighted residual)")
     if not np.isfinite(loss).any():
         style.empty(axes, "no loss recorded")
         return

@@ -1,0 +1,162 @@
+"""Start values from the data alone lead to the optimum, for sensors of every kind; tables of every kind."""
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.errors import ModelError
+from vibrident.estimators import MaximumLikelihood
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.estimators.objectives import response_objective
+from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.estimators.start import start_values
+from vibrident.models import parse
+from vibrident.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.records import Calibration, ResponseTable
+
+F = np.geomspace(10.0, 1000.0, 25)
+NOISE = 0.003
+
+
+def table(name, p, rng, phase=True, uncertainty=True):
+    h = parse(name).frequency_response(p, F)
+    h = h * (1 + NOISE * (rng.standard_normal(F.size) + 1j * rng.standard_normal(F.size)))
+    return ResponseTable(
+        F,
+        np.abs(h),
+        np.angle(h) if phase else None,
+        NOISE * np.abs(h) if uncertainty else None,
+        np.full(F.size, NOISE) if phase and uncertainty else None,
+    )
+
+
+def cost_from(problem, model, start):
+    coordinates = Coordinates.at(model, start, problem.band_hz)
+    args = (coordinates, (problem.polar, problem.has_phase, problem.quantity), problem.data)
+    return levenberg_marquardt(response_objective, coordinates.first, args).costs[-1]
+
+
+GRID = [
+    (natural, damping)
+    for natural in (1.0, 3.0, 10.0, 40.0, 150.0, 652.0, 1000.0, 3000.0)
+    for damping in (0.005, 0.05, 0.3, 0.7, 1.0, 2.0)
+]
+
+
+@pytest.mark.parametrize("name", ["accelerometer", "velocity-pickup", "accelerometer+delay"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_every_sensor_is_found(name, sign, rng):
+    """Natural frequencies from a tenth of the lowest to three times the highest of the data, δ from 0.005 to 2.
+
+    The fit from the start values ends where the fit from the truth does, to a thousandth of the cost and 0.01.
+    """
+    model = parse(name)
+    missed = []
+    for number, (natural, damping) in enumerate(GRID):
+        p = {model.gain_name: sign * 0.104, "natural_frequency": natural, "damping_ratio": damping}
+        if model.has_delay:
+            p["delay"] = (-1) ** number * 4e-5 * (1 + number % 7)
+        problem = FrequencyProblem.of_table(table(name, p, rng), model, "acceleration")
+        best = cost_from(problem, model, p)
+        found = cost_from(problem, model, start_values(problem, model))
+        if found > best * 1.001 + 0.01:
+            missed.append((natural, damping, p.get("delay"), best, found))
+    assert missed == []
+
+
+@pytest.mark.parametrize("delay", [-4e-3, -1e-3, -1e-4, 1e-4, 1e-3, 4e-3])
+def test_delays_of_several_periods(delay, rng):
+    """Up to four periods of the highest frequency, either way."""
+    p = {"sensitivity": -0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": delay}
+    model = parse("accelerometer+delay")
+    problem = FrequencyProblem.of_table(table("accelerometer+delay", p, rng), model, "acceleration")
+    start = start_values(problem, model)
+    assert start["delay"] == pytest.approx(delay, abs=3e-6)
+    assert start["sensitivity"] == pytest.approx(-0.104, rel=0.02)
+
+
+def test_magnitudes_alone(rng):
+    """Without phase the sign is not known and the sensor is found all the same; least squares on 1/H is refused."""
+    p = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    calibration = Calibration(table=table("accelerometer", p, rng, phase=False))
+    result = vibrident.identify(calibration)
+    for name, value in p.items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - value) < 4 * parameter.standard_uncertainty
+    assert result.fit.degrees_of_freedom == 25 - 3
+    assert result.measured.phase_deg == (None,) * 25
+    with pytest.raises(ModelError, match="complex responses"):
+        vibrident.identify(calibration, estimator="lsm")
+
+
+def test_without_stated_uncertainties_the_scatter_speaks(rng):
+    """No uncertainty stated: the parameters' u is the one of the scatter, 0.3 %, within 25 % (√(1/2·47) is 10 %)."""
+    p = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    given = vibrident.identify(Calibration(table=table("accelerometer", p, np.random.default_rng(3))))
+    bare = vibrident.identify(Calibration(table=table("accelerometer", p, np.random.default_rng(3), uncertainty=False)))
+    for name, value in p.items():
+        one, other = given.parameters[name], bare.parameters[name]
+        assert other.standard_uncertainty == pytest.approx(one.standard_uncertainty, rel=0.25)
+        assert abs(other.value - value) < 4 * other.standard_uncertainty
+    assert bare.fit.chi2_reduced is None
+    assert bare.fit.adequate
+    assert bare.warnings == given.warnings == ()
+
+
+def test_a_table_that_no_oscillator_explains(rng):
+    """A ripple of 5 %: refused by χ² where uncertainties are stated, by its pattern along frequency where not."""
+    p = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    for stated in (True, False):
+        made = table("accelerometer", p, rng, uncertainty=stated)
+        bent = ResponseTable(
+            F, made.magnitude * (1 + 0.05 * np.sin(3 * np.log(F))), made.phase_rad, made.magnitude_uncertainty,
+            made.phase_uncertainty_rad,
+        )  # fmt: skip
+        result = vibrident.identify(Calibration(table=bent))
+        assert not result.fit.adequate
+        assert "lack_of_fit" in result.warning_codes
+
+
+def test_stated_uncertainties_are_never_scaled_unasked(rng):
+    p = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    made = table("accelerometer", p, rng)
+    optimistic = ResponseTable(
+        F, made.magnitude, made.phase_rad, made.magnitude_uncertainty / 5, made.phase_uncertainty_rad / 5
+    )
+    asked = {u: vibrident.identify(Calibration(table=optimistic), uncertainty=u) for u in ("auto", "noise", "inflated")}
+    u = {name: r.parameters["natural_frequency"].standard_uncertainty for name, r in asked.items()}
+    assert u["auto"] == u["noise"]
+    assert u["inflated"] / u["noise"] == pytest.approx(np.sqrt(asked["noise"].fit.chi2_reduced), rel=1e-6)
+    assert u["inflated"] / u["noise"] == pytest.approx(5.0, rel=0.35)
+    assert "lack_of_fit" in asked["auto"].warning_codes
+
+
+def test_maximum_likelihood_of_a_table_is_the_weighted_least_squares(rng):
+    """Against SciPy's ``least_squares`` on the same residual in magnitude and phase: 1e-6 of an uncertainty."""
+    from scipy.optimize import least_squares
+
+    p = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    given = table("accelerometer", p, rng)
+    model = parse("accelerometer")
+    estimate = MaximumLikelihood().fit(Evidence.gather(Calibration(table=given), model))
+    names = model.parameter_names
+
+    def residual(v):
+        h = model.frequency_response(dict(zip(names, v * list(p.values()), strict=True)), F)
+        radial = (np.abs(h) - given.magnitude) / given.magnitude_uncertainty
+        return np.concatenate([radial, np.angle(h * np.exp(-1j * given.phase_rad)) / given.phase_uncertainty_rad])
+
+    best = least_squares(residual, np.ones(3), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    u = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+    found = np.array(list(estimate.coordinates.values(estimate.z).values())) / list(p.values())
+    assert np.max(np.abs(found - best.x) / u) < 1e-3
+
+
+def test_what_is_not_determined_gets_a_large_variance(rng):
+    """A normal matrix of rank two: the third direction's standard deviation is at least 10⁶ times the others'."""
+    jacobian = rng.standard_normal((50, 3))
+    jacobian[:, 2] = jacobian[:, 0] + jacobian[:, 1]
+    covariance = inverse_normal(jacobian.T @ jacobian)
+    assert np.all(np.sqrt(np.diag(covariance)) > 1e4)
+    good = rng.standard_normal((50, 3)) * [1e-6, 1.0, 1e8]
+    np.testing.assert_allclose(inverse_normal(good.T @ good), np.linalg.inv(good.T @ good), rtol=1e-9)
