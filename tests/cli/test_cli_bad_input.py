@@ -129,7 +129,7 @@ def test_a_missing_calibration_file(run, tmp_path):
         (["--model", "acelerometer"], ["accelerometer", "did you mean"]),
         (["--model", "accelerometer+dely"], ["delay", "did you mean"]),
         (["--estimator", "mll"], ["auto | ipnn | ml | lsm", "did you mean 'ml'"]),
-        (["--uncertainty", "big"], ["noise | inflated"]),
+        (["--uncertainty", "big"], ["auto | noise | inflated"]),
         (["--estimator", "ipnn", "--discretisation", "eular"], ["did you mean 'euler'"]),
         (["--estimator", "ml", "--discretisation", "euler"], ["--discretisation", "--estimator ipnn"]),
         (["--discretisation", "euler"], ["--estimator auto"]),

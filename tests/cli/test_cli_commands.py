@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def shown(folder):
 
 def test_the_names_in_the_help_are_those_of_the_library():
     from vibrident.discretize import METHODS
-    from vibrident.identify import ESTIMATORS
+    from vibrident.identify import ESTIMATORS, Uncertainty
     from vibrident.records import EXCITATIONS, QUANTITIES
     from vibrident.simulate import SENSORS
 
@@ -53,6 +54,7 @@ def test_the_names_in_the_help_are_those_of_the_library():
     assert options.QUANTITIES == QUANTITIES
     assert set(options.EXCITATIONS) == set(EXCITATIONS) - {"decay"}  # a decay alone identifies nothing by itself
     assert set(options.SENSORS) < set(SENSORS)
+    assert get_args(Uncertainty) == options.UNCERTAINTIES
 
 
 def test_help_lists_the_commands_that_exist(run):

@@ -67,7 +67,7 @@ def classical_residual(problem: TimeProblem, z: np.ndarray, nuisance: np.ndarray
 
 
 def test_the_unrolled_step_is_the_classical_gauss_newton_step(problem: TimeProblem) -> None:
-    """Joint Gauss–Newton over sensor, initial states and offsets, dense and by differences, against the projected one."""
+    """Joint Gauss–Newton over sensor, initial states and offsets, dense, by differences, against the projected one."""
     args = arguments(problem)
     z_network = z_classical = args[0].first
     nuisance = np.zeros(3 * len(problem.records))

@@ -6,6 +6,7 @@ Loading matplotlib and drawing take about as long as an identification, and neit
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import os
 import subprocess
@@ -30,19 +31,19 @@ class Painters:
     def __init__(self, processes: list[subprocess.Popen[bytes]]) -> None:
         self._processes = processes
 
-    def draw(self, result: Result, folder: Path) -> None:
-        """Draw every picture that the result has something to show in, as PNG."""
+    def draw(self, result: Result, file: Path) -> None:
+        """Draw every picture that the result, saved as ``file``, has something to show in, as PNG beside it."""
         from vibrident import plots
 
         names = plots.applicable(result)
         shares = [[n for n in names if n in _FIRST_SHARE], [n for n in names if n not in _FIRST_SHARE]]
         if len(self._processes) == len(shares):
             for process, share in zip(self._processes, shares, strict=True):
-                _ask(process, {"result": result.to_dict(), "pictures": share, "folder": str(folder.resolve())})
+                _ask(process, file, share)
             done = [process.wait() == 0 for process in self._processes]
             if all(done):
                 return
-        plots.save_all(result, folder)  # no helpers, or they failed: an error shows here
+        plots.save_all(result, file.parent)  # no helpers, or they failed: an error shows here
 
     def kill(self) -> None:
         """End the processes, without waiting for them to be gone."""
@@ -59,7 +60,10 @@ class Painters:
 @contextlib.contextmanager
 def painters(*, wanted: bool = True) -> Iterator[Painters]:
     """Start the processes, where there is a core for them; end them with the block."""
-    started = Painters([_start() for _ in range(2)] if wanted and _cores() > 1 else [])
+    started = Painters([])
+    if wanted and _cores() > 1:
+        with contextlib.suppress(OSError):  # no room for more processes: draw here
+            started = Painters([_start(), _start()])
     try:
         with tidied_up(started.kill):
             yield started
@@ -78,15 +82,16 @@ def _start() -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silent, stderr=silent, start_new_session=True)
 
 
-def _ask(process: subprocess.Popen[bytes], task: dict[str, object]) -> None:
+def _ask(process: subprocess.Popen[bytes], file: Path, pictures: list[str]) -> None:
     assert process.stdin is not None
     with contextlib.suppress(OSError):  # it died; its exit code says so
-        process.stdin.write(json.dumps(task).encode())
+        process.stdin.write(json.dumps({"result": str(file.resolve()), "pictures": pictures}).encode())
         process.stdin.close()
 
 
 def work() -> None:
     """A painter's life: load matplotlib, read one task from stdin, draw it. No task: the command is over."""
+    gc.disable()  # figures are full of cycles, and this process ends before they fill the memory
     import matplotlib.backends.backend_agg
     import matplotlib.figure
     import matplotlib.style  # noqa: F401
@@ -98,6 +103,7 @@ def work() -> None:
     if not task:
         return
     order = json.loads(task)
-    result, folder = Result.from_dict(order["result"]), Path(order["folder"])
+    file = Path(order["result"])
+    result = Result.load(file)
     for name in order["pictures"]:
-        plots.save(plots.PICTURES[name](result), folder / f"{name}.png")
+        plots.save(plots.PICTURES[name](result), file.with_name(f"{name}.png"))

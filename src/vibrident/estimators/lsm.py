@@ -56,16 +56,19 @@ class LeastSquares:
         model = evidence.model
         begin = find_start(first, model)
         start = begin.values
-        problem, freedom, tones = first, np.inf, None
-        if evidence.tones is not None:
-            coordinates = Coordinates.at(model, start, first.band_hz)
-            tones = residual_tones(evidence, network_problem(evidence, start), coordinates, coordinates.first)
-            problem = weighted_problem(tones, model, start, evidence)
-            freedom = float(np.sum(tones.degrees_of_freedom))
-        weight = self._weight(problem)
-        coordinates = Coordinates.at(model, start, problem.band_hz)
-        args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
-        trace = levenberg_marquardt(inverse_objective, coordinates.first, args, tolerance=1e-12, progress=progress)
+        coordinates = Coordinates.at(model, start, first.band_hz)
+        problem, freedom, tones, z = first, np.inf, None, coordinates.first
+        network = None if evidence.tones is None else network_problem(evidence, start)
+        # The tones are cleaned at the start values, and once more at the fit.
+        for _ in range(1 if evidence.tones is None else 2):
+            if evidence.tones is not None:
+                tones = residual_tones(evidence, network, coordinates, z)
+                problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+                freedom = float(np.sum(tones.degrees_of_freedom))
+            weight = self._weight(problem)
+            args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
+            trace = levenberg_marquardt(inverse_objective, z, args, tolerance=1e-12, progress=progress)
+            z = trace.last
         jacobian = np.asarray(inverse_jacobian(jnp.asarray(trace.last), args))
         # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)

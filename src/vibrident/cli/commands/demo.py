@@ -81,9 +81,9 @@ def _finish(place: Path, folder: Path, result, artists) -> None:
     from vibrident.cli.progress import Busy
     from vibrident.report import render
 
-    result.save(place / "result.json")
+    saved = result.save(place / "result.json")
     with Busy("Drawing"):
-        artists.draw(result, place)
+        artists.draw(result, saved)
     (place / "report.md").write_text(render(result, pictures=place), encoding="utf-8")
     _say(
         "4  What is written",

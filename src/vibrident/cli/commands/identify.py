@@ -130,10 +130,10 @@ def _identified(
             from vibrident.identify import identify as run
 
             result = run(calibration, model, estimator(*chosen), uncertainty=uncertainty, progress=progress)
-        result.save(place / "result.json")
+        saved = result.save(place / "result.json")
         if plots:
             with Busy("Drawing"):
-                artists.draw(result, place)
+                artists.draw(result, saved)
     return result
 
 

@@ -65,7 +65,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     for label, text in _understood(calibration).items():
         console.print(Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True)
     console.print()
-    rows = [_row(summary) for summary in io.describe(calibration)]
+    rows = _telling([_row(summary) for summary in io.describe(calibration)])
     console.print(terminal.inspection_table(rows, "Tabulated response" if calibration.table else "Records"))
     for code in dict.fromkeys(finding.code for finding in findings):
         console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
@@ -98,10 +98,10 @@ def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
 
     if not isinstance(summary, RecordSummary):
         return {
-            "file": summary.file,
+            "table": summary.file,
             "points": summary.points,
-            "from_hz": summary.lowest_frequency_hz,
-            "to_hz": summary.highest_frequency_hz,
+            "from / Hz": summary.lowest_frequency_hz,
+            "to / Hz": summary.highest_frequency_hz,
             f"least / {pretty(summary.unit)}": summary.smallest_magnitude,
             f"largest / {pretty(summary.unit)}": summary.largest_magnitude,
             "phase": summary.has_phase,
@@ -110,20 +110,31 @@ def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
     return {
         "record": summary.name,
         "excitation": summary.excitation,
-        "frequency_hz": summary.frequency_hz,
+        "frequency / Hz": summary.frequency_hz,
         "samples": summary.samples,
         "left out": summary.samples_left_out,
-        "rate_hz": summary.sampling_rate_hz,
-        "duration_s": summary.duration_s,
+        "rate / Hz": summary.sampling_rate_hz,
+        "duration / s": summary.duration_s,
         **_channel("reference", summary.reference),
         **_channel("response", summary.response),
     }
 
 
-def _channel(name: str, channel: ChannelSummary | None) -> dict[str, float | None]:
+def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows without columns that have nothing to say; of one or two things, their properties line by line."""
+    silent = [key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)]
+    telling = [{key: value for key, value in row.items() if key not in silent} for row in rows]
+    if len(telling) > 2:
+        return telling
+    columns = ("value",) if len(telling) == 1 else ("first", "second")
+    properties = dict.fromkeys(key for row in telling for key in row)
+    cells = [[row.get(key) for row in telling] for key in properties]
+    return [
+        {"property": key, **dict(zip(columns, row, strict=True))} for key, row in zip(properties, cells, strict=True)
+    ]
+
+
+def _channel(name: str, channel: ChannelSummary | None) -> dict[str, float]:
     from vibrident.plots.units import pretty
 
-    if channel is None:
-        return {}
-    unit = pretty(channel.unit)
-    return {f"{name} rms / {unit}": channel.rms, f"{name} mean / {unit}": channel.mean}
+    return {} if channel is None else {f"{name} rms / {pretty(channel.unit)}": channel.rms}

@@ -97,4 +97,6 @@ def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> N
     console.print(terminal.inspection_table(rows, "Predicted response"))
     if predictions.rmse is not None:
         console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
-    console.print(terminal.written_lines([folder / "prediction.json", folder / f"{len(rows)} CSV files"]))
+    console.print(
+        terminal.written_lines([folder / "prediction.json", folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"])
+    )
