@@ -72,25 +72,8 @@ class MeasuredResponse:
                 where H hardly changes between a tone and its noise lines.
         """
         h = self.ratio[:, None] if model is None else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
-        own = h * self.line_reference * np.ones_like(self.line_weight)
-        error = self.line_response - own
-        near = self.line_hz / self.frequency_hz[:, None]
-        if model is not None:
-            # Noise of the reference that the sensor did not feel stands in the lines as −H n at their own H, and in
-            # the tone at the tone's: take it out of the lines (β = −1 where all is unfelt, 0 where all is felt) and
-            # put it back.
-            weight, at_tone = self.line_weight, np.abs(model(self.frequency_hz)) ** 2
-            power = np.maximum(np.sum(weight * np.abs(own) ** 2, axis=1), np.finfo(float).tiny)
-            beta = np.sum(weight * error * np.conj(own), axis=1) / power
-            error = error - beta[:, None] * own
-            rest = np.sum(weight * np.abs(error) ** 2, axis=1) / np.maximum(np.sum(weight, axis=1) - 1.0, 1.0)
-            share = np.maximum(np.abs(beta) ** 2 - rest / power, 0.0)  # less what chance alone would give
-            count = np.sum(weight, axis=1)
-            freed = count / np.maximum(count - 1.0, 1.0)  # β took one line's worth
-            unfelt = share * at_tone * _level_at_tone(np.abs(self.line_reference) ** 2, near, weight)
-        else:
-            unfelt, freed = np.zeros(self.points), np.ones(self.points)
-        variance = freed * _level_at_tone(np.abs(error) ** 2, near, self.line_weight) + unfelt
+        error = np.abs(self.line_response - h * self.line_reference) ** 2
+        variance = _level_at_tone(error, self.line_hz / self.frequency_hz[:, None], self.line_weight)
         floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
 

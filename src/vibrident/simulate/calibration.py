@@ -86,22 +86,12 @@ def simulate(
     require_choice("The start", start, ("rest", "steady"))
     require_choice("The method", method, ("exact", "rk4"))
     require_choice("The reference quantity", quantity, QUANTITIES)
-    plan = Plan(
-        _frequencies(frequencies_hz, chosen),
-        chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz),
-        samples,
-        samples_per_period,
-        chosen.amplitude if amplitude is None else float(amplitude),
-        chosen.parameters["natural_frequency"],
-        seed,
-    )
+    rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
+    peak, natural = _peak(chosen, amplitude), chosen.parameters["natural_frequency"]
+    plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, samples_per_period, peak, natural, seed)
     felt = FeltLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
     takes = [felt.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
-    if antialias:
-        require_choice("With antialias the method", method, ("exact",))
-        require_choice("With antialias the start", start, ("rest",))
-    possible = antialias is not False and method == "exact" and start == "rest"
-    behind = [possible and (bool(antialias) or take.motion.kind == "shock") for take in takes]
+    behind = _behind_filter(takes, antialias, method, start)
     responses = _responses(chosen, takes, start, method, substeps, behind)
     made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"
     calibration = Calibration(
@@ -114,6 +104,19 @@ def simulate(
         sensor={"manufacturer": "simulated", "type": chosen.title},
     )
     return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
+
+
+def _peak(sensor: Sensor, amplitude: float | None) -> float:
+    return sensor.amplitude if amplitude is None else float(amplitude)
+
+
+def _behind_filter(takes: list[Take], antialias: bool | None, method: str, start: Start) -> list[bool]:
+    """Which records pass an anti-alias filter."""
+    if antialias:
+        require_choice("With antialias the method", method, ("exact",))
+        require_choice("With antialias the start", start, ("rest",))
+    possible = antialias is not False and method == "exact" and start == "rest"
+    return [possible and (bool(antialias) or take.motion.kind == "shock") for take in takes]
 
 
 def with_noise(
