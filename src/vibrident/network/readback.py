@@ -81,7 +81,8 @@ def physics_from_weights(
     else:
         poles = _continuous(np.linalg.eigvals(phi).astype(complex), sampling_interval_s, method)
         product = np.real(poles[0] * poles[1])
-        if not (np.isfinite(product) and product > 0):
+        pair = abs(np.imag(poles.sum())) <= 1e-9 * float(np.max(np.abs(poles)))
+        if not (np.isfinite(product) and product > 0 and pair and np.all(np.real(poles) < 0)):
             raise ModelError(
                 "The weights are not those of a stable oscillator.",
                 expected="eigenvalues of W3 inside the unit circle, as a conjugate or a positive real pair",
