@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.truth import PARAMETERS, RESPONSE_NOISE, SENSOR, Truth, model, tones_of
-from vibrident.simulate import exact_response
+from vibrident.simulation import exact_response
 
 #: Largest relative deviation allowed between closed form and central differences.
 AGREEMENT = 1e-6

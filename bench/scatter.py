@@ -15,7 +15,7 @@ from bench.options import Options
 from bench.progress import steps
 from bench.truth import COLUMNS, PARAMETERS, RESPONSE_NOISE, SEED, SENSOR, paper_truth
 from vibrident import identify
-from vibrident.simulate import with_noise
+from vibrident.simulation import with_noise
 
 ESTIMATORS = ("ipnn", "ml")
 QUICK_RUNS = 16

@@ -20,7 +20,7 @@ from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import adam
 from vibrident.estimators.start import start_values
 from vibrident.problem import Coordinates, Evidence, TimeProblem
-from vibrident.simulate import with_noise
+from vibrident.simulation import with_noise
 
 FILTER_TARGET, ADAM_TARGET, TWICE_TARGET = 60.0, 100.0, 2.2
 ADAM_STEPS, ADAM_TIMED = 1500, 100

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.models import SensorModel, parse
 from vibrident.records import STANDARD_GRAVITY, Calibration
-from vibrident.simulate import SENSORS, FeltNoise, Sine, Superposition, felt_noise, one_third_octave, simulate
+from vibrident.simulation import SENSORS, FeltNoise, Sine, Superposition, felt_noise, one_third_octave, simulate
 
 SENSOR = SENSORS["paper"]
 #: The parameters that are identified, in the order of the table's columns.

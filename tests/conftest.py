@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +12,25 @@ import pytest
 from hypothesis import settings
 
 # One cache a worker: JAX writes its entries in place, so one process could read what another has half written.
+# Set, not proposed: a worker inherits what the process that started it has set.
 _WORKER = os.environ.get("PYTEST_XDIST_WORKER", "main")
-os.environ.setdefault("VIBRIDENT_CACHE", str(Path(__file__).resolve().parents[1] / ".jax_cache" / _WORKER))
+os.environ["VIBRIDENT_CACHE"] = str(Path(__file__).resolve().parents[1] / ".jax_cache" / _WORKER)
 os.environ["MPLBACKEND"] = "Agg"
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as the package sets it, for tests that load JAX first
 
 # The first example of a test may compile; the same examples on every run.
 settings.register_profile("vibrident", deadline=None, derandomize=True)
 settings.load_profile("vibrident")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels_are_let_go() -> Iterator[None]:
+    """A compiled kernel holds memory maps, of which a process may have 65 530; the whole suite compiles thousands."""
+    yield
+    maps = Path("/proc/self/maps")
+    if "jax" in sys.modules and maps.exists():
+        with maps.open() as f, open(f"/tmp/maps-{_WORKER}", "a") as g:
+            print(sum(1 for _ in f), file=g)
 
 
 @pytest.fixture

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+import vibrident
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ROOT / "src"
 
@@ -27,16 +29,16 @@ LAYERS = (
     "models",
     "discretize",
     "network",
-    "simulate",
+    "simulation",
     "problem",
     "estimators",
     "uncertainty",
     "assemble",
-    "identify",
-    "predict",
-    "correct",
-    "plan",
-    "compare",
+    "identification",
+    "prediction",
+    "correction",
+    "planning",
+    "comparison",
     "doctor",
     "plots",
     "report",
@@ -58,7 +60,7 @@ NO_JAX = (
     "io",
     "measure",
     "models",
-    "compare",
+    "comparison",
     "plots",
     "report",
     "export",
@@ -73,6 +75,14 @@ BUILT_ON_JAX = {"equinox", "optax", "optimistix", "lineax"}
 MAY_BUILD_ON_JAX = ("network", "problem", "estimators", "uncertainty")
 
 MOST_LINES_A_MODULE = 400
+
+
+def test_no_function_of_the_package_has_the_name_of_a_module():
+    """Importing ``vibrident.identify`` as a module would replace the function ``vibrident.identify``."""
+    modules = {path.stem for path in (SOURCES / "vibrident").iterdir()}
+    assert not modules & set(vibrident.__all__)
+
+
 MOST_LINES_A_FUNCTION = 80
 
 

@@ -24,8 +24,9 @@ _WHERE = {
     "NotConverged": "vibrident.errors",
     "VibridentError": "vibrident.errors",
     "read": "vibrident.io",
-    "identify": "vibrident.identify",
-    "simulate": "vibrident.simulate",
+    "identify": "vibrident.identification",
+    "simulate": "vibrident.simulation",
+    "predict": "vibrident.prediction",
     "Ipnn": "vibrident.estimators",
     "LeastSquares": "vibrident.estimators",
     "MaximumLikelihood": "vibrident.estimators",
@@ -39,7 +40,7 @@ def __getattr__(name: str) -> Any:
         import importlib
 
         value = getattr(importlib.import_module(_WHERE[name]), name)
-        globals()[name] = value  # a submodule of the same name must not win later
+        globals()[name] = value
         return value
     raise AttributeError(f"module 'vibrident' has no attribute {name!r}")
 

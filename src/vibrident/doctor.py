@@ -134,9 +134,9 @@ def _cache() -> list[Check]:
 
 def _identification() -> list[Check]:
     """Identify a simulated sensor by the network and by maximum likelihood; compare with the truth."""
-    from vibrident.compare import deviations
-    from vibrident.identify import identify
-    from vibrident.simulate import SENSORS, simulate
+    from vibrident.comparison import deviations
+    from vibrident.identification import identify
+    from vibrident.simulation import SENSORS, simulate
 
     frequencies = (100.0, 300.0, 500.0, 630.0, 800.0)
     calibration = simulate(

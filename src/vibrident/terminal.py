@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from vibrident.compare import deviations
+from vibrident.comparison import deviations
 from vibrident.plots.units import pretty, reference_unit, scaled, sensitivity_unit, sensor_name
 from vibrident.report import words
 from vibrident.report.numbers import NONE, concise, percent, plain, stated

@@ -11,7 +11,7 @@ import pytest
 
 import vibrident
 from vibrident.cli import options
-from vibrident.compare import read_truth
+from vibrident.comparison import read_truth
 from vibrident.errors import InputError
 from vibrident.result import WARNING_CODES, Result
 
@@ -45,9 +45,9 @@ def shown(folder):
 
 def test_the_names_in_the_help_are_those_of_the_library():
     from vibrident.discretize import METHODS
-    from vibrident.identify import ESTIMATORS, Uncertainty
+    from vibrident.identification import ESTIMATORS, Uncertainty
     from vibrident.records import EXCITATIONS, QUANTITIES
-    from vibrident.simulate import SENSORS
+    from vibrident.simulation import SENSORS
 
     assert set(options.DISCRETISATIONS) == set(METHODS)
     assert set(options.ESTIMATORS) == {"auto", *ESTIMATORS}

@@ -19,7 +19,7 @@ from vibrident.network.readback import network_response
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.problem.time_domain import physical_residual
 from vibrident.records import Calibration
-from vibrident.simulate import SENSORS, simulate
+from vibrident.simulation import SENSORS, simulate
 
 PAPER = dict(SENSORS["paper"].parameters)
 MODEL = parse("accelerometer")

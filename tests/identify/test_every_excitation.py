@@ -10,7 +10,7 @@ import pytest
 import vibrident
 from vibrident import Ipnn
 from vibrident.result import Result
-from vibrident.simulate import SENSORS, ChannelNoise, simulate
+from vibrident.simulation import SENSORS, ChannelNoise, simulate
 
 PAPER = dict(SENSORS["paper"].parameters)
 

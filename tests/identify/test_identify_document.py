@@ -11,7 +11,7 @@ from vibrident.estimators import Ipnn
 from vibrident.models import parse
 from vibrident.records import Calibration, ResponseTable
 from vibrident.result import Result
-from vibrident.simulate import simulate
+from vibrident.simulation import simulate
 
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 SHAPE = {"sampling_rate_hz": 10e3, "samples": 2000, "start": "steady"}

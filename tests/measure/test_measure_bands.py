@@ -7,7 +7,7 @@ from vibrident.measure import measure_bands
 from vibrident.measure.bands import coherent_remainder
 from vibrident.models import parse
 from vibrident.records import Record
-from vibrident.simulate import simulate
+from vibrident.simulation import simulate
 
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 

@@ -9,7 +9,7 @@ from vibrident.errors import InputError
 from vibrident.measure import measure_tones, screen
 from vibrident.measure.quality import plateaus, short_records, silent_channels
 from vibrident.records import Record
-from vibrident.simulate import simulate
+from vibrident.simulation import simulate
 
 N = 8000
 T = np.arange(N)

@@ -7,7 +7,7 @@ from vibrident.measure import MeasuredResponse, find_tones, measure_tones
 from vibrident.measure.tones import tone_frequency
 from vibrident.models import parse
 from vibrident.records import Record
-from vibrident.simulate import ChannelNoise, simulate, with_noise
+from vibrident.simulation import ChannelNoise, simulate, with_noise
 
 RATE = 5000.0
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}

@@ -12,7 +12,7 @@ from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem, TimeProblem
 from vibrident.problem.frequency_domain import inverse_residual, response_residual
 from vibrident.records import Calibration, Record, ResponseTable
-from vibrident.simulate import simulate
+from vibrident.simulation import simulate
 
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 MODEL = parse("accelerometer")

@@ -7,9 +7,9 @@ import pytest
 from scipy import signal
 
 from vibrident.errors import InputError
-from vibrident.simulate import ChannelNoise, felt_noise
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.streams import PURPOSES, stream
+from vibrident.simulation import ChannelNoise, felt_noise
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.streams import PURPOSES, stream
 
 RATE, SAMPLES = 51200.0, 16000
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, signal
 
-from vibrident.simulate import (
+from vibrident.simulation import (
     BandLimitedRandom,
     Decay,
     HalfSineShock,
@@ -21,9 +21,9 @@ from vibrident.simulate import (
     random_phases,
     schroeder_phases,
 )
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.motion import acceleration_on
-from vibrident.simulate.tones import Tones, fast_length
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.motion import acceleration_on
+from vibrident.simulation.tones import Tones, fast_length
 
 
 def test_one_third_octave_counts_and_values_of_iso_266():

@@ -9,7 +9,7 @@ from vibrident.discretize import method
 from vibrident.models import parse
 from vibrident.problem.coordinates import Coordinates
 from vibrident.problem.time_domain import TimeProblem
-from vibrident.simulate import SENSORS, simulate
+from vibrident.simulation import SENSORS, simulate
 
 PAPER = SENSORS["paper"]
 #: Samples left out at either end: the interpolation needs 40.

@@ -5,7 +5,7 @@ import pytest
 
 from vibrident.errors import InputError
 from vibrident.models import parse
-from vibrident.simulate import (
+from vibrident.simulation import (
     Decay,
     HalfSineShock,
     Sine,
@@ -15,7 +15,7 @@ from vibrident.simulate import (
     felt_noise,
     rk4_response,
 )
-from vibrident.simulate.rk4 import classical_rk4
+from vibrident.simulation.rk4 import classical_rk4
 
 MODEL = parse("accelerometer+delay")
 RATE, SAMPLES = 16000.0, 200

@@ -10,7 +10,7 @@ import pytest
 from vibrident.errors import InputError, ModelError
 from vibrident.models import parse
 from vibrident.records import STANDARD_GRAVITY
-from vibrident.simulate import (
+from vibrident.simulation import (
     SENSORS,
     ChannelNoise,
     Decay,
@@ -342,5 +342,7 @@ def test_parameters_must_be_the_models(parameters):
 
 
 def test_a_simulation_loads_no_jax():
-    code = "import sys; from vibrident.simulate import simulate; simulate(samples=100); sys.exit('jax' in sys.modules)"
+    code = (
+        "import sys; from vibrident.simulation import simulate; simulate(samples=100); sys.exit('jax' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vibrident.models import parse
-from vibrident.simulate import (
+from vibrident.simulation import (
     BandLimitedRandom,
     Decay,
     HalfSineShock,

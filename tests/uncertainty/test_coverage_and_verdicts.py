@@ -10,7 +10,7 @@ import vibrident
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.measure.response import MeasuredResponse
 from vibrident.records import Calibration
-from vibrident.simulate import SENSORS, ChannelNoise, simulate, with_noise
+from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
 from vibrident.uncertainty.parameters import coverage_factor
 
 TRUTH = dict(SENSORS["paper"].parameters)

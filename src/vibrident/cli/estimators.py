@@ -9,7 +9,7 @@ from vibrident.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.estimators import Estimator
-    from vibrident.identify import EstimatorName
+    from vibrident.identification import EstimatorName
 
 
 @dataclass(frozen=True)

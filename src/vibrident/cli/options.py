@@ -100,6 +100,6 @@ def frequencies(text: str | None) -> list[float] | None:
         )
     if separator == ",":
         return numbers
-    from vibrident.simulate import one_third_octave
+    from vibrident.simulation import one_third_octave
 
     return one_third_octave(*numbers).tolist()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from vibrident.records import Calibration
-    from vibrident.simulate import Sensor
+    from vibrident.simulation import Sensor
 
 
 def true_values(sensor: Sensor) -> dict[str, float]:
@@ -22,7 +22,7 @@ def true_values(sensor: Sensor) -> dict[str, float]:
 def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int) -> None:
     """Write the true values of a calibration's sensor, with their units."""
     import vibrident.backend  # noqa: F401  the door to JAX, before anything that is built on it
-    from vibrident.compare import TRUTH_SCHEMA
+    from vibrident.comparison import TRUTH_SCHEMA
     from vibrident.models import parse
     from vibrident.uncertainty.parameters import unit_fields
 

@@ -73,7 +73,7 @@ def compare(
     names = options.listed("--models")(models)
     if steps and named and "ipnn" not in named:
         raise _misplaced("--discretisations", "--estimators with ipnn", f"--estimators {','.join(named)}")
-    from vibrident.compare import document, read_truth
+    from vibrident.comparison import document, read_truth
 
     known = read_truth(truth) if truth else {}
     with written_whole(folder) as output:
@@ -132,7 +132,7 @@ def _outcomes(
 
     for method in methods:
         with Busy(f"Identifying by {method.name}") as progress:
-            from vibrident.identify import identify
+            from vibrident.identification import identify
 
             settings = EstimatorOptions(discretisation=method.discretisation)
             try:

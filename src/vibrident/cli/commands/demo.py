@@ -63,7 +63,7 @@ def _steps(place: Path, folder: Path) -> None:
             "Look at: u, the standard uncertainty of each value, and the verdict on the fit.",
         )
         with Busy("Identifying") as progress:
-            from vibrident.identify import identify
+            from vibrident.identification import identify
 
             result = identify(io.read(place / "calibration.toml"), progress=progress)
         console.print(terminal.summary(result))
@@ -71,7 +71,7 @@ def _steps(place: Path, folder: Path) -> None:
             "3  The truth",
             "A simulation knows it. About two values in three lie within 1 u of the truth, 95 in 100 within 2 u.",
         )
-        from vibrident.simulate import SENSORS
+        from vibrident.simulation import SENSORS
 
         console.print(terminal.truth_table(result, true_values(SENSORS[SENSOR])))
         _finish(place, folder, result, artists)

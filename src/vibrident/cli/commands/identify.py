@@ -127,7 +127,7 @@ def _identified(
 
     with painters(wanted=plots) as artists:
         with Busy("Identifying") as progress:
-            from vibrident.identify import identify as run
+            from vibrident.identification import identify as run
 
             result = run(calibration, model, estimator(*chosen), uncertainty=uncertainty, progress=progress)
         saved = result.save(place / "result.json")

@@ -15,7 +15,7 @@ from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 
 if TYPE_CHECKING:
-    from vibrident.predict import Prediction, Predictions
+    from vibrident.prediction import Prediction, Predictions
 
 _UNSAFE = re.compile(r"[^\w.+-]+")
 
@@ -43,8 +43,8 @@ def predict(
         from vibrident.cli.progress import Busy
 
         with Busy("Predicting"):
-            from vibrident.predict import predict as run
-            from vibrident.predict import summary
+            from vibrident.prediction import predict as run
+            from vibrident.prediction import summary
 
             predictions = run(known, data)
         files = _file_names([p.record.name for p in predictions.predictions])

@@ -106,8 +106,8 @@ def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: 
     """Write a simulated calibration and its truth into a folder; settings as those of ``vibrident.simulate``."""
     from vibrident.cli.truth import write_truth
     from vibrident.io import write_calibration
-    from vibrident.simulate import sensor_named
-    from vibrident.simulate import simulate as run
+    from vibrident.simulation import sensor_named
+    from vibrident.simulation import simulate as run
 
     chosen = sensor_named(sensor)
     calibration = run(chosen, excitation, seed=seed, **settings)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.records import FloatArray
-from vibrident.simulate.checks import require, require_choice, require_finite, require_positive
-from vibrident.simulate.excitation import (
+from vibrident.simulation.checks import require, require_choice, require_finite, require_positive
+from vibrident.simulation.excitation import (
     BandLimitedRandom,
     Decay,
     HalfSineShock,
@@ -18,11 +18,11 @@ from vibrident.simulate.excitation import (
     Sweep,
     random_phases,
 )
-from vibrident.simulate.felt import felt_noise
-from vibrident.simulate.frequencies import nominal_frequency_name
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.motion import Motion, Superposition, acceleration_on
-from vibrident.simulate.streams import stream
+from vibrident.simulation.felt import felt_noise
+from vibrident.simulation.frequencies import nominal_frequency_name
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.motion import Motion, Superposition, acceleration_on
+from vibrident.simulation.streams import stream
 
 Seed = int | np.random.SeedSequence
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.records import Excitation
-from vibrident.simulate.checks import require, require_not_negative, require_positive
-from vibrident.simulate.motion import Tonal
-from vibrident.simulate.tones import Tones, fast_length
+from vibrident.simulation.checks import require, require_not_negative, require_positive
+from vibrident.simulation.motion import Tonal
+from vibrident.simulation.tones import Tones, fast_length
 
 #: Upper band limit as a fraction of the sampling rate.
 DEFAULT_BAND = 0.4

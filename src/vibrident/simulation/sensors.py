@@ -11,7 +11,7 @@ from types import MappingProxyType
 from vibrident.errors import InputError, ModelError
 from vibrident.models import parse
 from vibrident.records import STANDARD_GRAVITY
-from vibrident.simulate.checks import require_finite, require_positive
+from vibrident.simulation.checks import require_finite, require_positive
 
 
 @dataclass(frozen=True)

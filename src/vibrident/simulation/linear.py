@@ -15,9 +15,9 @@ from scipy.linalg import expm
 from vibrident.errors import ModelError
 from vibrident.models.base import Rational
 from vibrident.records import FloatArray
-from vibrident.simulate.checks import require
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.tones import ComplexArray
+from vibrident.simulation.checks import require
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.tones import ComplexArray
 
 #: Condition number of the eigenvectors from which on they are not used.
 _PARALLEL = 100.0

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from vibrident.records import FloatArray
-from vibrident.simulate.checks import require, require_positive
+from vibrident.simulation.checks import require, require_positive
 
 #: Nominal values of one decade, ISO 266 (the R10 series of ISO 3).
 NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)

@@ -7,8 +7,8 @@ The truth is computed from the continuous acceleration, not from its samples, so
 
 from __future__ import annotations
 
-from vibrident.simulate.calibration import simulate, with_noise
-from vibrident.simulate.excitation import (
+from vibrident.simulation.calibration import simulate, with_noise
+from vibrident.simulation.excitation import (
     BandLimitedRandom,
     Decay,
     HalfSineShock,
@@ -18,13 +18,13 @@ from vibrident.simulate.excitation import (
     random_phases,
     schroeder_phases,
 )
-from vibrident.simulate.felt import FeltNoise, felt_noise
-from vibrident.simulate.frequencies import nominal_frequency_name, one_third_octave
-from vibrident.simulate.motion import Motion, Superposition
-from vibrident.simulate.noise import ChannelNoise
-from vibrident.simulate.rk4 import rk4_response
-from vibrident.simulate.sensors import SENSORS, Sensor, sensor_named
-from vibrident.simulate.truth import exact_reference, exact_response
+from vibrident.simulation.felt import FeltNoise, felt_noise
+from vibrident.simulation.frequencies import nominal_frequency_name, one_third_octave
+from vibrident.simulation.motion import Motion, Superposition
+from vibrident.simulation.noise import ChannelNoise
+from vibrident.simulation.rk4 import rk4_response
+from vibrident.simulation.sensors import SENSORS, Sensor, sensor_named
+from vibrident.simulation.truth import exact_reference, exact_response
 
 __all__ = [
     "SENSORS",

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from vibrident.records import Excitation, FloatArray
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.tones import Tones
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.tones import Tones
 
 
 class Motion(Protocol):

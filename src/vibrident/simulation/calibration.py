@@ -11,17 +11,17 @@ import numpy as np
 
 from vibrident.models import parse
 from vibrident.records import QUANTITIES, Calibration, FloatArray, Provenance, Quantity, Record
-from vibrident.simulate.antialias import filtered
-from vibrident.simulate.checks import require, require_choice, require_positive
-from vibrident.simulate.excitation import Sine
-from vibrident.simulate.frequencies import one_third_octave
-from vibrident.simulate.motion import Motion
-from vibrident.simulate.noise import ChannelNoise
-from vibrident.simulate.rk4 import rk4_response
-from vibrident.simulate.scheme import FeltLevel, Plan, Seed, Take
-from vibrident.simulate.sensors import Sensor, sensor_named
-from vibrident.simulate.streams import stream
-from vibrident.simulate.truth import Start, exact_reference, exact_response
+from vibrident.simulation.antialias import filtered
+from vibrident.simulation.checks import require, require_choice, require_positive
+from vibrident.simulation.excitation import Sine
+from vibrident.simulation.frequencies import one_third_octave
+from vibrident.simulation.motion import Motion
+from vibrident.simulation.noise import ChannelNoise
+from vibrident.simulation.rk4 import rk4_response
+from vibrident.simulation.scheme import FeltLevel, Plan, Seed, Take
+from vibrident.simulation.sensors import Sensor, sensor_named
+from vibrident.simulation.streams import stream
+from vibrident.simulation.truth import Start, exact_reference, exact_response
 
 
 def simulate(

@@ -16,9 +16,9 @@ from numpy.polynomial import legendre
 
 from vibrident.errors import InputError
 from vibrident.records import FloatArray
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.linear import LinearSystem, accumulate, exponential
-from vibrident.simulate.motion import Motion
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.linear import LinearSystem, accumulate, exponential
+from vibrident.simulation.motion import Motion
 
 #: Change of the response, relative to its largest value, at which refinement stops.
 TOLERANCE = 1e-12

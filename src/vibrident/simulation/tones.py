@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.records import FloatArray
-from vibrident.simulate.grid import SampleGrid
+from vibrident.simulation.grid import SampleGrid
 
 ComplexArray = NDArray[np.complex128]
 

@@ -13,15 +13,15 @@ from typing import Literal
 import numpy as np
 
 from vibrident.records import Excitation, FloatArray
-from vibrident.simulate.checks import (
+from vibrident.simulation.checks import (
     require,
     require_choice,
     require_finite,
     require_not_negative,
     require_positive,
 )
-from vibrident.simulate.motion import Tonal
-from vibrident.simulate.tones import Tones
+from vibrident.simulation.motion import Tonal
+from vibrident.simulation.tones import Tones
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Sums of tones: steady response through the frequency response, plus the free motion that meets the start condition.
 Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
-Everything else: quadrature to 1e-12 (:mod:`vibrident.simulate.quadrature`).
+Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`).
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES, Rational
 from vibrident.records import FloatArray, Quantity
-from vibrident.simulate.excitation import Decay, HalfSineShock
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.linear import LinearSystem, exponential, propagate
-from vibrident.simulate.motion import Motion, Superposition, Tonal, acceleration_on
-from vibrident.simulate.quadrature import driven_states
+from vibrident.simulation.excitation import Decay, HalfSineShock
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.linear import LinearSystem, exponential, propagate
+from vibrident.simulation.motion import Motion, Superposition, Tonal, acceleration_on
+from vibrident.simulation.quadrature import driven_states
 
 #: ``rest``: mass and base at rest until t = 0. ``steady``: tones have been there forever. Shocks, sweeps and decays
 #: begin at or after t = 0, so for them the two are the same.

@@ -13,12 +13,12 @@ import numpy as np
 
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray
-from vibrident.simulate.checks import require
-from vibrident.simulate.excitation import Decay
-from vibrident.simulate.grid import SampleGrid
-from vibrident.simulate.linear import LinearSystem
-from vibrident.simulate.motion import Motion, acceleration_on
-from vibrident.simulate.truth import Start, initial_state
+from vibrident.simulation.checks import require
+from vibrident.simulation.excitation import Decay
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.linear import LinearSystem
+from vibrident.simulation.motion import Motion, acceleration_on
+from vibrident.simulation.truth import Start, initial_state
 
 Derivative = Callable[[FloatArray, FloatArray], FloatArray]
 
