@@ -105,6 +105,7 @@ def identify(
         signals=judgement.signals,
         training=_training(estimate),
         weights=judgement.weights,
+        certificate=dict(calibration.certificate),
     )
     return replace(result, settings={**result.settings, "time_s": time.perf_counter() - begin})
 

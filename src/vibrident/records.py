@@ -282,7 +282,8 @@ class Calibration:
         response_unit: unit of the response after scaling.
         sensor: free text for reports (manufacturer, type, serial_number, …).
         source: path of the calibration file; empty for data made in memory.
-        certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given.
+        certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
+            in the calibration file, plain values, dates as ISO text.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.

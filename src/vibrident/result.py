@@ -5,6 +5,7 @@ Reports, plots, exports and the page render from it alone, without the data and 
 
 from __future__ import annotations
 
+import datetime
 import json
 import math
 import os
@@ -175,6 +176,7 @@ class Result:
         signals: excerpts for pictures.
         training: trace of the optimiser.
         weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
+        certificate: what the calibration file states for a certificate; empty where it states nothing.
     """
 
     model: str
@@ -193,6 +195,7 @@ class Result:
     signals: tuple[Signal, ...] = ()
     training: Training | None = None
     weights: Mapping[str, Any] = field(default_factory=dict)
+    certificate: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def warning_codes(self) -> tuple[str, ...]:
@@ -253,6 +256,7 @@ class Result:
                 signals=tuple(_build(Signal, s) for s in document.get("signals", ())),
                 training=None if training is None else _build(Training, training),
                 weights=document.get("weights", {}),
+                certificate=document.get("certificate", {}),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -289,6 +293,8 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
+    if isinstance(value, datetime.date | datetime.time):  # a certificate's, in a calibration made in memory
+        return value.isoformat()
     number = float(value)
     return number if math.isfinite(number) else None
 

@@ -24,7 +24,12 @@ unit = "mV"
 [sampling]
 rate_hz = 51200
 [certificate]
-laboratory = { name = "L", rooms = [1, 2] }
+number = 17
+laboratory = "L"
+date_of_calibration = 2025-03-31
+instruments = ["Laser vibrometer", { name = "Shaker", serial_number = 3, calibrated_until = "2026-01-01" }]
+remarks = "one"
+temperature_c = 23
 [[records]]
 file = "*.csv"
 excitation = "sine"
@@ -55,7 +60,17 @@ def test_every_key(tmp_path):
     assert (calibration.response.column, calibration.response.scale) == ("out", -0.5)
     assert calibration.sampling.rate_hz == 51200.0
     assert calibration.records[0].frequency_hz == 160.0
-    assert calibration.certificate == {"laboratory": {"name": "L", "rooms": [1, 2]}}
+    assert calibration.certificate.stated() == {
+        "number": "17",
+        "laboratory": "L",
+        "date_of_calibration": "2025-03-31",
+        "instruments": [
+            {"name": "Laser vibrometer"},
+            {"name": "Shaker", "serial_number": "3", "calibrated_until": "2026-01-01"},
+        ],
+        "remarks": ["one"],
+        "temperature_c": 23.0,
+    }
 
 
 def test_least_table(tmp_path):
@@ -104,6 +119,20 @@ MISTAKES = {
     "frequency of a shock": ('"sine"', '"shock"', {"problem": "frequency", "where": "[[records]] entry 1"}),
     "single brackets": ("[[records]]", "[records]", {"expected": "double brackets", "where": "[[records]]"}),
     "records and table": ("[[records]]", TABLE + "[[records]]", {"found": "both"}),
+    "misspelt certificate key": (
+        "temperature_c",
+        "temprature_c",
+        {"remedy": "'temperature_c'", "where": "[certificate]", "found": "temprature_c"},
+    ),
+    "misspelt instrument key": (
+        "serial_number = 3",
+        "serialnumber = 3",
+        {"remedy": "'serial_number'", "where": "[certificate] instruments entry 2", "found": "serialnumber"},
+    ),
+    "no date": ("2025-03-31", '"31 March"', {"expected": "such as 2025-03-31", "where": "date_of_calibration"}),
+    "time of day as date": ("2025-03-31", "2025-03-31T10:00:00", {"expected": "such as 2025-03-31"}),
+    "instrument without a name": ('name = "Shaker", ', "", {"problem": "'name' is missing", "where": "entry 2"}),
+    "temperature as text": ("temperature_c = 23", 'temperature_c = "23"', {"expected": "finite", "found": "'23'"}),
     "section as value": ("[sensor]", "sampling = 3\n[sensor]", {"expected": "[sampling]", "found": "3"}),
     "syntax": ("column = 2", "column 2", {"problem": "TOML", "where": "line 8"}),
     "unquoted text": ('"velocity"', "velocity", {"problem": "TOML", "where": "line 9"}),

@@ -61,7 +61,7 @@ def test_units_hash_and_history(load, tmp_path):
     history = "; ".join(record.provenance.history)
     assert "column 2 ('ref') × 2.0 → m/s^2" in history
     assert "column 3 ('resp') × -10.0 → mV" in history
-    assert calibration.certificate == {"number": 3}
+    assert calibration.certificate == {"number": "3"}
     assert calibration.source == str(tmp_path / "cal.toml")
 
 

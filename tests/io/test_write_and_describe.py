@@ -45,7 +45,7 @@ def test_records_read_back_exactly(tmp_path):
         reference_standard_uncertainty=1 / 3,
         response_unit='m"V',
         sensor={"type": "line 1\nline\t2 \\ \x7f é", "serial number": "1"},
-        certificate={"laboratory": {"name": "L"}, "points": [1, 2.5], "valid": True},
+        certificate={"laboratory": "L", "temperature_c": 23.0, "instruments": [{"name": "I"}], "remarks": ["a", "b"]},
     )
     path = write_calibration(tmp_path / "new" / "out", calibration)
     again = read(path)

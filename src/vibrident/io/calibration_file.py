@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from vibrident.errors import InputError
+from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.columns import unreadable
 from vibrident.io.schema_errors import schema_error
 from vibrident.records import Excitation, Quantity
@@ -111,7 +112,7 @@ class CalibrationFile(_Section):
     sampling: SamplingSection = SamplingSection()
     records: list[RecordsEntry] = Field(default=[], description="one or more [[records]], in double brackets")
     table: TableSection | None = None
-    certificate: dict[str, Any] = Field(default={}, description="a section [certificate]")
+    certificate: CertificateSection = CertificateSection()
 
     @property
     def sensor_text(self) -> dict[str, str]:

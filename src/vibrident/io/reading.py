@@ -39,5 +39,5 @@ def read(path: str | os.PathLike[str]) -> Calibration:
         response_unit=document.response.unit,
         sensor=document.sensor_text,
         source=where,
-        certificate=document.certificate,
+        certificate=document.certificate.stated(),
     )
