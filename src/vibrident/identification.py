@@ -86,7 +86,8 @@ def identify(
     }
     fields = unit_fields(calibration)
     table = parameter_table(estimate.coordinates, estimate.z, covariance, freedom, fields, weak)
-    band = frequencies(evidence.band_hz)
+    reference_hz = calibration.certificate.get("reference_frequency_hz")
+    band = frequencies(evidence.band_hz, judgement.adequacy.frequency_hz.tolist(), reference_hz)
     response = curve(estimate.coordinates, estimate.z, covariance, calibration.quantity, band)
     result = Result(
         model=sensor_model.name,

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from vibrident.nominal import nominal_value
 from vibrident.records import REFERENCE_UNITS
 from vibrident.result import Result
 
@@ -28,8 +29,6 @@ _NATURAL = {
     "Ω": (-3, 9),
 }
 _SUPERSCRIPTS = str.maketrans("0123456789-+", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺")
-#: Nominal one-third-octave values of a decade, ISO 266.
-_NOMINAL = ("1", "1.25", "1.6", "2", "2.5", "3.15", "4", "5", "6.3", "8")
 
 
 @dataclass(frozen=True)
@@ -103,8 +102,7 @@ def nominal_frequency(frequency_hz: float) -> str | None:
     index = round(10 * math.log10(frequency_hz))
     if abs(frequency_hz / 10 ** (index / 10) - 1) > 5e-4:
         return None
-    decade, step = divmod(index, 10)
-    return f"{float(_NOMINAL[step]) * 10.0**decade:.6g}"
+    return f"{nominal_value(index):.6g}"
 
 
 def frequency_text(frequency_hz: float) -> str:

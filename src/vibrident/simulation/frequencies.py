@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
+from vibrident.nominal import NOMINAL
 from vibrident.records import FloatArray
 from vibrident.simulation.checks import require, require_positive
-
-#: Nominal values of one decade, ISO 266 (the R10 series of ISO 3).
-NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 
 #: A limit may be given by its nominal value, which lies up to 1.2 % (0.05 steps) from the exact one.
 _LIMIT_TOLERANCE = 0.1

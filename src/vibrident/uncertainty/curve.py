@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
 from vibrident.backend import jax, jnp
+from vibrident.nominal import SAME, reference, series
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Curve
@@ -15,10 +17,33 @@ from vibrident.result import Curve
 POINTS = 201
 
 
-def frequencies(band_hz: tuple[float, float]) -> FloatArray:
-    """Logarithmic grid over the band of the data; one point where the band is one frequency."""
+def frequencies(
+    band_hz: tuple[float, float], measured_hz: Iterable[float] = (), reference_hz: float | None = None
+) -> FloatArray:
+    """Logarithmic grid over the band of the data; one point where the band is one frequency.
+
+    The points nearest to the frequencies of a certificate (nominal one-third octaves, the reference) are moved there,
+    so that its values stand in the result; their number, and with it the compiled program, stays the same.
+
+    Args:
+        band_hz: band of the data.
+        measured_hz: frequencies at which there are data; they tell nominal from exact frequencies.
+        reference_hz: a reference frequency that was asked for.
+    """
     low, high = band_hz
-    return np.geomspace(low, high, POINTS) if high > low else np.array([low])
+    if not high > low:
+        return np.array([low])
+    grid = np.geomspace(low, high, POINTS)
+    chosen = [item.frequency_hz for item in series(low, high, measured_hz)]
+    extra, _ = reference(low, high, measured_hz, reference_hz)
+    chosen += [extra.frequency_hz] if extra and extra.frequency_hz not in chosen else []
+    distance = np.abs(np.log(grid[:, None] / np.array(chosen)))
+    distance[[0, -1]] = np.where(distance[[0, -1]] <= SAME, -1.0, np.inf)  # the ends stay the ends
+    for column, frequency in enumerate(chosen):
+        nearest = int(np.argmin(distance[:, column]))
+        grid[nearest] = frequency
+        distance[nearest] = np.inf  # moved once
+    return np.sort(grid)
 
 
 def curve(

@@ -1,0 +1,99 @@
+"""Nominal one-third-octave frequencies (ISO 266): their names, and those at which a certificate states values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+#: Nominal values of one decade, ISO 266:1997 (the R10 series of ISO 3).
+NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
+#: Relative distance within which a frequency is taken for another: far more than a tone's uncertainty, far less than
+#: what lies between a nominal value and the exact one.
+SAME = 1e-4
+#: The reference frequency where none is stated: of accelerometers (ISO 16063-21), and of seismometers and geophones.
+REFERENCES_HZ = (160.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """A frequency at which a value is stated: its nominal value and the one computed with, both in Hz."""
+
+    nominal_hz: float
+    frequency_hz: float
+
+    @property
+    def name(self) -> str:
+        """The nominal value as text, in Hz: "31.5"."""
+        return f"{self.nominal_hz:.6g}"
+
+
+def nominal_value(n: int) -> float:
+    """Nominal value of the exact frequency 10^(n/10) Hz."""
+    decade, step = divmod(n, 10)
+    return float(f"{NOMINAL[step]}e{decade}")  # as a decimal, so that 0.63 is the float 0.63
+
+
+def same(one_hz: float, other_hz: float) -> bool:
+    """Whether two frequencies are the same but for how well a tone's frequency is known."""
+    return abs(one_hz / other_hz - 1.0) <= SAME
+
+
+def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> tuple[Nominal, ...]:
+    """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; empty where none is.
+
+    Each stands for the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), but where the data were taken at
+    the nominal value itself (160.00 Hz) and not at the exact one: there it stands for itself.
+
+    Args:
+        low_hz: lower end of the band, positive.
+        high_hz: upper end of the band.
+        measured_hz: frequencies at which there are data.
+    """
+    if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
+        return ()
+    first, last = (math.floor(10 * math.log10(low_hz)) - 1, math.ceil(10 * math.log10(high_hz)) + 1)
+    known = [f for f in measured_hz if f and f > 0]
+    found = []
+    for n in range(first, last + 1):
+        exact, value = 10 ** (n / 10), nominal_value(n)
+        literal = any(same(f, value) for f in known) and not any(same(f, exact) for f in known)
+        frequency = value if literal else exact
+        if low_hz * (1 - SAME) <= frequency <= high_hz * (1 + SAME):
+            found.append(Nominal(value, frequency))
+    return tuple(found)
+
+
+def reference(
+    low_hz: float, high_hz: float, measured_hz: Iterable[float] = (), stated_hz: float | None = None
+) -> tuple[Nominal | None, str]:
+    """The reference frequency, and in words how it was chosen.
+
+    Args:
+        low_hz: lower end of the measured band.
+        high_hz: upper end of the measured band.
+        measured_hz: frequencies at which there are data.
+        stated_hz: what the calibration file asks for.
+
+    Returns:
+        the frequency, None where the stated one lies outside the band or the band holds no nominal frequency; and why.
+    """
+    available = series(low_hz, high_hz, measured_hz)
+    if stated_hz is not None:
+        at_nominal = next((item for item in available if same(item.nominal_hz, stated_hz)), None)
+        if at_nominal is not None:
+            return at_nominal, "as stated in the calibration file"
+        if low_hz * (1 - SAME) <= stated_hz <= high_hz * (1 + SAME):
+            return Nominal(stated_hz, stated_hz), "as stated in the calibration file"
+        return None, f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band"
+    for number, wanted in enumerate(REFERENCES_HZ):
+        for item in available:
+            if item.nominal_hz == wanted:
+                outside = f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual for seismometers"
+                return item, outside if number else "default of ISO 16063 practice"
+    if not available:
+        return None, "the measured band holds no nominal frequency"
+    centre = math.sqrt(low_hz * high_hz)
+    nearest = min(available, key=lambda item: abs(math.log(item.frequency_hz / centre)))
+    usual = " and ".join(f"{f:g} Hz" for f in REFERENCES_HZ)
+    return nearest, f"{usual} lie outside the measured band; chosen nearest to its middle"
