@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vibrident.comparison import deviations
@@ -14,15 +15,15 @@ from vibrident.report.weights import weight_rows
 from vibrident.result import Parameter, Result
 
 if TYPE_CHECKING:
-    from rich.console import Group
+    from rich.console import Console, ConsoleOptions, Group
     from rich.table import Table
     from rich.text import Text
 
 __all__ = [
+    "ParameterTable",
     "compare_table",
     "fit_line",
     "inspection_table",
-    "parameter_table",
     "summary",
     "truth_table",
     "warning_lines",
@@ -30,6 +31,8 @@ __all__ = [
     "written_lines",
 ]
 
+#: Columns from which on the parameter table has room for its interval.
+WIDE = 98
 #: Settings that may hold the time an identification took, in seconds.
 _TIME_KEYS = ("time_s", "elapsed_s", "wall_time_s", "duration_s")
 
@@ -38,7 +41,7 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> G
     """Everything ``vibrident identify`` prints: parameters, fit, warnings in plain words, files written."""
     from rich.console import Group
 
-    parts: list[Any] = [parameter_table(result), fit_line(result)]
+    parts: list[Any] = [ParameterTable(result), fit_line(result)]
     if result.warnings:
         parts.append(warning_lines(result))
     if written:
@@ -46,26 +49,39 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> G
     return Group(*parts)
 
 
-def parameter_table(result: Result) -> Table:
-    """Name, value, u, U (k = 2), unit, 95 % interval and remark of each parameter, derived ones last."""
+@dataclass(frozen=True)
+class ParameterTable:
+    """Name, value, u, U (k = 2), unit and 95 % interval of each parameter, derived ones last.
+
+    A console of fewer than ``WIDE`` columns gets the table without the interval, which u and U say as well.
+    """
+
+    result: Result
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        yield _parameters(self.result, options.max_width >= WIDE)
+
+
+def _parameters(result: Result, interval: bool) -> Table:
     name = sensor_name(result.sensor)
     table = _table(f"{result.model}, estimator {result.estimator}{f' · {name}' if name else ''}")
     for header in ("value", "u", "U (k = 2)"):
         table.add_column(header, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    table.add_column("95 % interval", no_wrap=True)
+    if interval:
+        table.add_column("95 % interval", no_wrap=True)
     ordered = sorted(result.parameters.items(), key=lambda item: item[1].derived)
-    derived_begins = (
-        [parameter.derived for _, parameter in ordered].index(True) if any(p.derived for _, p in ordered) else -1
-    )
-    for i, (key, parameter) in enumerate(ordered):
-        if i == derived_begins and i > 0:
+    derived = False
+    for key, parameter in ordered:
+        if parameter.derived and not derived:
             table.add_section()
+            table.add_row("derived from these:", style="dim")
+            derived = True
         number = stated(parameter)
-        remark = words.remark(parameter)
-        label = words.parameter_name(key).words + (f" ({remark})" if remark else "")
+        label = words.parameter_name(key).words + ("" if parameter.identifiable else " (not identifiable)")
         row = (label, number.value, number.standard, number.expanded, number.unit, number.interval)
-        table.add_row(*(_plain(cell) for cell in row), style=None if parameter.identifiable else "yellow")
+        cells = row if interval else row[:-1]
+        table.add_row(*(_plain(cell) for cell in cells), style=None if parameter.identifiable else "yellow")
     return table
 
 

@@ -144,7 +144,7 @@ def _show(result: Any, files: list[Path], *, quiet: bool, weights: bool) -> None
         for warning in result.warnings:
             note(f"Warning ({warning.code}): {warning.message}")
     else:
-        out().print(terminal.summary(result, files))
+        out().print(terminal.summary(result, files), crop=False)  # a path is never cut
     if weights and result.weights:
         out().print(terminal.weights_table(result))
     elif weights:

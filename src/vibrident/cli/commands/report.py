@@ -47,7 +47,7 @@ def report(
             for name, (_, result) in zip(names, loaded, strict=True):
                 write_report(result, output.path / name)
         written = output.files
-    out().print(terminal.written_lines([file for file in written if file.suffix == ".md"]))
+    out().print(terminal.written_lines([file for file in written if file.suffix == ".md"]), crop=False)
 
 
 def _check_form(form: str) -> None:

@@ -99,7 +99,7 @@ def simulate(
     out().print(
         f"Simulated: sensor {sensor}, {excitation}, {len(records)} record{'s' * (len(records) != 1)}, seed {seed}."
     )
-    out().print(terminal.written_lines([*others, folder / "*.csv"]))
+    out().print(terminal.written_lines([*others, folder / "*.csv"]), crop=False)
 
 
 def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:
