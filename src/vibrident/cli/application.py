@@ -11,6 +11,7 @@ from vibrident import __version__
 from vibrident.cli.commands.compare import compare
 from vibrident.cli.commands.demo import demo
 from vibrident.cli.commands.doctor import doctor
+from vibrident.cli.commands.export import export
 from vibrident.cli.commands.identify import identify
 from vibrident.cli.commands.inspect import inspect
 from vibrident.cli.commands.predict import predict
@@ -49,7 +50,7 @@ app = typer.Typer(
 _PANELS = {
     "Begin": (demo, doctor),
     "From files to a model": (inspect, identify, report),
-    "Use and judge a model": (predict, compare, simulate),
+    "Use and judge a model": (predict, compare, simulate, export),
 }
 for _panel, _commands in _PANELS.items():
     for _command in _commands:

@@ -22,6 +22,7 @@ SENSORS = ("paper", "inverted", "piezo", "geophone", "seismometer")
 STARTS = ("rest", "steady")
 METHODS = ("exact", "rk4")
 FORMATS = ("md",)
+EXPORTS = ("csv", "control", "scipy", "stationxml", "sacpz", "c", "fmu", "dcc")
 
 CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]
 
@@ -75,6 +76,27 @@ def listed(name: str, allowed: Sequence[str] | None = None) -> Callable[[str | N
         return list(dict.fromkeys(checked))
 
     return split
+
+
+def band(text: str | None) -> tuple[float, float] | None:
+    """``10:1000``, a lower and a higher frequency in Hz.
+
+    Raises:
+        InputError: it is no such range.
+    """
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(
+            "The band cannot be read.",
+            expected="a lower and a higher frequency in Hz, such as 10:1000",
+            found=repr(text),
+            where="--band",
+            remedy="write LOW:HIGH, numbers with a point, without units",
+        ) from None
+    return low, high
 
 
 def frequencies(text: str | None) -> list[float] | None:

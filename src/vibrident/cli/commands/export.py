@@ -1,0 +1,80 @@
+"""``vibrident export``: a result in another program's form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import out
+from vibrident.cli.folder import written_whole
+from vibrident.cli.results import load_result
+
+
+def export(
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)
+    ],
+    form: Annotated[str, options.choice("--format", options.EXPORTS, "Form to write.", show_default=False)],
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder for the files.", show_default="beside the result"),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate", metavar="HZ", help="Sampling rate of c and fmu.", show_default="the network's, where there is one"
+        ),
+    ] = None,
+    band: Annotated[
+        str | None,
+        typer.Option("--band", metavar="LOW:HIGH", help="Band of use in Hz.", show_default="that of the data"),
+    ] = None,
+    without: Annotated[
+        str | None,
+        typer.Option(
+            "--without",
+            metavar="NAMES",
+            help="Leave out delay, boxcar or cubic, where a form cannot hold them; the file says what that costs.",
+            callback=options.listed("--without", ("delay", "boxcar", "cubic")),
+        ),
+    ] = None,
+    name: Annotated[str, typer.Option("--name", metavar="NAME", help="Name of files and functions.")] = "sensor",
+    schema: Annotated[
+        Path | None, typer.Option("--schema", metavar="XSD", help="dcc: validate against this schema.")
+    ] = None,
+    country: Annotated[
+        str | None, typer.Option("--country", metavar="XX", help="dcc: ISO 3166-1 code of the laboratory's country.")
+    ] = None,
+    language: Annotated[str, typer.Option("--language", metavar="xx", help="dcc: ISO 639-1 code of the texts.")] = "en",
+    channel: Annotated[
+        str | None,
+        typer.Option("--channel", metavar="NET.STA.LOC.CHA", help="stationxml, sacpz: codes of the channel."),
+    ] = None,
+) -> None:
+    """Write a result in a form that other programs read. It needs the result alone, neither the data nor JAX.
+
+    What a form cannot hold is said in the file, or refused with the reason.
+    """
+    known = load_result(result)
+    limits = options.band(band)
+    from vibrident import terminal
+    from vibrident.export import export as run
+
+    with written_whole(result.parent if folder is None else folder) as output:
+        run(
+            known,
+            form,
+            output.path,
+            rate_hz=rate,
+            band_hz=limits,
+            without=list(without or ()),
+            name=name,
+            schema=schema,
+            country=country,
+            language=language,
+            channel=channel,
+        )
+    out().print(terminal.written_lines(output.files))

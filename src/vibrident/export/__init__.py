@@ -1,0 +1,74 @@
+"""A result in the forms that other programs read: made from the result alone, by one function.
+
+    files = export(result, "stationxml", "out")
+
+``FORMATS`` lists the formats; docs/exports.md says what each holds and what it cannot.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from vibrident.errors import InputError
+from vibrident.export.formats import FORMATS, Format
+from vibrident.export.options import Options
+from vibrident.export.sensor import Sensor, check_band, sensor_of
+from vibrident.result import Result
+
+__all__ = ["FORMATS", "Format", "Options", "Sensor", "check_band", "export", "sensor_of"]
+
+
+def export(
+    result: Result,
+    form: str,
+    folder: str | os.PathLike[str],
+    *,
+    rate_hz: float | None = None,
+    band_hz: tuple[float, float] | None = None,
+    without: Sequence[str] = (),
+    name: str = "sensor",
+    schema: str | os.PathLike[str] | None = None,
+    country: str | None = None,
+    language: str = "en",
+    channel: str | None = None,
+) -> list[Path]:
+    """Write a result in another program's form.
+
+    Args:
+        result: from :func:`vibrident.identify` or :meth:`vibrident.Result.load`.
+        form: name of the format, a key of ``FORMATS``.
+        folder: where the files go; made where it is missing.
+        rate_hz: sampling rate of ``c`` and ``fmu``; None takes that of the result's network, where it has one.
+        band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
+        without: add-ons to leave out, ``delay`` or ``boxcar``; the file says what that costs.
+        name: of the files, and of what is defined in them.
+        schema: XSD to validate ``dcc`` against.
+        country: ISO 3166-1 code of the laboratory's country, for ``dcc``.
+        language: ISO 639-1 code of the texts, for ``dcc``.
+        channel: NET.STA.LOC.CHA for ``stationxml`` and ``sacpz``.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: the format is not known, cannot hold this sensor, or lacks a library or a choice.
+    """
+    if form not in FORMATS:
+        near = difflib.get_close_matches(form.lower(), FORMATS, n=1)
+        raise InputError(
+            f"The export format {form!r} is not known.",
+            expected=" | ".join(FORMATS),
+            found=repr(form),
+            where="--format",
+            remedy=f"did you mean {near[0]!r}?" if near else "choose one of the expected",
+        )
+    band = None if band_hz is None else check_band(*band_hz)
+    xsd = None if schema is None else Path(schema)
+    options = Options(rate_hz, band, tuple(without), name, xsd, country, language, channel)
+    sensor = sensor_of(result, band).without(options.without)
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    return FORMATS[form].write(sensor, target, options)

@@ -1,0 +1,113 @@
+"""Poles and zeros for what has none: a delay and an average over a window, by Padé's approximants of e^{−x}.
+
+The [n/n] approximant Q(−x)/Q(x) is all-pass, and n is raised until the band is met. The window's (1 − e^{−x})/x follows
+from the same Q: (Q(x) − Q(−x))/(x Q(x)), whose numerator is divisible by x.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.export.poles_zeros import PolesZeros, poles_zeros
+from vibrident.export.sensor import Sensor, require_linear
+
+#: Relative error over the band below which an approximation counts as holding the model.
+TOLERANCE = 1e-10
+MOST_ORDER = 12
+
+
+def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
+    """The whole sensor as poles and zeros, and in words what was approximated and how well.
+
+    Raises:
+        InputError: the delay is negative or too long for the band, or the window is, or the model is not linear.
+    """
+    require_linear(sensor)
+    system, words = poles_zeros(sensor), []
+    if sensor.has("delay") and sensor.delay_s != 0.0:
+        delay = sensor.delay_s
+        if delay < 0:
+            raise InputError(
+                "The response is ahead of the reference, which poles and zeros of a stable sensor cannot say.",
+                expected="a delay of 0 or above",
+                found=f"delay = {delay!r} s",
+                where="result.json, parameters.delay",
+                remedy="give --without delay: the file then says what that costs over the band",
+            )
+        order = _order(lambda n: _delay(delay, n), lambda s: np.exp(-s * delay), sensor, "delay")
+        system = system.times(_delay(delay, order))
+        words.append(
+            f"delay of {delay!r} s: {order} poles and {order} zeros, the last but those of a boxcar, are its all-pass "
+            f"approximation of order {order} (Pade)"
+        )
+    if sensor.has("boxcar"):
+        length = sensor.values["boxcar_length"]
+        order = _order(lambda n: _boxcar(length, n), lambda s: _window(s * length), sensor, "boxcar")
+        system = system.times(_boxcar(length, order))
+        words.append(
+            f"boxcar of {length!r} s: the last {order} poles and {len(_boxcar(length, order).zeros)} zeros are its "
+            f"approximation of order {order} (Pade)"
+        )
+    if words:
+        error = float(np.max(np.abs(system.response(sensor.band) / sensor.response(sensor.band) - 1.0)))
+        words.append(f"largest deviation from the model over the band, relative: {error:.1e}")
+        words.append("poles and zeros of an approximation mean nothing outside the band")
+    return system, words
+
+
+def _window(x: np.ndarray) -> np.ndarray:
+    return -np.expm1(-x) / x
+
+
+def _order(
+    make: Callable[[int], PolesZeros], exact: Callable[[np.ndarray], np.ndarray], sensor: Sensor, what: str
+) -> int:
+    s = 2j * np.pi * sensor.band
+    for order in range(2, MOST_ORDER + 1, 2):  # even, so that the delay's approximant is +1 far above the band
+        if np.max(np.abs(make(order).response(sensor.band) / exact(s) - 1.0)) < 0.3 * TOLERANCE:
+            return order
+    raise InputError(
+        f"The {what} is too long for the band to be held by poles and zeros.",
+        expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
+        found=f"{what} of {(sensor.delay_s if what == 'delay' else sensor.values['boxcar_length'])!r} s, "
+        f"band up to {sensor.band_hz[1]:g} Hz",
+        where="--format",
+        remedy=f"give --without {what} (the file then says what that costs), or a narrower --band",
+    )
+
+
+def _coefficients(order: int) -> list[float]:
+    """Q(x) = Σ c_j x^j, ascending, with e^{−x} ≈ Q(−x)/Q(x)."""
+    n = order
+    return [
+        math.factorial(2 * n - j) / (math.factorial(n - j) * math.factorial(j)) * math.factorial(n)
+        / math.factorial(2 * n)
+        for j in range(n + 1)
+    ]  # fmt: skip
+
+
+def _sorted(found: np.ndarray) -> np.ndarray:
+    """Conjugate pairs side by side, imaginary parts exactly opposite."""
+    upper = found[np.imag(found) > 1e-9 * np.abs(found)]
+    real = np.real(found[np.abs(np.imag(found)) <= 1e-9 * np.abs(found)]).astype(complex)
+    return np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
+
+
+def _delay(delay_s: float, order: int) -> PolesZeros:
+    poles = _sorted(np.roots(_coefficients(order)[::-1])) / delay_s
+    return PolesZeros(-poles, poles, (-1.0) ** order)
+
+
+def _boxcar(length_s: float, order: int) -> PolesZeros:
+    q = _coefficients(order)
+    poles = _sorted(np.roots(q[::-1]))
+    odd = [2.0 * c for c in q[1::2]]  # (Q(x) − Q(−x))/x, a polynomial in x²
+    squares = np.roots(odd[::-1]) if len(odd) > 1 else np.empty(0)
+    zeros = np.ravel([[1j * np.sqrt(-v), -1j * np.sqrt(-v)] for v in squares.real]) if len(odd) > 1 else np.empty(0)
+    gain = odd[-1] / q[-1]
+    excess = len(poles) - len(zeros)
+    return PolesZeros(np.asarray(zeros, complex) / length_s, poles / length_s, gain / length_s**excess)

@@ -1,0 +1,75 @@
+"""CSV: every number of the result that a table can hold, with its uncertainty, and not one rounded."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from vibrident.export.options import Options
+from vibrident.export.sensor import Sensor
+
+
+def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write the tables ``NAME_parameters.csv``, ``…_correlation.csv``, ``…_response.csv`` and ``…_measured.csv``."""
+    result = sensor.result
+    parameters = (
+        (name, p.value, p.unit, p.standard_uncertainty, *p.interval_95, _word(p.identifiable), _word(p.derived))
+        for name, p in result.parameters.items()
+    )
+    correlation = result.correlation
+    per = f"{result.response_unit} per {result.reference.get('unit', 'm/s^2')}"
+    curve, measured = result.response, result.measured
+    columns = (
+        "frequency_hz",
+        f"magnitude ({per})",
+        "phase_deg (lag negative)",
+        f"magnitude_standard_uncertainty ({per})",
+        "phase_standard_uncertainty_deg",
+    )
+    further = ("model_deviation_percent", "model_deviation_phase_deg", "record")
+    fields = ("frequency_hz", "magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
+    own = ("deviation_percent", "deviation_phase_deg", "record")
+    return [
+        _table(
+            folder / f"{options.name}_parameters.csv",
+            ("parameter", "value", "unit", "standard_uncertainty", "low_95", "high_95", "identifiable", "derived"),
+            parameters,
+        ),
+        _table(
+            folder / f"{options.name}_correlation.csv",
+            ("parameter", *correlation.names),
+            ((name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)),
+        ),
+        _table(
+            folder / f"{options.name}_response.csv",
+            columns,
+            zip(*(getattr(curve, name) for name in fields), strict=True),
+        ),
+        _table(
+            folder / f"{options.name}_measured.csv",
+            (*columns, *further),
+            zip(
+                *(_padded(getattr(measured, name), len(measured.frequency_hz)) for name in (*fields, *own)), strict=True
+            ),
+        ),
+    ]
+
+
+def _padded(values: Sequence[object], size: int) -> Sequence[object]:
+    return values if len(values) == size else (None,) * size
+
+
+def _word(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
+    """Floats by ``repr``, which reads back to the same number; blank where there is none."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(
+            [repr(float(v)) if isinstance(v, float) else "" if v is None else v for v in row] for row in rows
+        )
+    return path

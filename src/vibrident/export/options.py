@@ -1,0 +1,47 @@
+"""What a user may choose for an export; each format looks at what concerns it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident.errors import InputError
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,40}")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices.
+
+    Attributes:
+        rate_hz: sampling rate of discrete formats; None takes the network's, where the result has one.
+        band_hz: band for errors and for the correction filter; None takes that of the data.
+        without: add-ons to leave out.
+        name: of files, and of what is defined in them.
+        schema: XSD to validate a certificate against.
+        country: ISO 3166-1 code of the calibration laboratory, for a certificate.
+        language: ISO 639-1 code of the certificate's texts.
+        channel: NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX).
+    """
+
+    rate_hz: float | None = None
+    band_hz: tuple[float, float] | None = None
+    without: Sequence[str] = ()
+    name: str = "sensor"
+    schema: Path | None = None
+    country: str | None = None
+    language: str = "en"
+    channel: str | None = None
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise InputError(
+                "The name cannot be used.",
+                expected="letters, digits and _, a letter first, 41 characters at most",
+                found=repr(self.name),
+                where="--name",
+                remedy="choose another",
+            )

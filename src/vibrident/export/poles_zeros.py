@@ -1,0 +1,142 @@
+"""A sensor as poles, zeros and gain: H(s) = k ∏(s − z)/∏(s − p), in rad/s.
+
+Each add-on brings its own factor of the denominator, of second order at most, so the poles come from quadratics and
+are exact to rounding, however far apart they lie.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.export.sensor import Sensor
+from vibrident.models import Rational
+from vibrident.records import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PolesZeros:
+    """k ∏(s − z)/∏(s − p).
+
+    Attributes:
+        zeros: rad/s, complex, conjugates side by side.
+        poles: rad/s, complex, conjugates side by side.
+        gain: k.
+    """
+
+    zeros: np.ndarray
+    poles: np.ndarray
+    gain: float
+
+    def response(self, frequency_hz: FloatArray) -> np.ndarray:
+        """Value at s = j 2π f; zeros and poles are taken in turns, so that no product overflows."""
+        s = 2j * np.pi * np.asarray(frequency_hz, float)
+        value = np.full(s.shape, complex(self.gain))
+        for index in range(max(len(self.zeros), len(self.poles))):
+            if index < len(self.zeros):
+                value = value * (s - self.zeros[index])
+            if index < len(self.poles):
+                value = value / (s - self.poles[index])
+        return value
+
+    def times(self, other: PolesZeros) -> PolesZeros:
+        """The two in series."""
+        return PolesZeros(
+            np.concatenate([self.zeros, other.zeros]),
+            np.concatenate([self.poles, other.poles]),
+            self.gain * other.gain,
+        )
+
+    def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numerator and denominator, real, descending powers of s."""
+        return self.gain * np.atleast_1d(np.poly(self.zeros).real), np.atleast_1d(np.poly(self.poles).real)
+
+
+def poles_zeros(sensor: Sensor) -> PolesZeros:
+    """The rational part of the sensor: all of it but delay and boxcar."""
+    model, values = sensor.model, sensor.values
+    system = model.rational(values, sensor.quantity)
+    unit = Rational(1.0, (1.0,), (1.0,), system.angular_scale)
+    factors = [model.core.rational(values).denominator]
+    factors += [addon.rational(values, unit).denominator for addon in model.add_ons if addon.rational is not None]
+    poles = np.concatenate([roots(np.array(factor, float)) for factor in factors])
+    numerator = np.array(system.numerator, float)
+    lead = np.flatnonzero(numerator)[-1]
+    numerator = numerator[: lead + 1]
+    return PolesZeros(roots(numerator), poles, float(system.gain) * float(numerator[-1]))
+
+
+def roots(ascending: np.ndarray) -> np.ndarray:
+    """Roots of a real polynomial, coefficients ascending: zeros exact, quadratics without cancellation."""
+    at_zero = int(np.flatnonzero(ascending)[0])
+    c = ascending[at_zero:] / ascending[-1]
+    if len(c) == 1:
+        rest = np.empty(0, complex)
+    elif len(c) == 2:
+        rest = np.array([-c[0]], complex)
+    elif len(c) == 3:
+        rest = _quadratic(c[1], c[0])
+    else:
+        rest = _polished(c)
+    return np.concatenate([np.zeros(at_zero, complex), rest])
+
+
+def _quadratic(b: float, c: float) -> np.ndarray:
+    """Roots of x² + b x + c."""
+    discriminant = 0.25 * b * b - c
+    if discriminant < 0:
+        root = complex(-0.5 * b, np.sqrt(-discriminant))
+        return np.array([root, root.conjugate()])
+    far = -0.5 * b - np.copysign(np.sqrt(discriminant), b)
+    return np.array([far, c / far if far else 0.0], complex)
+
+
+def _polished(c: np.ndarray) -> np.ndarray:
+    """Companion roots in a variable of the roots' own size, then Newton's steps; conjugates made exact."""
+    scale = float(np.abs(c[0])) ** (1.0 / (len(c) - 1))
+    descending = (c * scale ** (np.arange(len(c)) - (len(c) - 1.0)))[::-1]
+    found = np.roots(descending)
+    slope = np.polyder(descending)
+    for _ in range(3):
+        step = np.polyval(descending, found) / np.polyval(slope, found)
+        found = found - np.where(np.isfinite(step) & (np.abs(step) < 1e-3 * np.abs(found)), step, 0.0)
+    upper = found[found.imag > 1e-12 * np.abs(found)]
+    real = found[np.abs(found.imag) <= 1e-12 * np.abs(found)].real.astype(complex)
+    return scale * np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
+
+
+def uncertainties(sensor: Sensor, which: str) -> np.ndarray | None:
+    """Standard uncertainties of the real and imaginary parts of ``poles`` or ``zeros``, as a complex array.
+
+    From the parameters' uncertainties and correlation, to first order; None where one of them is not stated.
+    """
+    names, covariance = covariance_of(sensor)
+    if covariance is None:
+        return None
+    base = getattr(poles_zeros(sensor), which)
+    slopes = []
+    for name in names:
+        step = 1e-6 * abs(sensor.values[name]) or 1e-9
+        moved = [dict(sensor.values), dict(sensor.values)]
+        moved[0][name] -= step
+        moved[1][name] += step
+        low, high = (getattr(poles_zeros(replace(sensor, values=values)), which) for values in moved)
+        slopes.append((high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base)))
+    slope: np.ndarray = np.stack(slopes, axis=1)  # (roots, parameters)
+    real = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", np.real(slope), covariance, np.real(slope)), 0.0))
+    imag = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", np.imag(slope), covariance, np.imag(slope)), 0.0))
+    return real + 1j * imag
+
+
+def covariance_of(sensor: Sensor) -> tuple[tuple[str, ...], np.ndarray | None]:
+    """Covariance of the model's parameters, as the result states it; None where a part of it is missing."""
+    result = sensor.result
+    names = tuple(name for name in result.correlation.names if name in sensor.values)
+    u = [result.parameters[name].standard_uncertainty for name in names]
+    if set(names) != set(sensor.values) or any(value is None for value in u):
+        return names, None
+    index = [result.correlation.names.index(name) for name in names]
+    correlation = np.array(result.correlation.matrix, float)[np.ix_(index, index)]
+    deviation = np.array(u, float)
+    return names, correlation * np.outer(deviation, deviation)

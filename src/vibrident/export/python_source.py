@@ -1,0 +1,111 @@
+"""Python: the sensor as an object of python-control or SciPy, and as a module that makes it from its own numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.export.approximation import held
+from vibrident.export.missing import library
+from vibrident.export.options import Options
+from vibrident.export.poles_zeros import covariance_of
+from vibrident.export.sensor import Sensor, identity
+
+_MODULE = '''"""{title}
+
+{identity}
+"""
+
+import numpy as np
+{imports}
+
+#: name → (value, unit, standard uncertainty or None), as in result.json.
+PARAMETERS = {{
+{parameters}}}
+#: Covariance of {names}; None where it is not stated.
+COVARIANCE = {covariance}
+
+ZEROS = np.array([{zeros}], dtype=complex)  # rad/s
+POLES = np.array([{poles}], dtype=complex)  # rad/s
+GAIN = {gain!r}
+
+
+def sensor():
+    """{input_unit} to {output_unit}: {kind}."""
+    return {make}
+'''
+
+_CONTROL = "control.TransferFunction(GAIN * np.atleast_1d(np.poly(ZEROS).real), np.poly(POLES).real)"
+_SCIPY = "signal.ZerosPolesGain(ZEROS, POLES, GAIN)"
+
+
+def control_object(sensor: Sensor) -> Any:
+    """``control.TransferFunction`` of the whole sensor; delay and boxcar as Padé approximants.
+
+    Raises:
+        InputError: python-control is not installed, or the sensor has no form in poles and zeros.
+    """
+    control = library("control", "control")
+    return control.TransferFunction(*held(sensor)[0].polynomials())
+
+
+def scipy_object(sensor: Sensor) -> Any:
+    """``scipy.signal.ZerosPolesGain`` of the whole sensor; delay and boxcar as Padé approximants.
+
+    Raises:
+        InputError: the sensor has no form in poles and zeros.
+    """
+    from scipy import signal
+
+    system = held(sensor)[0]
+    return signal.ZerosPolesGain(system.zeros, system.poles, system.gain)
+
+
+def write_control(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME_control.py``, whose ``sensor()`` is a ``control.TransferFunction``."""
+    text = _module(sensor, "import control", "control.TransferFunction", _CONTROL)
+    return [_written(folder / f"{options.name}_control.py", text)]
+
+
+def write_scipy(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME_scipy.py``, whose ``sensor()`` is a ``scipy.signal.ZerosPolesGain``."""
+    text = _module(sensor, "from scipy import signal", "scipy.signal.ZerosPolesGain", _SCIPY)
+    return [_written(folder / f"{options.name}_scipy.py", text)]
+
+
+def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
+    system, words = held(sensor)
+    names, covariance = covariance_of(sensor)
+    parameters = "".join(
+        f"    {name!r}: ({p.value!r}, {p.unit!r}, {p.standard_uncertainty!r}),\n"
+        for name, p in sensor.result.parameters.items()
+    )
+    note = "the transfer function holds no uncertainties: PARAMETERS and COVARIANCE beside it do"
+    lines = [_plain(line) for line in (*identity(sensor), *words, note)]
+    return _MODULE.format(
+        title=f"Sensitivity of a vibration sensor as a {kind}.",
+        identity="\n".join(lines),
+        imports=imports,
+        parameters=parameters,
+        names=", ".join(names) or "nothing",
+        covariance=None if covariance is None else f"np.array({np.asarray(covariance).tolist()!r})",
+        zeros=", ".join(repr(complex(z)) for z in system.zeros),
+        poles=", ".join(repr(complex(p)) for p in system.poles),
+        gain=system.gain,
+        input_unit=_plain(sensor.input_unit),
+        output_unit=_plain(sensor.output_unit),
+        kind=kind,
+        make=make,
+    )
+
+
+def _plain(line: str) -> str:
+    """Text that ends no docstring and escapes nothing."""
+    return line.replace("\\", "/").replace('"', "'")
+
+
+def _written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,57 @@
+"""SAC poles and zeros: from ground displacement in metres to the response, in rad/s, CONSTANT with its sign.
+
+SAC reads displacement, so the two zeros of acceleration = s² · displacement stand with the sensor's. ObsPy's own
+writer keeps seven digits; this one keeps all.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.export.options import Options
+from vibrident.export.poles_zeros import PolesZeros
+from vibrident.export.seismic import caveats, codes, described, unit
+from vibrident.export.sensor import Sensor, identity
+
+
+def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME.sacpz``.
+
+    Raises:
+        InputError: the sensor cannot be described for ground motion.
+    """
+    system, words = described(sensor)
+    whole = _cancelled(PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain))
+    where = codes(sensor, options)
+    lines = [
+        f"* NETWORK     : {where.network}",
+        f"* STATION     : {where.station}",
+        f"* LOCATION    : {where.location}",
+        f"* CHANNEL     : {where.channel}",
+        "* INPUT UNIT  : M",
+        f"* OUTPUT UNIT : {unit(sensor.output_unit)}",
+        *(f"* {line}" for line in identity(sensor)),
+        "* this format holds no uncertainties; those above are comments",
+        *(f"* {line}" for line in (*words, *caveats(sensor))),
+        *_numbers("ZEROS", whole.zeros),
+        *_numbers("POLES", whole.poles),
+        f"CONSTANT {whole.gain!r}",
+    ]
+    path = folder / f"{options.name}.sacpz"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return [path]
+
+
+def _cancelled(system: PolesZeros) -> PolesZeros:
+    """Poles at zero, should there be any, cancel zeros there."""
+    both = min(int(np.sum(system.zeros == 0)), int(np.sum(system.poles == 0)))
+    if not both:
+        return system
+    keep_z = np.delete(system.zeros, np.flatnonzero(system.zeros == 0)[:both])
+    return PolesZeros(keep_z, np.delete(system.poles, np.flatnonzero(system.poles == 0)[:both]), system.gain)
+
+
+def _numbers(name: str, roots: np.ndarray) -> list[str]:
+    return [f"{name} {len(roots)}", *(f"{float(r.real)!r} {float(r.imag)!r}" for r in roots)]

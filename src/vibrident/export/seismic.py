@@ -1,0 +1,95 @@
+"""What both seismological formats need: the motion the sensor is described for, channel codes, what must be refused."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from vibrident.errors import InputError
+from vibrident.export.approximation import held
+from vibrident.export.options import Options
+from vibrident.export.poles_zeros import PolesZeros
+from vibrident.export.sensor import Sensor
+
+#: Units as SEED and StationXML spell them, where they differ.
+_SPELLING = {
+    "m/s^2": "M/S**2",
+    "m/s": "M/S",
+    "m": "M",
+    "V": "V",
+    "A": "A",
+    "C": "C",
+    "count": "count",
+    "counts": "count",
+}
+#: Of network, station, location and channel: those of FDSN.
+_CODES = re.compile(r"([A-Z0-9]{1,8})\.([A-Z0-9-]{1,8})\.([A-Z0-9-]{0,8})\.([A-Z0-9]{3})")
+
+
+@dataclass(frozen=True)
+class Codes:
+    """FDSN codes of one channel."""
+
+    network: str
+    station: str
+    location: str
+    channel: str
+
+
+def codes(sensor: Sensor, options: Options) -> Codes:
+    """The user's codes, or XX, the network for tests, and a channel of the sensor's kind without direction.
+
+    Raises:
+        InputError: the codes are none.
+    """
+    kind = "HH1" if sensor.model.core.name == "velocity-pickup" else "HN1"
+    text = options.channel or f"XX.SENS..{kind}"
+    found = _CODES.fullmatch(text)
+    if not found:
+        raise InputError(
+            "The channel's codes cannot be read.",
+            expected="NET.STA.LOC.CHA in capitals and digits, LOC may be empty, such as XX.SENS..HHZ",
+            found=repr(text),
+            where="--channel",
+            remedy="correct it",
+        )
+    return Codes(*found.groups())
+
+
+def described(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
+    """Poles and zeros from acceleration to response, and what was approximated.
+
+    Raises:
+        InputError: the reference was a drive, or the sensor has no form in poles and zeros.
+    """
+    if sensor.quantity == "drive":
+        raise InputError(
+            "A response to a drive cannot be described as one to ground motion.",
+            expected="a calibration against acceleration, velocity or displacement",
+            found=f"reference quantity 'drive' ({sensor.input_unit})",
+            where="result.json, reference",
+            remedy="choose another format, csv or c say, or calibrate against motion",
+        )
+    return held(sensor)
+
+
+def unit(name: str) -> str:
+    """A unit as SEED spells it."""
+    return _SPELLING.get(name, name)
+
+
+def normal_frequency_hz(sensor: Sensor) -> float:
+    """Where sensitivity is stated: the middle of the band on a logarithmic axis."""
+    low, high = sensor.band_hz
+    return float((low * high) ** 0.5)
+
+
+def caveats(sensor: Sensor) -> list[str]:
+    """What poles and zeros do not say."""
+    lines = [
+        "the pole-zero form has no place for the correlation of the parameters, nor for the uncertainty of the "
+        "response over frequency: see result.json"
+    ]
+    if sensor.result.reference.get("quantity", "acceleration") != "acceleration":
+        lines.append(f"calibrated against {sensor.result.reference['quantity']}; converted by powers of s, exactly")
+    return lines

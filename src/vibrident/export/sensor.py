@@ -1,0 +1,194 @@
+"""The sensor that a result describes, ready for export: model, values, band, and what is said of them in every file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vibrident import __version__
+from vibrident.errors import InputError
+from vibrident.models import ADD_ONS, SensorModel, parse
+from vibrident.records import FloatArray, Quantity
+from vibrident.result import Result
+
+#: Add-ons that are no ratio of polynomials, so that some formats cannot hold them exactly.
+NOT_RATIONAL = tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
+#: Points at which errors over the band are computed.
+POINTS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """A result's model with its values.
+
+    Attributes:
+        result: where everything comes from.
+        model: the model that is exported: the result's, less what is left out.
+        values: parameter name → value as in the result, SI units, frequencies in Hz.
+        quantity: what the exported sensitivity is per: acceleration (m/s²), or the drive.
+        band_hz: lowest and highest frequency for which the result is evidence, or the user's choice.
+        left_out: add-ons of the result that the export does not hold.
+    """
+
+    result: Result
+    model: SensorModel
+    values: Mapping[str, float]
+    quantity: Quantity
+    band_hz: tuple[float, float]
+    left_out: tuple[str, ...] = field(default=())
+
+    @property
+    def band(self) -> FloatArray:
+        """Frequencies over the band, Hz, shape (points,)."""
+        low, high = self.band_hz
+        return np.geomspace(low, high, POINTS) if high > low else np.array([low])
+
+    def response(self, frequency_hz: FloatArray) -> np.ndarray:
+        """Complex sensitivity to ``quantity`` at ``frequency_hz``, shape (points,), for e^{+jωt}."""
+        return np.asarray(self.model.frequency_response(self.values, np.asarray(frequency_hz, float), self.quantity))
+
+    @property
+    def delay_s(self) -> float:
+        """Delay of the exported model, s."""
+        return float(self.model.delay_s(self.values))
+
+    @property
+    def input_unit(self) -> str:
+        """Unit of the exported input."""
+        return "m/s^2" if self.quantity == "acceleration" else self.result.reference.get("unit", "drive unit")
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the exported output."""
+        return self.result.response_unit
+
+    @property
+    def error_of_leaving_out(self) -> float:
+        """Largest relative deviation over the band of what is exported from the result's model; 0 where all is held."""
+        if not self.left_out:
+            return 0.0
+        whole = parse(self.result.model).frequency_response(self.values, self.band, self.quantity)
+        return float(np.max(np.abs(self.response(self.band) / whole - 1.0)))
+
+    def without(self, names: Sequence[str]) -> Sensor:
+        """The same sensor without these add-ons.
+
+        Raises:
+            InputError: an add-on cannot be left out.
+        """
+        for name in names:
+            if name not in NOT_RATIONAL:
+                raise InputError(
+                    f"{name!r} cannot be left out.",
+                    expected=" | ".join(NOT_RATIONAL),
+                    found=repr(name),
+                    where="--without",
+                    remedy="identify with a model without it, if the sensor has none",
+                )
+        kept = [addon for addon in self.model.add_ons if addon.name not in names]
+        gone = tuple(addon.name for addon in self.model.add_ons if addon.name in names)
+        model = parse("+".join([self.model.core.name, *(addon.name for addon in kept)]))
+        return replace(self, model=model, left_out=(*self.left_out, *gone))
+
+    def has(self, add_on: str) -> bool:
+        """True where the exported model has this add-on."""
+        return any(addon.name == add_on for addon in self.model.add_ons)
+
+
+def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sensor:
+    """Read a result for export.
+
+    Raises:
+        InputError: the result lacks a parameter of its model or a band, or the band cannot be used.
+    """
+    model = parse(result.model)
+    missing = [name for name in model.parameter_names if name not in result.parameters]
+    values = {name: result.parameters[name].value for name in model.parameter_names if name not in missing}
+    missing += [name for name, value in values.items() if value is None or not math.isfinite(value)]
+    if missing:
+        raise InputError(
+            "The result lacks parameters of its model.",
+            expected=f"numbers for {', '.join(model.parameter_names)}",
+            found="none for " + ", ".join(missing),
+            where="result.json, parameters",
+            remedy="run `vibrident identify` again",
+        )
+    quantity: Quantity = "drive" if result.reference.get("quantity") == "drive" else "acceleration"
+    return Sensor(result, model, values, quantity, band_hz or _band(result))
+
+
+def require_linear(sensor: Sensor) -> None:
+    """Refuse a model that is no linear system.
+
+    Raises:
+        InputError: it has a cubic stiffness.
+    """
+    if sensor.has("cubic"):
+        raise InputError(
+            "This format describes linear sensors only, and this sensor's stiffness is cubic.",
+            expected="a linear model, or csv or dcc as format",
+            found=sensor.model.name,
+            where="--format",
+            remedy="give --without cubic for what the sensor is to small signals",
+        )
+
+
+def check_band(low: float, high: float) -> tuple[float, float]:
+    """The band, if it is one.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not (math.isfinite(high) and 0.0 < low < high):
+        raise InputError(
+            "The band is none.",
+            expected="a lower and a higher frequency in Hz, both above 0, such as 10:1000",
+            found=f"{low:g}:{high:g}",
+            where="--band",
+            remedy="write LOW:HIGH",
+        )
+    return float(low), float(high)
+
+
+def _band(result: Result) -> tuple[float, float]:
+    """Where the data lie; the curve's range where the result holds no measured points."""
+    for curve in (result.measured, result.response):
+        known = [f for f in curve.frequency_hz if f is not None and math.isfinite(f) and f > 0]
+        if known:
+            return min(known), max(known)
+    raise InputError(
+        "The result says nothing of the frequencies it holds for.",
+        expected="measured points or a response curve",
+        found="neither",
+        where="result.json",
+        remedy="give --band LOW:HIGH, or run `vibrident identify` again",
+    )
+
+
+def identity(sensor: Sensor) -> list[str]:
+    """What every file says first: which sensor, which model, whose numbers, which uncertainties; one line each."""
+    result = sensor.result
+    named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]
+    lines = ["sensor: " + (" ".join(part for part in named if part) or "not named")]
+    lines.append(f"model: {result.model}, identified by vibrident ({result.estimator}), written by {__version__}")
+    when = result.provenance.get("time")
+    lines += [f"identified: {when}"] if when else []
+    lines.append(f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative")
+    lines.append(f"band of the data: {sensor.band_hz[0]!r} Hz to {sensor.band_hz[1]!r} Hz")
+    for name, p in result.parameters.items():
+        u = "not stated" if p.standard_uncertainty is None else repr(p.standard_uncertainty)
+        note = "" if p.identifiable else ", not determined by the data"
+        lines.append(f"{name} = {p.value!r} {p.unit}, standard uncertainty u = {u} {p.unit}{note}")
+    if result.warning_codes:
+        lines.append("warnings of the result: " + ", ".join(result.warning_codes))
+    for name in sensor.left_out:
+        lines.append(f"left out on request: {name}")
+    if "cubic" in sensor.left_out:
+        lines.append("without the cubic stiffness this is the sensor's response to small signals only")
+    if set(sensor.left_out) - {"cubic"}:
+        error = sensor.error_of_leaving_out
+        lines.append(f"without it, the response deviates from the model by up to {error:.2e} (relative) over the band")
+    return [" ".join(line.split()) for line in lines]

@@ -1,0 +1,127 @@
+"""FDSN StationXML: one channel with one stage of poles and zeros, its uncertainties beside them, checked by the schema.
+
+A delay stands as poles and zeros too (Padé). The Delay of a Decimation belongs to digital stages, and readers
+(evalresp, ObsPy) do not put it into the response: a sensor described that way would be read with a wrong phase.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.export.missing import library
+from vibrident.export.options import Options
+from vibrident.export.poles_zeros import poles_zeros, uncertainties
+from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
+from vibrident.export.sensor import Sensor, identity
+
+
+def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME.station.xml``.
+
+    Raises:
+        InputError: the sensor cannot be described for ground motion, or ObsPy is not installed.
+    """
+    inventory = build(sensor, options)
+    stream = io.BytesIO()
+    try:
+        inventory.write(stream, format="STATIONXML", validate=True)
+    except AssertionError as error:  # how ObsPy says that its own schema refuses the text
+        raise InputError(
+            "The StationXML would not be valid.",
+            expected="texts and codes that FDSN StationXML allows",
+            found=str(error),
+            where="result.json, sensor",
+            remedy="correct the sensor's texts or --channel",
+        ) from error
+    path = folder / f"{options.name}.station.xml"
+    path.write_bytes(stream.getvalue())
+    return [path]
+
+
+def build(sensor: Sensor, options: Options) -> Any:
+    """ObsPy's Inventory with one channel.
+
+    Raises:
+        InputError: the sensor cannot be described for ground motion, or ObsPy is not installed.
+    """
+    library("obspy", "seismic")
+    from obspy import UTCDateTime
+    from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
+
+    response, words = _response(sensor)
+    where = codes(sensor, options)
+    named = sensor.result.sensor
+    when = sensor.result.provenance.get("time")
+    start = UTCDateTime(when) if when else None
+    notes = [
+        *identity(sensor),
+        "plusError and minusError of poles and zeros are standard uncertainties (k = 1) of their parts",
+        *words,
+        *caveats(sensor),
+        "latitude, longitude, elevation and depth are not known and stand as 0; no orientation is stated",
+    ]
+    channel = Channel(
+        where.channel,
+        where.location,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        response=response,
+        sensor=Equipment(
+            type=named.get("type"),
+            manufacturer=named.get("manufacturer"),
+            serial_number=named.get("serial_number"),
+            description=sensor.model.core.title,
+        ),
+        start_date=start,
+        comments=[Comment(text) for text in notes],
+    )
+    station = Station(where.station, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start)
+    return Inventory(networks=[Network(where.network, stations=[station])], source="vibrident")
+
+
+def _response(sensor: Sensor) -> tuple[Any, list[str]]:
+    """ObsPy's Response for the motion that is usual for the sensor, normalised in the middle of the band."""
+    from obspy.core.inventory.response import InstrumentSensitivity, PolesZerosResponseStage, Response
+
+    system, words = described(sensor)
+    zeros, quantity, order = system.zeros, "m/s^2", 0
+    if sensor.model.core.name == "velocity-pickup":  # per velocity, as seismometers are stated
+        zeros, quantity, order = np.concatenate([np.zeros(1, complex), zeros]), "m/s", 1
+    frequency = normal_frequency_hz(sensor)
+    motion = (2j * np.pi * frequency) ** order
+    value = complex(system.response(np.array([frequency]))[0] * motion)
+    gain = float(np.copysign(abs(value), sensor.values[sensor.model.gain_name]))
+    own = poles_zeros(sensor)
+    u_poles, u_zeros = uncertainties(sensor, "poles"), uncertainties(sensor, "zeros")
+    units = (unit(quantity), unit(sensor.output_unit))
+    stage = PolesZerosResponseStage(
+        1,
+        gain,
+        frequency,
+        *units,
+        pz_transfer_function_type="LAPLACE (RADIANS/SECOND)",
+        normalization_frequency=frequency,
+        normalization_factor=system.gain / gain,
+        zeros=[_root(z, u_zeros, k - order if 0 <= k - order < len(own.zeros) else None) for k, z in enumerate(zeros)],
+        poles=[_root(p, u_poles, k if k < len(own.poles) else None) for k, p in enumerate(system.poles)],
+    )
+    return Response(
+        instrument_sensitivity=InstrumentSensitivity(gain, frequency, *units), response_stages=[stage]
+    ), words
+
+
+def _root(root: complex, u: np.ndarray | None, index: int | None) -> Any:
+    """A pole or zero; without uncertainty where it is none of the sensor's own, or none is stated."""
+    from obspy.core.inventory.response import ComplexWithUncertainties
+
+    if u is None or index is None:
+        return ComplexWithUncertainties(complex(root))
+    spread = complex(u[index])
+    return ComplexWithUncertainties(complex(root), lower_uncertainty=spread, upper_uncertainty=spread)

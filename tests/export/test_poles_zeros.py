@@ -1,0 +1,183 @@
+"""Poles and zeros against the model's own frequency response, and the formats made of them against their readers."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from results import CASES, PAPER, case, paper, result
+
+from vibrident.errors import InputError
+from vibrident.export import export, sensor_of
+from vibrident.export.approximation import held
+from vibrident.export.poles_zeros import poles_zeros, roots, uncertainties
+from vibrident.models import parse
+
+# ObsPy 1.5 looks its plug-ins up in a way that Python 3.11 warns of.
+pytestmark = pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning")
+TOLERANCE = 1e-9
+
+
+def model_response(made, f, quantity="acceleration"):
+    values = {name: made.parameters[name].value for name in parse(made.model).parameter_names}
+    return parse(made.model).frequency_response(values, f, quantity)
+
+
+def loaded(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_poles_and_zeros_are_the_model(name):
+    made = case(name)
+    sensor = sensor_of(made)
+    f = sensor.band
+    own = poles_zeros(sensor)
+    rational = sensor.without([part for part in ("delay", "boxcar") if sensor.has(part)])
+    np.testing.assert_allclose(own.response(f), rational.response(f), rtol=1e-12)
+    assert np.all(own.poles.real <= 0)
+    whole, words = held(sensor)
+    np.testing.assert_allclose(whole.response(f), model_response(made, f), rtol=1e-10)
+    assert np.all(whole.poles.real <= 0)
+    assert bool(words) == (sensor.has("delay") or sensor.has("boxcar"))
+
+
+def test_roots_far_apart_are_exact():
+    """(s + 0.5)(s + 2e5)(s + 3e3): a companion matrix alone loses the small root's digits."""
+    wanted = np.array([-0.5, -3e3, -2e5])
+    found = np.sort(roots(np.poly(wanted)[::-1]).real)[::-1]
+    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+
+
+def test_uncertainty_of_poles_is_that_of_a_monte_carlo():
+    made = case("late", relative=1e-3)
+    sensor = sensor_of(made)
+    names = made.correlation.names
+    deviation = np.array([made.parameters[n].standard_uncertainty for n in names])
+    covariance = np.array(made.correlation.matrix) * np.outer(deviation, deviation)
+    rng = np.random.default_rng(1)
+    draws = rng.multivariate_normal([sensor.values[n] for n in names], covariance, 4000)
+    poles = np.array([poles_zeros(replace(sensor, values=dict(zip(names, d, strict=True)))).poles for d in draws])
+    u = uncertainties(sensor, "poles")
+    np.testing.assert_allclose(u.real, poles.real.std(0), rtol=0.05)
+    np.testing.assert_allclose(u.imag, poles.imag.std(0), rtol=0.05)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_control_and_scipy_modules_evaluate_to_the_model(name, tmp_path):
+    import control
+    from scipy import signal
+
+    made = case(name)
+    f = sensor_of(made).band
+    wanted = model_response(made, f)
+    module = loaded(*export(made, "control", tmp_path))
+    assert isinstance(module.sensor(), control.TransferFunction)
+    np.testing.assert_allclose(module.sensor()(2j * np.pi * f), wanted, rtol=TOLERANCE)
+    module = loaded(*export(made, "scipy", tmp_path))
+    np.testing.assert_allclose(signal.freqresp(module.sensor(), 2 * np.pi * f)[1], wanted, rtol=TOLERANCE)
+    for key, (value, unit, u) in module.PARAMETERS.items():
+        p = made.parameters[key]
+        assert (value, unit, u) == (p.value, p.unit, p.standard_uncertainty)
+    u = np.array([made.parameters[n].standard_uncertainty for n in made.correlation.names])
+    np.testing.assert_array_equal(module.COVARIANCE, np.array(made.correlation.matrix) * np.outer(u, u))
+
+
+def test_objects_are_those_of_the_modules(tmp_path):
+    from vibrident.export import python_source
+
+    sensor = sensor_of(case("mems"))
+    f = sensor.band
+    np.testing.assert_allclose(python_source.control_object(sensor)(2j * np.pi * f), sensor.response(f), rtol=TOLERANCE)
+    _, h = python_source.scipy_object(sensor).freqresp(2 * np.pi * f)
+    np.testing.assert_allclose(h, sensor.response(f), rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
+def test_stationxml_evaluated_by_obspy_is_the_model(name, quantity, tmp_path):
+    import obspy
+
+    made = case(name, quantity=quantity)
+    f = sensor_of(made).band
+    (path,) = export(made, "stationxml", tmp_path)
+    channel = obspy.read_inventory(str(path))[0][0][0]
+    for output, motion in (("ACC", "acceleration"), ("VEL", "velocity"), ("DISP", "displacement")):
+        found = channel.response.get_evalresp_response_for_frequencies(f, output=output)
+        np.testing.assert_allclose(found, model_response(made, f, motion), rtol=TOLERANCE)
+    text = " ".join(comment.value for comment in channel.comments)
+    for p in made.parameters.values():
+        assert repr(p.value) in text
+        assert repr(p.standard_uncertainty) in text
+    sensitivity = channel.response.instrument_sensitivity
+    per = "velocity" if name.startswith("coil") else "acceleration"
+    assert sensitivity.input_units == {"velocity": "M/S", "acceleration": "M/S**2"}[per]
+    at = model_response(made, np.array([sensitivity.frequency]), per)[0]
+    assert sensitivity.value == pytest.approx(
+        np.copysign(abs(at), next(iter(made.parameters.values())).value), rel=1e-12
+    )
+    pole = channel.response.response_stages[0].poles[0]
+    assert pole.upper_uncertainty is not None
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_sacpz_evaluated_by_obspy_is_the_model(name, tmp_path):
+    import obspy
+    from obspy.io.sac.sacpz import attach_paz
+    from obspy.signal.invsim import paz_to_freq_resp
+
+    made = case(name)
+    (path,) = export(made, "sacpz", tmp_path)
+    trace = obspy.Trace()
+    with path.open() as stream:
+        attach_paz(trace, stream)
+    paz = trace.stats.paz
+    rate = 2 * sensor_of(made).band_hz[1]
+    h, f = paz_to_freq_resp(paz.poles, paz.zeros, paz.gain, 1 / rate, 512, freq=True)
+    inside = f >= sensor_of(made).band_hz[0]
+    wanted = model_response(made, f[inside], "displacement")
+    np.testing.assert_allclose(h[inside], wanted, rtol=TOLERANCE)
+
+
+def test_sacpz_and_stationxml_say_what_they_cannot_hold(tmp_path):
+    for form in ("sacpz", "stationxml"):
+        (path,) = export(case("mems"), form, tmp_path)
+        text = path.read_text()
+        assert "Pade" in text
+        assert "correlation" in text
+    assert "holds no uncertainties" in (tmp_path / "sensor.sacpz").read_text()
+
+
+def test_a_delay_left_out_is_named_with_its_cost(tmp_path):
+    made = case("very late")
+    (path,) = export(made, "sacpz", tmp_path, without=["delay"])
+    line = next(line for line in path.read_text().splitlines() if "deviates from the model" in line)
+    stated = float(line.split("up to")[1].split()[0])
+    f = sensor_of(made).band
+    assert stated == pytest.approx(np.max(np.abs(np.exp(2j * np.pi * f * 4.3e-4) - 1)), rel=0.01)
+    assert "left out on request: delay" in path.read_text()
+
+
+def test_what_would_be_wrong_is_refused(tmp_path):
+    drive = result("accelerometer", PAPER, quantity="drive", unit="A")
+    for form in ("stationxml", "sacpz"):
+        with pytest.raises(InputError, match="drive"):
+            export(drive, form, tmp_path)
+    with pytest.raises(InputError, match="ahead of the reference"):
+        export(result("accelerometer+delay", {**PAPER, "delay": -1e-5}), "stationxml", tmp_path)
+    with pytest.raises(InputError, match="too long"):
+        export(result("accelerometer+delay", {**PAPER, "delay": 0.1}), "control", tmp_path)
+    with pytest.raises(InputError, match="did you mean 'stationxml'"):
+        export(paper(), "stationXml", tmp_path)
+    with pytest.raises(InputError, match="cannot be left out"):
+        export(paper(), "csv", tmp_path, without=["mode2"])
+    with pytest.raises(InputError, match="codes cannot be read"):
+        export(paper(), "sacpz", tmp_path, channel="nonsense")
+    with pytest.raises(InputError, match="lacks parameters"):
+        export(replace(paper(), parameters={}), "csv", tmp_path)
+    assert not list(tmp_path.iterdir())
