@@ -8,16 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.measure.level import level_at_tone
 from vibrident.records import FloatArray
 
 #: No deviation below this part of the amplitude is believed: interpolation between samples is no better than that.
 LEAST_DEVIATION = 1e-7
-#: Lines count by their distance from the tone, a normal curve of this width in the logarithm of frequency.
-NEAR = 0.7
-#: The logarithm of a periodogram line has mean ln(level) − 0.577 and this deviation (correlated in neighbours).
-LOG_BIAS, LOG_DEVIATION = 0.5772156649, 1.2825 * 1.394
-#: A slope counts beyond this many standard deviations.
-SIGNIFICANT = 4.0
 
 ComplexArray = NDArray[np.complex128]
 
@@ -73,7 +68,8 @@ class MeasuredResponse:
         """
         h = self.ratio[:, None] if model is None else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
         error = np.abs(self.line_response - h * self.line_reference) ** 2
-        variance = _level_at_tone(error, self.line_hz / self.frequency_hz[:, None], self.line_weight)
+        through = (None, None) if model is None else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
+        variance = level_at_tone(error, self.line_hz / self.frequency_hz[:, None], self.line_weight, *through)
         floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
 
@@ -97,28 +93,3 @@ class MeasuredResponse:
             np.concatenate([p.record for p in parts]),
             np.concatenate([p.distortion for p in parts]),
         )
-
-
-def _level_at_tone(power: FloatArray, ratio: FloatArray, weight: FloatArray) -> FloatArray:
-    """Noise power at the tone from that of the lines around it, shape (n,).
-
-    The mean, where the lines are level. Where they fall or rise with frequency beyond doubt (1/f noise, the foot of
-    mains hum), the power law through the lines near the tone, by regression of their logarithms.
-
-    Args:
-        power: |line|², shape (n, K).
-        ratio: frequency of each line over the tone's, shape (n, K).
-        weight: one for a line, zero for padding, shape (n, K).
-    """
-    mean = np.sum(weight * power, axis=1) / np.sum(weight, axis=1)
-    x = np.log(np.maximum(ratio, 1e-6))
-    p = np.log(np.maximum(power, 1e-300))
-    near = weight * np.exp(-0.5 * (x / NEAR) ** 2) * (power > 0)
-    total = np.maximum(np.sum(near, axis=1), 1e-300)
-    x_mean, p_mean = np.sum(near * x, axis=1) / total, np.sum(near * p, axis=1) / total
-    dx = x - x_mean[:, None]
-    spread = np.maximum(np.sum(near * dx**2, axis=1), 1e-300)
-    slope = np.sum(near * dx * (p - p_mean[:, None]), axis=1) / spread
-    doubt = LOG_DEVIATION * np.sqrt(np.sum((near * dx) ** 2, axis=1)) / spread
-    sloped = np.abs(slope) > SIGNIFICANT * doubt
-    return np.where(sloped, np.exp(p_mean - slope * x_mean + LOG_BIAS), mean)

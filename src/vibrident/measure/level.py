@@ -1,0 +1,110 @@
+"""Noise power at a tone from the spectral lines around it.
+
+A line of Gaussian noise has an exponentially distributed power. Three descriptions of its mean compete by likelihood:
+the same at all lines; a power of the frequency (1/f noise, the foot of mains hum); and, where the sensor's response is
+known, a + b |H|²: noise of the response channel beside noise of the reference that the sensor did not feel, which
+reaches Y − H X through H. The simplest wins unless another is better beyond doubt.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.records import FloatArray
+
+#: Lines count by their distance from the tone, a normal curve of this width in the logarithm of frequency.
+NEAR = 0.7
+#: The logarithm of a periodogram line has mean ln(level) − 0.577 and this deviation; neighbouring lines of a windowed
+#: spectrum are correlated, which widens what is computed from them by a factor.
+LOG_BIAS, LOG_DEVIATION = 0.5772156649, 1.2825
+CORRELATED = 1.394
+#: A slope counts beyond this many standard deviations.
+SIGNIFICANT = 4.0
+#: Log-likelihood by which another description must be better, about three standard deviations.
+ENOUGH = 4.5
+#: Rounds of Fisher scoring for a + b |H|².
+ROUNDS = 12
+
+
+def level_at_tone(
+    power: FloatArray,
+    ratio: FloatArray,
+    weight: FloatArray,
+    through: FloatArray | None = None,
+    through_tone: FloatArray | None = None,
+) -> FloatArray:
+    """Mean noise power at each tone, shape (n,).
+
+    Args:
+        power: |line|², shape (n, K).
+        ratio: frequency of each line over the tone's, shape (n, K).
+        weight: one for a line, zero for padding, shape (n, K).
+        through: |H|² at the lines, shape (n, K); None where no model is at hand.
+        through_tone: |H|² at the tones, shape (n,).
+    """
+    near = weight * np.exp(-0.5 * (np.log(np.maximum(ratio, 1e-6)) / NEAR) ** 2)
+    mean = np.sum(weight * power, axis=1) / np.sum(weight, axis=1)
+    law, slope, sloped = _power_law(power, ratio, weight, near * (power > 0))
+    if through is None or through_tone is None:
+        return np.where(sloped, law, mean)
+    size = np.maximum(np.max(weight * through, axis=1), 1e-300)
+    shape = through / size[:, None]
+    own, passed = _two_levels(power, shape, weight, mean)
+    two = own[:, None] + passed[:, None] * shape
+    even = np.broadcast_to(mean[:, None], power.shape)
+    along = law[:, None] * np.maximum(ratio, 1e-6) ** slope[:, None]
+    shaped = _gain(power, two, even, weight) > ENOUGH
+    level = np.where(shaped, own + passed * through_tone / size, mean)
+    rival = np.where(shaped[:, None], two, even)
+    return np.where(sloped & (~shaped | (_gain(power, along, rival, near) > ENOUGH)), law, level)
+
+
+def _power_law(
+    power: FloatArray, ratio: FloatArray, weight: FloatArray, near: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Level at the tone and slope of the power law through the lines near it, and whether it is beyond doubt."""
+    x = np.log(np.maximum(ratio, 1e-6))
+    p = np.log(np.maximum(power, 1e-300))
+    total = np.maximum(np.sum(near, axis=1), 1e-300)
+    x_mean, p_mean = np.sum(near * x, axis=1) / total, np.sum(near * p, axis=1) / total
+    dx = x - x_mean[:, None]
+    spread = np.maximum(np.sum(near * dx**2, axis=1), 1e-300)
+    slope = np.sum(near * dx * (p - p_mean[:, None]), axis=1) / spread
+    doubt = LOG_DEVIATION * CORRELATED * np.sqrt(np.sum((near * dx) ** 2, axis=1)) / spread
+    # A tone below or above all its lines gets the law at the nearest of them.
+    inside = np.where(weight > 0, x, np.nan)
+    nearest = np.clip(0.0, np.nanmin(inside, axis=1), np.nanmax(inside, axis=1))
+    return np.exp(p_mean + slope * (nearest - x_mean) + LOG_BIAS), slope, np.abs(slope) > SIGNIFICANT * doubt
+
+
+def _two_levels(
+    power: FloatArray, shape: FloatArray, weight: FloatArray, mean: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Maximum-likelihood a and b, neither negative, of the line means a + b·shape, each of shape (n,).
+
+    Fisher scoring with an identity link: least squares with weights 1/mean², refreshed.
+    """
+    fitted = np.repeat(mean[:, None], power.shape[1], axis=1)
+    a, b = mean, np.zeros_like(mean)
+    tiny = 1e-12 * np.maximum(mean, 1e-288)[:, None]
+    for _ in range(ROUNDS):
+        w = weight / np.maximum(fitted, tiny) ** 2
+        s0, s1, s2 = (np.sum(w * shape**k, axis=1) for k in range(3))
+        p0, p1 = np.sum(w * power, axis=1), np.sum(w * shape * power, axis=1)
+        determinant = np.maximum(s0 * s2 - s1**2, 1e-300)
+        a, b = (s2 * p0 - s1 * p1) / determinant, (s0 * p1 - s1 * p0) / determinant
+        alone_a, alone_b = p0 / s0, p1 / np.maximum(s2, 1e-300)
+        a, b = np.where(b < 0, alone_a, a), np.where(b < 0, 0.0, b)
+        a, b = np.where(a < 0, 0.0, a), np.where(a < 0, alone_b, b)
+        fitted = a[:, None] + b[:, None] * shape
+    return a, b
+
+
+def _gain(power: FloatArray, better: FloatArray, than: FloatArray, weight: FloatArray) -> FloatArray:
+    """Log-likelihood ratio of two descriptions of exponentially distributed powers, shape (n,).
+
+    Neighbouring lines of a windowed spectrum are not independent: their likelihood counts for less.
+    """
+    first, second = np.maximum(better, 1e-300), np.maximum(than, 1e-300)
+    return np.sum(weight * (np.log(second / first) + power / second - power / first), axis=1) / CORRELATED**2
