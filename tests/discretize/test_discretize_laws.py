@@ -207,8 +207,8 @@ def test_the_exponential_against_scipy(damping, angle):
 
 def test_the_legendre_basis_obeys_its_differential_equation():
     """d/dx g(x)ᵀ = g(x)ᵀ F on the step, P_j(2x − 1) by NumPy."""
-    from vibrident.discretize.weights import _legendre_shift
+    from vibrident.discretize.weights import legendre_shift
 
     x = np.linspace(0, 1, 17)
     slopes = np.stack([2 * legendre.legval(2 * x - 1, legendre.legder(np.eye(8)[j])) for j in range(8)], axis=1)
-    np.testing.assert_allclose(legendre.legvander(2 * x - 1, 7) @ _legendre_shift(8), slopes, atol=1e-11)
+    np.testing.assert_allclose(legendre.legvander(2 * x - 1, 7) @ legendre_shift(8), slopes, atol=1e-11)

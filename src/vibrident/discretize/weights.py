@@ -109,7 +109,7 @@ class Method:
         return self.step(system, sampling_interval_s, fraction, terms)
 
 
-def _legendre_shift(terms: int) -> np.ndarray:
+def legendre_shift(terms: int) -> np.ndarray:
     """F with d/dx P_j(2x − 1) = Σ_k P_k(2x − 1) F[k, j]."""
     shift = np.zeros((terms, terms))
     for j in range(terms):
@@ -120,7 +120,7 @@ def _legendre_shift(terms: int) -> np.ndarray:
 def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
     n = system.order
     start = jnp.asarray((-1.0) ** np.arange(terms))  # P_j(−1)
-    shift = jnp.asarray(_legendre_shift(terms))
+    shift = jnp.asarray(legendre_shift(terms))
     top = jnp.concatenate([system.a * ts, ts * system.b[:, None] * start], axis=1)
     generator = jnp.concatenate([top, jnp.concatenate([jnp.zeros((terms, n)), shift], axis=1)], axis=0)
     whole = expm(generator)

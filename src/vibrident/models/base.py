@@ -5,7 +5,8 @@ model needs no array library of its own. A sensor is linear and time-invariant h
 
     response(s) = gain · N(s)/D(s) · e^{−s τ} · acceleration(s),   D monic.
 
-A reference given as velocity or displacement multiplies N by s or s².
+A reference given as velocity or displacement multiplies N by s or s². An add-on with a ``force`` is the exception: it
+acts back on the mass by what the core's response is, in time only, and vanishes faster than the response.
 """
 
 from __future__ import annotations
@@ -33,14 +34,15 @@ class ParameterSpec:
         unit: unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive.
         kind: how the optimiser sees it. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
             by its logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at
-            zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear.
+            zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear;
+            ``inverse_square``: linear, in units of one over the response's size squared.
         guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
         guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``.
     """
 
     name: str
     unit: str
-    kind: Literal["gain", "log", "duration", "positive", "time", "ratio"]
+    kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse_square"]
     guesses: tuple[float, ...] = ()
     guess_at: Literal["lowest", "highest", "period", "one"] = "one"
 
@@ -84,7 +86,8 @@ class AddOn:
     """What stands in series with, or beside, the core.
 
     ``rational`` changes the core's transfer function; ``factor`` multiplies its frequency response where that is not
-    rational, given s = jω.
+    rational, given s = jω. ``force`` makes the sensor nonlinear: given the core's response V it is F in
+    V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V).
     """
 
     name: str
@@ -93,6 +96,7 @@ class AddOn:
     rational: Callable[[Parameters, Rational], Rational] | None = None
     delay: Callable[[Parameters], Any] | None = None
     factor: Callable[[Parameters, Any], Any] | None = None
+    force: Callable[[Parameters, Any], Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -137,7 +141,7 @@ class SensorModel:
         return any(addon.delay is not None for addon in self.add_ons)
 
     def frequency_response(self, parameters: Parameters, frequency_hz: Any, quantity: Quantity = "acceleration") -> Any:
-        """Complex response per unit of the reference quantity, for e^{+jωt}.
+        """Complex response per unit of the reference quantity, for e^{+jωt}; of a nonlinear model, for small signals.
 
         Args:
             parameters: name to value.
@@ -161,6 +165,25 @@ class SensorModel:
     def has_network(self) -> bool:
         """True where the model is rational up to a delay, so that it has a state space."""
         return all(addon.factor is None for addon in self.add_ons)
+
+    @property
+    def is_linear(self) -> bool:
+        """True where no add-on acts back on the mass, so that there is a transfer function."""
+        return all(addon.force is None for addon in self.add_ons)
+
+    @property
+    def linear(self) -> SensorModel:
+        """The model without what makes it nonlinear: what it is for small signals."""
+        kept = tuple(addon for addon in self.add_ons if addon.force is None)
+        return (
+            self
+            if self.is_linear
+            else SensorModel("+".join([self.core.name, *(a.name for a in kept)]), self.core, kept)
+        )
+
+    def force(self, parameters: Parameters, response: Any) -> Any:
+        """F(V) of all add-ons, in the shape of ``response``, the core's response V."""
+        return sum(addon.force(parameters, response) for addon in self.add_ons if addon.force is not None)
 
     def derived(self, parameters: Parameters) -> tuple[Derived, ...]:
         """Derived quantities that exist for these parameters."""

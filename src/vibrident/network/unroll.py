@@ -101,10 +101,10 @@ def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:
     top = jnp.concatenate([gram, cross[:, :, None]], axis=2)
     bottom = jnp.concatenate([cross, total[:, None]], axis=1)[:, None, :]
     normal = jax.ops.segment_sum(jnp.concatenate([top, bottom], axis=1), lanes.segment, segments)
-    return Projection(rows, carry, _inverse(normal))
+    return Projection(rows, carry, inverse_of_segments(normal))
 
 
-def _inverse(normal: Any) -> Any:
+def inverse_of_segments(normal: Any) -> Any:
     """Inverse of scaled normal matrices; directions without information (a mode gone in one step) get a zero."""
     diagonal = jnp.sqrt(jnp.maximum(jnp.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
     scaled = normal / diagonal[..., :, None] / diagonal[..., None, :]

@@ -8,6 +8,7 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 | duration | start · e^z | positive, and scale-free |
 | time | z · unit | linear, any sign |
 | ratio | z | linear, any sign |
+| inverse_square | z / response_size² | linear, any sign; a cubic term's share of the force |
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from vibrident.records import FloatArray
 BAND_MARGIN = 300.0
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["start", "band_hz"], meta_fields=["model"])
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"]
+)
 @dataclass(frozen=True)
 class Coordinates:
     """The map between coordinates z, shape (parameters,), and a model's parameters. A JAX pytree.
@@ -36,16 +39,25 @@ class Coordinates:
         model: whose parameters.
         start: start values in the model's order, physical units, shape (parameters,).
         band_hz: lowest and highest frequency of the data, shape (2,).
+        response_size: largest response of the data, response unit.
     """
 
     model: SensorModel
     start: Any
     band_hz: Any
+    response_size: Any = 1.0
 
     @classmethod
-    def at(cls, model: SensorModel, start: Mapping[str, float], band_hz: tuple[float, float]) -> Coordinates:
+    def at(
+        cls,
+        model: SensorModel,
+        start: Mapping[str, float],
+        band_hz: tuple[float, float],
+        response_size: float = 1.0,
+    ) -> Coordinates:
         """Coordinates around start values given by name."""
-        return cls(model, np.array([float(start[name]) for name in model.parameter_names]), np.array(band_hz))
+        values = np.array([float(start[name]) for name in model.parameter_names])
+        return cls(model, values, np.array(band_hz), response_size)
 
     @property
     def time_unit_s(self) -> Any:
@@ -59,7 +71,8 @@ class Coordinates:
         pairs = zip(kinds, np.asarray(self.start), strict=True)
         unit = float(self.time_unit_s)
         steps = {"gain": 1.0, "log": 0.0, "duration": 0.0}
-        return np.array([steps.get(kind, v / unit if kind == "time" else v) for kind, v in pairs])
+        scale = {"time": 1.0 / unit, "inverse_square": float(self.response_size) ** 2}
+        return np.array([steps.get(kind, v * scale.get(kind, 1.0)) for kind, v in pairs])
 
     def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced. ``xp``: array library of the few functions needed."""
@@ -75,6 +88,8 @@ class Coordinates:
                 values[spec.name] = xp.clip(start * xp.exp(z[index]), 1.0 / (BAND_MARGIN * high), 1.0 / low)
             elif spec.kind == "ratio":
                 values[spec.name] = z[index]
+            elif spec.kind == "inverse_square":
+                values[spec.name] = z[index] / self.response_size**2
             elif spec.kind == "positive":
                 values[spec.name] = xp.abs(z[index])
             else:

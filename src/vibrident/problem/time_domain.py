@@ -18,9 +18,11 @@ import numpy as np
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.discretize import Method, Weights
+from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.errors import InputError, ModelError
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
+from vibrident.network.forced import forced_normal, forced_response
 from vibrident.network.sensitivity import Normal, normal_equations
 from vibrident.network.unroll import (
     Lanes,
@@ -47,6 +49,8 @@ class Layout:
     terms: int
     order: int
     segments: int
+    nodes: int = 0
+    rounds: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +117,7 @@ class TimeProblem:
         pieces, fractions = [], np.zeros(len(intervals))
         for index, record in enumerate(records):
             reference = np.zeros(record.samples) if record.reference is None else np.array(record.reference)
-            if record.reference is not None:
+            if record.reference is not None and model.is_linear:  # else it says where on its curve the spring works
                 reference -= reference[record.mask].mean() if record.mask.any() else 0.0
             valid = record.mask if record.reference is not None else np.ones(record.samples, dtype=bool)
             step = method.inputs(reference, valid, terms, delay * record.sampling_rate_hz)
@@ -130,7 +134,8 @@ class TimeProblem:
                 remedy="use longer records, or the estimator 'ml'",
             )
         lanes, first_lanes = _cut(pieces, records, rate, terms)
-        layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1))
+        force = (0, 0) if model.is_linear else accuracy(fastest * float(np.max(intervals)))
+        layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1), *force)
         owners = np.array([piece[0] for piece in pieces])
         placed = tuple((p[0], p[1], lane) for p, lane in zip(pieces, first_lanes, strict=True))
         return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, placed)
@@ -157,8 +162,14 @@ class TimeProblem:
         spread = np.append(np.asarray(per_record)[self.record_of_segment], fill)
         return spread[np.minimum(np.asarray(self.lanes.segment), len(self.record_of_segment))]
 
+    @functools.cached_property
+    def response_size(self) -> float:
+        """Largest distance of a valid response sample from its record's mean, response unit."""
+        valid = [record.response[record.mask] for record in self.records]
+        return max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
+
     def weights(self, parameters: dict[str, Any]) -> Weights:
-        """Network weights of the sensor, one set a sampling interval (leading axis R)."""
+        """Network weights of the sensor's linear part, one set a sampling interval (leading axis R)."""
         return _compiled_weights(parameters, self.layout, self.intervals_s, self.fractions, self.delay_s)
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:
@@ -173,6 +184,16 @@ class TimeProblem:
         for owner, run, lane in self.pieces:
             ordered[owner][run] = flat[lane * CHUNK : lane * CHUNK + run.stop - run.start]
         return ordered
+
+
+def _forced(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> ForcedWeights:
+    core = layout.model.linear.rational(parameters, layout.quantity)
+    late = layout.model.delay_s(parameters) - delay if layout.model.has_delay else 0.0
+
+    def one(ts: Any, fraction: Any) -> ForcedWeights:
+        return forced_weights(layout.method, core, ts, fraction - late / ts, layout.terms, layout.nodes)
+
+    return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
 
 
 def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> Weights:
@@ -218,11 +239,25 @@ def physical_residual(z: Any, coordinates: Coordinates, layout: Layout, data: tu
 def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
     """Accumulated normal equations of ``physical_residual`` at ``z``."""
     lanes, intervals, fractions, delay = data
+    if not layout.model.is_linear:
+        return _nonlinear_normal(z, coordinates, layout, data, noise)
 
     def tied(z: Any) -> Weights:
         return _weights(coordinates.physical(z), layout, intervals, fractions, delay)
 
     return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments)
+
+
+def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
+    lanes, *where = data
+
+    def simulate(z: Any, starts: Any) -> tuple[Any, Any]:
+        parameters = coordinates.physical(z)
+        force = functools.partial(layout.model.force, parameters)
+        return forced_response(_forced(parameters, layout, *where), force, lanes, starts, layout.rounds)
+
+    linear = _forced(coordinates.physical(z), layout, *where).linear
+    return forced_normal(simulate, z, linear, lanes, noise, layout.segments)
 
 
 def _fastest(damping: float) -> float:

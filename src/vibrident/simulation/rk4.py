@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibrident.errors import ModelError
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray
 from vibrident.simulation.checks import require
@@ -46,6 +47,7 @@ def rk4_response(
 
     Raises:
         InputError: the method diverges at this step, or ``substeps`` is below 1.
+        ModelError: the sensor is not linear.
     """
     require(
         substeps >= 1,
@@ -55,6 +57,14 @@ def rk4_response(
         where="simulate",
         remedy="correct substeps",
     )
+    if not model.is_linear:
+        raise ModelError(
+            "Runge–Kutta of fourth order simulates linear sensors.",
+            expected="method 'exact' for this model",
+            found=f"method 'rk4' with {model.name!r}",
+            where="simulate",
+            remedy="leave the method at its default",
+        )
     system = LinearSystem.of(model.rational(parameters))
     delay = float(model.delay_s(parameters))
     grids = [SampleGrid(-delay, rate, samples) for rate in sampling_rates_hz]

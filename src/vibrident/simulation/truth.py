@@ -2,7 +2,8 @@
 
 Sums of tones: steady response through the frequency response, plus the free motion that meets the start condition.
 Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
-Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`).
+Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`). Cubic stiffness: what it adds to the
+linear sensor's response, integrated (:mod:`vibrident.simulation.cubic`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES, Rational
 from vibrident.records import FloatArray, Quantity
+from vibrident.simulation.cubic import cubic_response
 from vibrident.simulation.excitation import Decay, HalfSineShock
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.linear import LinearSystem, exponential, propagate
@@ -53,7 +55,26 @@ def exact_response(
         InputError: an undamped sensor is excited at its natural frequency, or the motion is too rough.
     """
     grid = SampleGrid(-float(model.delay_s(parameters)), sampling_rate_hz, samples)
-    return system_response(LinearSystem.of(model.rational(parameters)), motion, grid, start)
+    system = LinearSystem.of(model.rational(parameters))
+    if not model.is_linear:
+        return cubic_response(
+            lambda instants: system_response(system, motion, instants, start),
+            parameters,
+            grid,
+            highest_hz=motion.highest_hz,
+            forever=start == "steady" and _has_tones(motion),
+            held=_held(system, motion),
+        )
+    return system_response(system, motion, grid, start)
+
+
+def _has_tones(motion: Motion) -> bool:
+    return isinstance(motion, Tonal) or any(_has_tones(part) for part in getattr(motion, "parts", ()))
+
+
+def _held(system: LinearSystem, motion: Motion) -> float | None:
+    """Response to a static value that is let go at t = 0; None where the motion is no decay."""
+    return float(system.c @ system.static_state(motion.amplitude)) if isinstance(motion, Decay) else None
 
 
 def exact_reference(motion: Motion, quantity: Quantity, *, sampling_rate_hz: float, samples: int) -> FloatArray:

@@ -1,0 +1,135 @@
+"""One step of a sensor whose spring acts back by what its own response is: exact exponentials, collocated force.
+
+The core in observer form has its response V among the states, whatever the reference quantity. With scaled time
+θ = ωn t and numerator β of the core's transfer function,
+
+    dx₁/dθ = −2 δ V + x₂ + β₁ u,    dx₂/dθ = −V + β₀ u + F(V),    V = x₁ + β₂ u.
+
+Over a step the force F is the polynomial through its values at m Gauss–Legendre nodes; like the input it is integrated
+against the exponential exactly (Hochbruck & Ostermann 2005: exponential collocation, order 2 m). The values at the
+nodes follow from
+
+    V_i = (what state and input alone would give at node i) + Σ_j G_ij F(V_j),
+
+solved by repetition: each round gains a factor |G ∂F/∂V|, small because a force hardly moves the mass within a step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from vibrident.backend import jax, jnp
+from vibrident.discretize.exponential import expm
+from vibrident.discretize.weights import Method, Weights, legendre_shift
+from vibrident.errors import ModelError
+from vibrident.models.base import Rational
+
+#: Methods whose step is an exact exponential.
+EXACT = ("zoh", "foh", "bandlimited")
+#: Nodes of the force in a step for |λ| Ts up to these; beyond, the last.
+NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))
+#: Error of the rounds, relative to the response, for a spring that stiffens by a half.
+ROUNDS_TOLERANCE = 1e-10
+FEWEST_ROUNDS, MOST_ROUNDS = 2, 24
+
+
+class ForcedWeights(NamedTuple):
+    """One step of the network with a force.
+
+    Attributes:
+        linear: Φ, Γ, C and D of the linear part, in observer form.
+        force: what the force at the nodes adds to the new state, shape (n, m).
+        force_output: what it adds to the output, shape (m,).
+        node_state: state → V at the nodes, shape (m, n).
+        node_drive: inputs → V at the nodes, shape (m, q).
+        node_force: G, forces at the nodes → V at the nodes, shape (m, m).
+    """
+
+    linear: Weights
+    force: Any
+    force_output: Any
+    node_state: Any
+    node_drive: Any
+    node_force: Any
+
+
+def accuracy(rate_times_step: float) -> tuple[int, int]:
+    """Nodes and rounds for a sensor with |λ| Ts = ``rate_times_step``."""
+    nodes = next(m for most, m in NODES if rate_times_step <= most)
+    gain = min(0.5, 0.25 * rate_times_step**2)
+    rounds = math.ceil(math.log(ROUNDS_TOLERANCE) / math.log(gain))
+    return nodes, min(max(rounds, FEWEST_ROUNDS), MOST_ROUNDS)
+
+
+def forced_weights(method: Method, core: Rational, ts: Any, fraction: Any, terms: int, nodes: int) -> ForcedWeights:
+    """Weights of one step.
+
+    Args:
+        method: ``bandlimited``, ``foh`` or ``zoh``.
+        core: second order, its numerator of at most second degree.
+        ts: sampling interval, s.
+        fraction: where in the step the output is read.
+        terms: inputs a step.
+        nodes: m.
+
+    Raises:
+        ModelError: the method has no exact step.
+    """
+    if method.name not in EXACT:
+        raise ModelError(
+            "This discretisation has no step for a nonlinear sensor.",
+            expected=" | ".join(EXACT),
+            found=f"discretisation {method.name!r}",
+            where="discretisation",
+            remedy="leave the discretisation at its default",
+        )
+    a, b, direct, scale = _observer(core)
+    n, q, m = 2, terms, nodes
+    places, transform = _collocation(m)
+    generator = _generator(a * (scale * ts), b * (scale * ts), scale * ts, q, m)
+    fractions = jnp.concatenate([jnp.asarray(places), jnp.stack([jnp.asarray(fraction, dtype=float), jnp.ones(())])])
+    steps = jax.vmap(lambda x: expm(generator * x))(fractions)
+    start = jnp.asarray((-1.0) ** np.arange(q))
+    rows = steps[:, 0, :].at[:, n : n + q].add(direct * (start @ steps[:, n : n + q, n : n + q]))  # V at each place
+    read, whole = rows[m], steps[m + 1]
+    linear = Weights(whole[:n, :n], whole[:n, n : n + q], read[:n], read[n : n + q])
+    return ForcedWeights(
+        linear,
+        whole[:n, n + q :] @ transform,
+        read[n + q :] @ transform,
+        rows[:m, :n],
+        rows[:m, n : n + q],
+        rows[:m, n + q :] @ transform,
+    )
+
+
+def _observer(core: Rational) -> tuple[Any, Any, Any, Any]:
+    """A, b and direct part of the core in observer form, in scaled time, and the scale (rad/s)."""
+    w = core.angular_scale
+    a0, a1 = core.denominator[0] / w**2, core.denominator[1] / w
+    beta = [core.gain * c * w ** (k - 2) for k, c in enumerate(core.numerator)] + [0.0] * (3 - len(core.numerator))
+    a = jnp.stack([jnp.stack([-a1, jnp.ones(())]), jnp.stack([-a0, jnp.zeros(())])])
+    b = jnp.stack([jnp.asarray(beta[1] - a1 * beta[2], dtype=float), jnp.asarray(beta[0] - a0 * beta[2], dtype=float)])
+    return a, b, beta[2], w
+
+
+def _generator(a: Any, b: Any, force: Any, q: int, m: int) -> Any:
+    """[[A, b g(0)ᵀ, e₂ g(0)ᵀ], [0, F, 0], [0, 0, F]]: state, input and force over one step together."""
+    signs = (-1.0) ** np.arange(max(q, m))
+    pull = jnp.stack([jnp.zeros(m), force * signs[:m]])
+    top = jnp.concatenate([a, b[:, None] * signs[:q], pull], axis=1)
+    below = np.zeros((q + m, 2 + q + m))
+    below[:q, 2 : 2 + q] = legendre_shift(q)
+    below[q:, 2 + q :] = legendre_shift(m)
+    return jnp.concatenate([top, jnp.asarray(below)])
+
+
+def _collocation(m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss–Legendre nodes in (0, 1) and the matrix from values there to Legendre coefficients."""
+    nodes, weights = legendre.leggauss(m)
+    transform = (2 * np.arange(m) + 1)[:, None] * (0.5 * weights * legendre.legvander(nodes, m - 1).T)
+    return 0.5 * (nodes + 1.0), transform

@@ -1,0 +1,168 @@
+"""The response of a sensor with cubic stiffness: what the spring's bend adds to the linear response, by Runge–Kutta.
+
+With V = V_lin + W, V_lin the exact response of the linear sensor,
+
+    Ẅ + 2 δ ωn Ẇ + ωn² W = −ωn² k3 (V_lin + W)³,
+
+integrated by Cooper & Verner's eighth-order method of eleven stages (SIAM J. Numer. Anal. 9 (1972) 389; Hairer, Nørsett
+& Wanner 1993, II.5). V_lin is smoother than the acceleration by two derivatives, so corners of a shock need no care.
+Steps, method and unknowns have nothing in common with those of the network.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from vibrident.backend import jax, jnp, lax
+from vibrident.records import FloatArray
+from vibrident.simulation.checks import require
+from vibrident.simulation.grid import SampleGrid
+
+Linear = Callable[[SampleGrid], FloatArray]
+
+#: Largest phase, rad, that the fastest motion runs through in a step.
+PHASE = 0.3
+#: A steady state is reached when the free motion has died down to this.
+FORGOTTEN = 1e-14
+
+_S = math.sqrt(21.0)
+#: Instants of the stages in the step: only five different ones.
+PLACES = (0.0, 0.5, (7.0 + _S) / 14.0, (7.0 - _S) / 14.0, 1.0)
+_STAGE_PLACE = (0, 1, 1, 2, 2, 1, 3, 3, 1, 2, 4)
+_A: tuple[tuple[float, ...], ...] = (
+    (),
+    (1 / 2,),
+    (1 / 4, 1 / 4),
+    (1 / 7, (-7 - 3 * _S) / 98, (21 + 5 * _S) / 49),
+    ((11 + _S) / 84, 0, (18 + 4 * _S) / 63, (21 - _S) / 252),
+    ((5 + _S) / 48, 0, (9 + _S) / 36, (-231 + 14 * _S) / 360, (63 - 7 * _S) / 80),
+    ((10 - _S) / 42, 0, (-432 + 92 * _S) / 315, (633 - 145 * _S) / 90, (-504 + 115 * _S) / 70, (63 - 13 * _S) / 35),
+    (1 / 14, 0, 0, 0, (14 - 3 * _S) / 126, (13 - 3 * _S) / 63, 1 / 9),
+    (1 / 32, 0, 0, 0, (91 - 21 * _S) / 576, 11 / 72, (-385 - 75 * _S) / 1152, (63 + 13 * _S) / 128),
+    (1 / 14, 0, 0, 0, 1 / 9, (-733 - 147 * _S) / 2205, (515 + 111 * _S) / 504, (-51 - 11 * _S) / 56,
+     (132 + 28 * _S) / 245),
+    (0, 0, 0, 0, (-42 + 7 * _S) / 18, (-18 + 28 * _S) / 45, (-273 - 53 * _S) / 72, (301 + 53 * _S) / 72,
+     (28 - 28 * _S) / 45, (49 - 7 * _S) / 18),
+)  # fmt: skip
+_B = (1 / 20, 0, 0, 0, 0, 0, 0, 49 / 180, 16 / 45, 49 / 180, 1 / 20)
+
+
+def cubic_response(
+    linear: Linear,
+    parameters: Mapping[str, float],
+    grid: SampleGrid,
+    *,
+    highest_hz: float,
+    forever: bool,
+    held: float | None,
+) -> FloatArray:
+    """Response V on a grid, shape (samples,).
+
+    Args:
+        linear: exact response of the linear sensor on any grid.
+        parameters: of an accelerometer with ``cubic_stiffness``.
+        grid: instants; before t = 0 the sensor is at rest, held, or in its steady motion.
+        highest_hz: highest frequency of the motion.
+        forever: whether the motion has been there forever.
+        held: linear response to a static value that is let go at t = 0; None where there is none.
+
+    Raises:
+        InputError: the motion drives a softening spring over its crest, or an undamped sensor has no steady motion.
+    """
+    k3 = float(parameters["cubic_stiffness"])
+    wn, damping = 2.0 * math.pi * float(parameters["natural_frequency"]), float(parameters["damping_ratio"])
+    static = _static(k3, held) if held is not None else 0.0
+    begin_s = min(grid.start_s, 0.0) - _memory(wn, damping) if forever else 0.0
+    after = grid.since(0.0) if not forever else grid
+    if not after.samples:
+        return np.full(grid.samples, static)
+    largest = max(float(np.max(np.abs(linear(after)))), abs(static))
+    fastest = max(wn * math.sqrt(1.0 + 3.0 * abs(k3) * largest**2), 2.0 * math.pi * highest_hz)
+    substeps = max(1, math.ceil(fastest * grid.interval_s / PHASE))
+    first_s = after.start_s if not forever else grid.start_s
+    lead = math.ceil((first_s - begin_s) * grid.rate_hz * substeps)  # whole steps up to the first sample
+    state = np.array([static - held if held is not None else 0.0, 0.0])
+    if lead:
+        step = (first_s - begin_s) / lead
+        state = _states(linear, state, begin_s, step, lead, (k3, wn, damping))[:, -1]
+    fine = substeps * (after.samples - 1)
+    bend = state[:, None]
+    if fine:
+        bend = _states(linear, state, first_s, grid.interval_s / substeps, fine, (k3, wn, damping))[:, ::substeps]
+    whole = linear(SampleGrid(first_s, grid.rate_hz, after.samples)) + bend[0]
+    require(
+        bool(np.all(np.isfinite(whole))) and float(np.max(np.abs(whole))) < 1e3 * largest,
+        "The motion drives the softening spring over its crest: the response runs away.",
+        expected=f"|V| below {1.0 / math.sqrt(abs(k3)) if k3 else math.inf:.3g}, where the spring has no force left",
+        found=f"k3 = {k3:g}, linear response {largest:.3g}",
+        where="simulate, cubic_stiffness",
+        remedy="lower the amplitude, or |cubic_stiffness|",
+    )
+    return np.concatenate([np.full(grid.samples - after.samples, static), whole])
+
+
+def _static(k3: float, linear: float) -> float:
+    """V with V + k3 V³ = ``linear``, on the branch that begins at zero."""
+    coefficients = [k3, 0.0, 1.0, -linear] if k3 else [1.0, -linear]
+    roots = np.asarray(np.roots(coefficients), dtype=np.complex128)
+    real = roots.real[np.abs(roots.imag) <= 1e-9 * (1.0 + np.abs(roots))]
+    near = real[1.0 + 3.0 * k3 * real**2 > 0.0]
+    require(
+        near.size > 0,
+        "A softening spring does not hold this static value.",
+        expected=f"a linear response below {2.0 / math.sqrt(27.0 * abs(k3)) if k3 else math.inf:.3g}",
+        found=f"{linear:.3g}",
+        where="simulate, cubic_stiffness",
+        remedy="lower the amplitude, or |cubic_stiffness|",
+    )
+    return float(near[np.argmin(np.abs(near))])
+
+
+def _memory(wn: float, damping: float) -> float:
+    """Time after which the free motion has died down, s."""
+    slowest = damping if damping < 1.0 else damping - math.sqrt(damping * damping - 1.0)
+    require(
+        slowest > 0.0,
+        "An undamped sensor has no steady motion of its own.",
+        expected="a damping above 0, or the start from rest",
+        found="damping 0",
+        where="simulate",
+        remedy="give the sensor some damping",
+    )
+    return -math.log(FORGOTTEN) / (slowest * wn)
+
+
+def _states(
+    linear: Linear, first: FloatArray, begin_s: float, step_s: float, steps: int, sensor: tuple[float, float, float]
+) -> FloatArray:
+    """W and Ẇ/ωn after every step, shape (2, steps + 1)."""
+    rate = 1.0 / step_s
+    drive = np.stack([linear(SampleGrid(begin_s + place * step_s, rate, steps)) for place in PLACES], axis=1)
+    states = _integrated(jnp.asarray(first), jnp.asarray(drive), step_s * sensor[1], *sensor)
+    return np.asarray(states).T
+
+
+@jax.jit
+def _integrated(first: jax.Array, drive: jax.Array, angle: float, k3: float, wn: float, damping: float) -> jax.Array:
+    """States after every step, shape (steps + 1, 2); time in units of 1/ωn, a step is ``angle``."""
+
+    def slope(w: jax.Array, rate: jax.Array, linear: jax.Array) -> tuple[jax.Array, jax.Array]:
+        whole = linear + w
+        return rate, -2.0 * damping * rate - w - k3 * whole * whole * whole
+
+    def step(state: tuple[jax.Array, jax.Array], v: jax.Array) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        slopes: list[tuple[jax.Array, jax.Array]] = []
+        for row, place in zip(_A, _STAGE_PLACE, strict=True):
+            at = [
+                x + angle * sum((a * s[i] for a, s in zip(row, slopes, strict=True) if a), start=jnp.zeros(()))
+                for i, x in enumerate(state)
+            ]
+            slopes.append(slope(at[0], at[1], v[place]))
+        moved = [x + angle * sum(b * s[i] for b, s in zip(_B, slopes, strict=True) if b) for i, x in enumerate(state)]
+        return (moved[0], moved[1]), jnp.stack(moved)
+
+    _, states = lax.scan(step, (first[0], first[1]), drive)
+    return jnp.concatenate([first[None], states])
