@@ -47,6 +47,36 @@ def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviatio
     return {name: value for name, value in found.items() if value is not None}
 
 
+def normalized_error(one: float, expanded_one: float, other: float, expanded_other: float) -> float | None:
+    """E_n = (one − other)/√(U_one² + U_other²) (ISO 13528, ISO/IEC 17043): two values agree where |E_n| ≤ 1.
+
+    Args:
+        one: a value.
+        expanded_one: its expanded uncertainty U, k = 2.
+        other: the value to compare with, in the same unit, independent of the first.
+        expanded_other: its expanded uncertainty.
+
+    Returns:
+        E_n; None where both uncertainties are zero.
+    """
+    spread = math.hypot(expanded_one, expanded_other)
+    return (one - other) / spread if spread > 0 else None
+
+
+def not_comparable(one: Result, other: Result) -> str:
+    """Why E_n of two results would mislead, in words; empty where it does not.
+
+    E_n compares independent measurements of one thing: not two evaluations of the same data, not two sensors.
+    """
+    first, second = ({entry.get("sha256") for entry in result.provenance.get("files") or ()} for result in (one, other))
+    if (first & second) - {None, ""}:
+        return "same data"
+    serials = [str(result.sensor.get("serial_number") or "") for result in (one, other)]
+    if all(serials) and serials[0] != serials[1]:
+        return "another sensor"
+    return ""
+
+
 def document(results: Mapping[str, Result], truth: Mapping[str, float] | None = None) -> dict[str, Any]:
     """What ``comparison.json`` says: plain values.
 

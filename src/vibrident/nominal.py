@@ -90,7 +90,7 @@ def reference(
         for item in available:
             if item.nominal_hz == wanted:
                 outside = f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual for seismometers"
-                return item, outside if number else "default of ISO 16063 practice"
+                return item, outside if number else "the default"
     if not available:
         return None, "the measured band holds no nominal frequency"
     centre = math.sqrt(low_hz * high_hz)

@@ -96,7 +96,7 @@ def _phases(axes: Axes, model: Curve | None, measured: Curve) -> None:
             axes.plot(frequency, phase, color=style.BLUE, **_alone(frequency, measured))
     frequency, phase, u = _sorted(measured.frequency_hz, measured.phase_deg, measured.phase_deg_uncertainty)
     if np.isfinite(phase).any():
-        phase = continuous(phase) if line is None else _nearest_turn(phase, np.interp(frequency, *line))
+        phase = continuous(phase) if line is None else nearest_turn(phase, np.interp(frequency, *line))
         points(axes, frequency, phase, K * u, None)
         shown.append(phase)
         if np.isfinite(u).any():
@@ -141,7 +141,8 @@ def continuous(phase_deg: FloatArray) -> FloatArray:
     return out
 
 
-def _nearest_turn(phase_deg: FloatArray, near_deg: FloatArray) -> FloatArray:
+def nearest_turn(phase_deg: FloatArray, near_deg: FloatArray) -> FloatArray:
+    """Phase in degrees, moved by whole turns to where it is nearest to another."""
     return phase_deg + 360.0 * np.round((near_deg - phase_deg) / 360.0)
 
 

@@ -1,0 +1,129 @@
+"""The model's sensitivity at the frequencies of a certificate, inside the measured band alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.models import parse
+from vibrident.nominal import SAME, Nominal, reference, series
+from vibrident.records import FloatArray
+from vibrident.result import Curve, Result
+
+#: Relative distance within which a frequency is the curve's own point.
+_OWN = 1e-9
+
+
+@dataclass(frozen=True)
+class Point:
+    """The model's sensitivity at one frequency, in the result's units; standard uncertainties.
+
+    Attributes:
+        nominal: nominal frequency, as text in Hz.
+        frequency_hz: the frequency that the values belong to.
+        magnitude: response per unit of the reference.
+        phase_deg: None where the result has no phase.
+        magnitude_uncertainty: None where not known.
+        phase_deg_uncertainty: None where not known.
+    """
+
+    nominal: str
+    frequency_hz: float
+    magnitude: float
+    phase_deg: float | None
+    magnitude_uncertainty: float | None
+    phase_deg_uncertainty: float | None
+
+
+def measured_band(result: Result) -> tuple[float, float] | None:
+    """Lowest and highest frequency, Hz, where there are both data and the model's curve; None where there are none."""
+    measured = [f for f in result.measured.frequency_hz if f]
+    curve = result.response.frequency_hz
+    if not measured or not curve:
+        return None
+    low, high = max(min(measured), min(curve)), min(max(measured), max(curve))
+    return (low, high) if low <= high * (1 + SAME) else None
+
+
+def nominal_points(result: Result) -> tuple[Point, ...]:
+    """The sensitivity at each nominal one-third-octave frequency of the measured band."""
+    band = measured_band(result)
+    if band is None:
+        return ()
+    found = (sensitivity_at(result, item) for item in series(*band, result.measured.frequency_hz))
+    return tuple(point for point in found if point is not None)
+
+
+def reference_point(result: Result) -> tuple[Point | None, str]:
+    """The sensitivity at the reference frequency; and how that was chosen, or why there is none."""
+    band = measured_band(result)
+    if band is None:
+        return None, "the result holds no measured points"
+    stated = result.certificate.get("reference_frequency_hz")
+    chosen, why = reference(*band, result.measured.frequency_hz, stated)
+    return (None if chosen is None else sensitivity_at(result, chosen)), why
+
+
+def sensitivity_at(result: Result, where: Nominal) -> Point | None:
+    """The model's sensitivity: the curve's own point where it has one there, else between its neighbours.
+
+    Between neighbours the ratio of the curve to the result's model is interpolated, which is one but for rounding, so a
+    sharp resonance is followed; uncertainties are interpolated themselves. None outside the curve.
+    """
+    curve = result.response
+    frequency = np.asarray(curve.frequency_hz, dtype=float)
+    if frequency.size == 0 or not (frequency[0] * (1 - SAME) <= where.frequency_hz <= frequency[-1] * (1 + SAME)):
+        return None
+    nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
+    if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _OWN or frequency.size == 1:
+        return _own_point(curve, nearest, where)
+    right = min(max(int(np.searchsorted(frequency, where.frequency_hz)), 1), frequency.size - 1)
+    pair = slice(right - 1, right + 1)
+    return _between(result, pair, where)
+
+
+def _own_point(curve: Curve, i: int, where: Nominal) -> Point:
+    uncertainties = (_at(curve.magnitude_uncertainty, i), _at(curve.phase_deg_uncertainty, i))
+    return Point(where.name, curve.frequency_hz[i], curve.magnitude[i], _at(curve.phase_deg, i), *uncertainties)
+
+
+def _at(values: Sequence[float | None], i: int) -> float | None:
+    return values[i] if i < len(values) else None
+
+
+def _between(result: Result, pair: slice, where: Nominal) -> Point:
+    curve, f = result.response, where.frequency_hz
+    ends = np.asarray(curve.frequency_hz[pair])
+    share = math.log(f / ends[0]) / math.log(ends[1] / ends[0])
+    model = _model_response(result, np.array([*ends, f]))
+    shape = np.abs(np.asarray(curve.magnitude[pair])) / np.abs(model[:2])
+    magnitude = abs(model[2]) * float(shape[0]) * float(shape[1] / shape[0]) ** share
+    phase = _mixed(curve.phase_deg[pair], 0.0)
+    if phase is not None:
+        offset = np.asarray(curve.phase_deg[pair], dtype=float) - np.rad2deg(np.angle(model[:2]))
+        offset[1] -= 360.0 * round(float(offset[1] - offset[0]) / 360.0)
+        phase = float(np.rad2deg(np.angle(model[2])) + offset[0] + share * (offset[1] - offset[0]))
+        phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
+    uncertainties = (_mixed(curve.magnitude_uncertainty[pair], share), _mixed(curve.phase_deg_uncertainty[pair], share))
+    return Point(where.name, f, magnitude, phase, *uncertainties)
+
+
+def _mixed(ends: Sequence[float | None], share: float) -> float | None:
+    if len(ends) < 2 or ends[0] is None or ends[1] is None:
+        return None
+    return (1.0 - share) * ends[0] + share * ends[1]
+
+
+def _model_response(result: Result, frequency_hz: FloatArray) -> FloatArray:
+    """Complex response of the result's model; one everywhere where this version does not know the model."""
+    values = {name: parameter.value for name, parameter in result.parameters.items()}
+    quantity = result.reference.get("quantity", "acceleration")
+    try:
+        response = np.asarray(parse(result.model).frequency_response(values, frequency_hz, quantity))  # type: ignore[arg-type]
+    except (InputError, KeyError, TypeError):
+        return np.ones_like(frequency_hz)
+    return response if np.all(np.isfinite(response)) and np.all(response != 0) else np.ones_like(frequency_hz)

@@ -1,0 +1,229 @@
+"""The tables of a report, as text ready for print; Markdown, HTML and PDF set them in their own ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vibrident.plots.units import nominal_frequency, pretty, reference_unit, scaled, sensitivity_unit
+from vibrident.records import STANDARD_GRAVITY
+from vibrident.report import words
+from vibrident.report.coverage import coverage
+from vibrident.report.numbers import COVERAGE_FACTOR, NONE, pair, percent, plain, stated
+from vibrident.report.weights import weight_rows
+from vibrident.result import MeasuredCurve, Parameter, Result
+
+#: Rows of the table of measured points; more are thinned evenly, and the report says so.
+MOST_ROWS = 200
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text, and what is said before and after them.
+
+    Attributes:
+        header: one text a column.
+        rows: as many cells each as the header.
+        right: columns of numbers, set flush right.
+        lead: paragraphs before the table.
+        notes: paragraphs after it.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    right: tuple[int, ...] = ()
+    lead: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def count(number: int, thing: str) -> str:
+    """``1 point``, ``2 points``."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
+def facts(result: Result) -> tuple[tuple[str, str], ...]:
+    """What was calibrated and how, as pairs of name and text."""
+    quantity = result.reference.get("quantity", "acceleration")
+    return (
+        *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
+        ("model", result.model),
+        ("estimator", result.estimator),
+        ("reference", f"{quantity}, in {pretty(reference_unit(result))}"),
+        ("response", f"in {pretty(result.response_unit)}"),
+        ("frequencies", _band(result.measured)),
+    )
+
+
+def _band(measured: MeasuredCurve) -> str:
+    known = [f for f in measured.frequency_hz if f is not None]
+    if not known:
+        return "no measured points"
+    low, high = f"{min(known):.5g} Hz", f"{max(known):.5g} Hz"
+    return f"{count(len(known), 'point')}, {low}" + (f" to {high}" if high != low else "")
+
+
+def parameters(result: Result) -> Table:
+    """Value, u, k, U, unit and interval of each parameter, derived ones last."""
+    rows = []
+    for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
+        number = stated(parameter)
+        full = words.parameter_name(name)
+        known = parameter.standard_uncertainty is not None
+        rows.append(
+            (
+                full.words,
+                full.symbol,
+                number.value,
+                number.standard,
+                f"{COVERAGE_FACTOR:g}" if known else NONE,
+                number.expanded,
+                number.unit or "1",
+                number.interval,
+                words.remark(parameter),
+            )
+        )
+    header = ("parameter", "symbol", "value", "u", "k", "U", "unit", "95 % interval", "remark")
+    notes = (per_g(result), words.COVERAGE, coverage(result).text)
+    return Table(header, tuple(rows), (2, 3, 4, 5), notes=tuple(note for note in notes if note))
+
+
+def per_g(result: Result) -> str:
+    """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
+    sensitivity = result.parameters.get("sensitivity")
+    if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
+        return ""
+    u = sensitivity.standard_uncertainty
+    unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
+    number = stated(
+        Parameter(sensitivity.value * STANDARD_GRAVITY, unit, None if u is None else u * STANDARD_GRAVITY, (None, None))
+    )
+    bar = f", U = {number.expanded} {number.unit} (k = 2)" if u else ""
+    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²): S0 = {number.value} {number.unit}{bar}."
+
+
+def correlation(result: Result) -> Table | None:
+    """Correlation of the estimated parameters."""
+    names = result.correlation.names
+    if not names:
+        return None
+    short = [words.parameter_name(name).symbol or name for name in names]
+    rows = tuple(
+        (name.replace("_", " "), *(NONE if value is None else f"{value:+.3f}" for value in row))
+        for name, row in zip(names, result.correlation.matrix, strict=False)
+    )
+    return Table(("", *short), rows, tuple(range(1, len(names) + 1)))
+
+
+def fit(result: Result) -> Table:
+    """Every metric with its unit and definition."""
+    unit = result.response_unit if result.signals else sensitivity_unit(result.response_unit, reference_unit(result))
+    rows = []
+    for field, metric in words.METRICS.items():
+        value = getattr(result.fit, field)
+        power = metric.in_response_unit
+        if power == 1 and value:
+            scale = scaled(unit, value)
+            text, label = plain(value * scale.factor, 4), scale.unit
+        else:
+            text = plain(value, 6 if field == "r2" else 4)
+            label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²"}[power]
+        rows.append((metric.label, text, label, metric.definition))
+    verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"
+    lead = (
+        "e is the residual, measured minus predicted response; y is the measured response. "
+        f"Verdict on the model: {verdict}."
+    )
+    return Table(("metric", "value", "unit", "definition"), tuple(rows), (1,), (lead,))
+
+
+def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
+    """What the data say at each frequency, and how far the model is from it."""
+    points = result.measured
+    total = len(points.frequency_hz)
+    if total == 0:
+        return None
+    magnitudes = sorted(abs(m) for m in points.magnitude if m)
+    unit = sensitivity_unit(result.response_unit, reference_unit(result))
+    scale = scaled(unit, magnitudes[len(magnitudes) // 2] if magnitudes else 0.0)
+    phases = any(phase is not None for phase in points.phase_deg)
+    header = ["frequency / Hz", "nominal / Hz", f"magnitude / ({scale.unit})", f"U / ({scale.unit})", "deviation"]
+    if phases:
+        header += ["phase / °", "U / °", "deviation / °"]
+    header.append("record")
+    step = max(1, -(-total // most_rows))
+    rows = []
+    for i in range(0, total, step):
+        magnitude, expanded = with_u(points.magnitude[i], at(points.magnitude_uncertainty, i), scale.factor)
+        row = [
+            f"{points.frequency_hz[i]:.6g}",
+            nominal_frequency(points.frequency_hz[i]) or "",
+            magnitude,
+            expanded,
+            percent(at(points.deviation_percent, i)),
+        ]
+        if phases:
+            phase, phase_u = with_u(points.phase_deg[i], at(points.phase_deg_uncertainty, i), 1.0)
+            shift = at(points.deviation_phase_deg, i)
+            row += [phase, phase_u, NONE if shift is None else f"{(shift + 180) % 360 - 180:+.3f}"]
+        rows.append([*row, at(points.record, i) or ""])
+    used = [j for j in range(len(header)) if j != 1 or any(row[1] for row in rows)]
+    thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
+    lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
+    return Table(
+        tuple(header[j] for j in used),
+        tuple(tuple(row[j] for j in used) for row in rows),
+        tuple(range(len(used) - 1)),
+        tuple(text for text in (lead, worst(points)) if text),
+        (words.PHASE,) if phases else (),
+    )
+
+
+def at(values: Sequence[Any], index: int) -> Any:
+    """The value, or None where there are fewer."""
+    return values[index] if index < len(values) else None
+
+
+def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, str]:
+    """Value to the place of its U (k = 2), and U; both times ``factor``."""
+    if value is None:
+        return NONE, NONE
+    return pair(value * factor, None if u is None else COVERAGE_FACTOR * u * factor)
+
+
+def worst(points: MeasuredCurve) -> str:
+    """Mean and largest deviation of the magnitude in a sentence; empty where none is known."""
+    known = [(abs(d), f) for d, f in zip(points.deviation_percent, points.frequency_hz, strict=False) if d is not None]
+    if not known:
+        return ""
+    largest, where = max(known)
+    mean = sum(d for d, _ in known) / len(known)
+    return f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g} Hz."
+
+
+def training(result: Result) -> str:
+    """How the optimiser went, in a sentence; empty where nothing is known of it."""
+    run = result.training
+    if run is None:
+        return ""
+    losses = [loss for loss in run.loss if loss is not None]
+    ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
+    return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
+
+
+def weights(result: Result) -> Table | None:
+    """The network's weights as the paper's Table 1."""
+    if not result.weights:
+        return None
+    rows = tuple((row.name, row.layer, row.euler, "; ".join(row.lines)) for row in weight_rows(result.weights))
+    header = ("weight", "layer", "under forward Euler (paper, Table 1)", "value")
+    return Table(header, rows, notes=("Rows of a matrix are separated by semicolons.",))
+
+
+def leaf(value: Any) -> str:
+    """A setting as text."""
+    if value is None or (isinstance(value, dict | list | tuple) and not value):
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
