@@ -9,6 +9,8 @@ def choose(evidence: Evidence) -> tuple[str, str]:
     """Name of the estimator for these data, and the reason in words."""
     if evidence.calibration.table is not None:
         return "ml", "auto: a table of responses with their uncertainties: weighted fit in magnitude and phase"
+    if not evidence.model.is_linear:
+        return "ipnn", "auto: a model without transfer function: the network runs its equation in time"
     if evidence.only_sines:
         return (
             "ml",

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from vibrident.errors import ModelError
 from vibrident.estimators.optimise import Progress, Trace
 from vibrident.estimators.start import Start
 from vibrident.measure import MeasuredResponse
+from vibrident.models import SensorModel
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
 
@@ -44,6 +46,22 @@ class Estimate:
     predicted: tuple[FloatArray, ...] | None = None
     begin: Start | None = None
     equations: float = 1.0
+
+
+def refuse_nonlinear(model: SensorModel, estimator: str) -> None:
+    """Refuse a model without transfer function where the estimator works on one.
+
+    Raises:
+        ModelError: the model is not linear.
+    """
+    if not model.is_linear:
+        raise ModelError(
+            f"The estimator {estimator!r} works in frequency, and this model has no transfer function.",
+            expected="the estimator 'ipnn' (or 'auto') with [[records]], which hold the motion in time",
+            found=f"estimator {estimator!r} with {model.name!r}",
+            where="estimator",
+            remedy="use the estimator 'ipnn' with records, or a linear model",
+        )
 
 
 class Estimator(Protocol):

@@ -18,6 +18,7 @@ from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
 from vibrident.estimators.free import train_free
+from vibrident.estimators.harmonic_start import with_harmonic_start
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
 from vibrident.estimators.start import find_start
@@ -31,6 +32,10 @@ ROUNDS = 6
 LEAST_NOISE = 1e-7
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
+#: What the curve of a nonlinear model is.
+SMALL_SIGNAL = (
+    "of the linear part: what the response comes to for small signals; measured points are brought there by the network"
+)
 
 
 @dataclass(frozen=True)
@@ -72,15 +77,17 @@ class Ipnn:
         begin = find_start(evidence.first_look, evidence.model)
         start = begin.values
         step = method(self.discretisation)
-        coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
-        z = coordinates.first
         problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, start)
+        coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, problem.response_size)
+        z = coordinates.first
         noise, trace = np.ones(len(evidence.records)), None
         for _ in range(ROUNDS):
             normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
             found = _record_noise(problem, np.asarray(normal.squares))
             if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED):
                 break
+            if trace is None and not evidence.model.is_linear:
+                z = with_harmonic_start(problem, normal, evidence, z)
             noise = found
             trace = self._train(problem, coordinates, z, noise, progress)
             z = trace.last
@@ -97,6 +104,8 @@ class Ipnn:
             "inputs_per_step": problem.layout.terms,
             "noise": noise.tolist(),
         }
+        if not evidence.model.is_linear:
+            settings["response_curve"] = SMALL_SIGNAL
         covariance, freedom = coloured_covariance(problem, normal, noise, _noise_floor(problem))
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)

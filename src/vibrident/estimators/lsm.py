@@ -17,7 +17,7 @@ import numpy as np
 
 from vibrident.backend import jnp
 from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate
+from vibrident.estimators.base import Estimate, refuse_nonlinear
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.ml import weighted_problem
 from vibrident.estimators.objectives import inverse_jacobian, inverse_objective
@@ -42,8 +42,9 @@ class LeastSquares:
         """Fit 1/H.
 
         Raises:
-            ModelError: there is no phase, or a record is not a sine.
+            ModelError: there is no phase, a record is not a sine, or the model is nonlinear.
         """
+        refuse_nonlinear(evidence.model, self.name)
         first = evidence.first_look
         if first is None or evidence.bands is not None or not first.has_phase:
             raise ModelError(

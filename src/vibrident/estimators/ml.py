@@ -15,7 +15,7 @@ import numpy as np
 
 from vibrident.backend import jnp
 from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate
+from vibrident.estimators.base import Estimate, refuse_nonlinear
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
@@ -52,8 +52,9 @@ class MaximumLikelihood:
         """Fit the model to the complex responses.
 
         Raises:
-            ModelError: a record is not a sine; such motion needs the network.
+            ModelError: a record is not a sine, or the model is nonlinear; such motion needs the network.
         """
+        refuse_nonlinear(evidence.model, self.name)
         first = evidence.first_look
         if first is None or evidence.bands is not None:
             raise ModelError(

@@ -55,9 +55,12 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
 def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     """The best fit of the nonparametric response from the grid's candidates.
 
+    What makes a model nonlinear has no part in the response to small signals, and starts at zero.
+
     Raises:
         NotConverged: no candidate leads to a finite fit.
     """
+    whole, model = model, model.linear
     candidates = _with_guesses(_grid_candidates(problem, model), problem, model)
     best: Start | None = None
     kind = (problem.polar, problem.has_phase, problem.quantity)
@@ -71,7 +74,10 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
             continue
         cost = trace.costs[-1]
         if np.isfinite(cost) and (best is None or cost < best.costs[-1]):
-            path = tuple(coordinates.values(z) for z in trace.coordinates)
+            path = tuple(
+                {name: coordinates.values(z).get(name, 0.0) for name in whole.parameter_names}
+                for z in trace.coordinates
+            )
             best = Start(path[-1], trace.costs, problem.equations, path)
         if best is not None and best.costs[-1] < GOOD_ENOUGH * problem.equations:
             break

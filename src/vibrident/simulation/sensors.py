@@ -81,6 +81,14 @@ def _paper(name: str, sign: float, title: str) -> Sensor:
     return Sensor(name, title, "accelerometer", parameters)
 
 
+def _beside_paper(name: str, title: str, add_on: str, more: Mapping[str, float]) -> Sensor:
+    """The paper's sensor with an add-on."""
+    return Sensor(name, title, f"accelerometer+{add_on}", {**_paper(name, 1.0, "").parameters, **more})
+
+
+#: A third harmonic k3 A²/4 of 1 % at the amplitude A = 1.02 V of 1 g well below resonance.
+_CUBIC = {"cubic_stiffness": 0.04 / 1.02**2}
+_TWO_MODES = {"mode2_frequency": 300.0, "mode2_damping": 0.02, "mode2_gain": 0.01}
 _PIEZO = {"sensitivity": 1e-3, "natural_frequency": 30e3, "damping_ratio": 0.02}
 _GEOPHONE = {"generator_constant": 28.8, "natural_frequency": 4.5, "damping_ratio": 0.56}
 _SEISMOMETER = {"generator_constant": 200.0, "natural_frequency": 1.0, "damping_ratio": 0.7}
@@ -92,6 +100,8 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             _paper("paper", 1.0, "the sensor of Table 2: 630 Hz, 1020 mV/g"),
             _paper("table2", 1.0, "the sensor of Table 2: 630 Hz, 1020 mV/g"),
             _paper("inverted", -1.0, "the sensor of Table 2 with its leads exchanged"),
+            _beside_paper("cubic", "the sensor of Table 2 with a hardening spring", "cubic", _CUBIC),
+            _beside_paper("two-mode", "the sensor of Table 2 with a mount that sways at 300 Hz", "mode2", _TWO_MODES),
             Sensor(
                 "piezo", "piezoelectric accelerometer, 30 kHz", "accelerometer", _PIEZO, (20.0, 20e3), 102400.0, 50.0
             ),
