@@ -1,0 +1,145 @@
+"""Training in mini-batches by Adam (Kingma & Ba 2015), with an early-stopping rule that is stated, not felt.
+
+After every epoch the loss on held-back windows is taken. Training ends when the best of them has not fallen by
+``least_gain`` of itself for ``patience`` epochs, and the weights of the best epoch are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import equinox as eqx
+import numpy as np
+import optax
+
+from vibrident.backend import jax, jnp, lax
+
+Loss = Callable[[Any, Any], Any]
+
+
+class Progress(Protocol):
+    """Called after each epoch with the epoch, the most there can be, and the loss on the held-back windows."""
+
+    def __call__(self, iteration: int, most: int, cost: float) -> None:
+        """Show progress."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how fast.
+
+    Attributes:
+        learning_rate: of Adam.
+        batch: windows a step; the last, smaller batch of an epoch is left to the next shuffle.
+        patience: epochs without a gain after which training ends.
+        least_gain: relative fall of the held-back loss that counts as a gain.
+        most_epochs: limit.
+    """
+
+    learning_rate: float = 0.001
+    batch: int = 36
+    patience: int = 30
+    least_gain: float = 0.01
+    most_epochs: int = 400
+
+    @property
+    def rule(self) -> str:
+        """The early-stopping rule in words."""
+        return (
+            f"until the loss on the held-back windows has not fallen by {100 * self.least_gain:g} % for "
+            f"{self.patience} epochs, at most {self.most_epochs} epochs; the best epoch's weights are kept"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What training gave.
+
+    Attributes:
+        model: with the best epoch's weights.
+        training: mean loss of each epoch.
+        held_back: loss on the held-back windows after each epoch.
+        best_epoch: counted from 1; 0 where no epoch was better than the start.
+        converged: False where the limit of epochs ended it.
+    """
+
+    model: Any
+    training: tuple[float, ...]
+    held_back: tuple[float, ...]
+    best_epoch: int
+    converged: bool
+
+
+def train(
+    model: Any,
+    loss: Loss,
+    windows: Any,
+    held_back: Any,
+    schedule: Schedule,
+    *,
+    rng: np.random.Generator,
+    few: bool = False,
+    progress: Progress | None = None,
+) -> Trained:
+    """Train the inexact arrays of ``model`` on ``windows``.
+
+    Args:
+        model: any pytree.
+        loss: (model, batch) → mean squared error; a batch is ``windows`` with its leading axis cut down.
+        windows: pytree of arrays, leading axis windows.
+        held_back: the same, never trained on.
+        schedule: rates and rule.
+        rng: of the shuffling.
+        few: the model is one array of few numbers, whose slope is cheaper forwards than backwards through time.
+        progress: called after each epoch.
+    """
+    moving, fixed = eqx.partition(model, eqx.is_inexact_array)
+    optimiser = optax.adam(schedule.learning_rate)
+    windows, held_back = jax.device_put((windows, held_back))
+    count = jax.tree.leaves(windows)[0].shape[0]
+    batch = min(schedule.batch, count)
+
+    def cost(moving: Any, batch: Any) -> Any:
+        return loss(eqx.combine(moving, fixed), batch)
+
+    value_and_slope = _forwards(cost) if few else jax.value_and_grad(cost)
+
+    @jax.jit
+    def epoch(moving: Any, state: Any, windows: Any, order: Any) -> tuple[Any, Any, Any]:
+        def step(carry: Any, chosen: Any) -> tuple[Any, Any]:
+            moving, state = carry
+            value, slope = value_and_slope(moving, jax.tree.map(lambda a: a[chosen], windows))
+            change, state = optimiser.update(slope, state, moving)
+            return (optax.apply_updates(moving, change), state), value
+
+        (moving, state), values = lax.scan(step, (moving, state), order)
+        return moving, state, jnp.mean(values)
+
+    judge = jax.jit(cost)
+    state = optimiser.init(moving)
+    best, least, best_epoch = moving, float(judge(moving, held_back)), 0
+    training, judged, waited, converged = [], [], 0, False
+    for number in range(1, schedule.most_epochs + 1):
+        order = rng.permutation(count)[: count // batch * batch].reshape(-1, batch)
+        moving, state, value = epoch(moving, state, windows, order)
+        training.append(float(value))
+        judged.append(float(judge(moving, held_back)))
+        waited = 0 if judged[-1] < (1.0 - schedule.least_gain) * least else waited + 1
+        if waited == 0:
+            best, least, best_epoch = moving, judged[-1], number
+        if progress is not None:
+            progress(number, schedule.most_epochs, judged[-1])
+        if waited >= schedule.patience:
+            converged = True
+            break
+    return Trained(eqx.combine(best, fixed), tuple(training), tuple(judged), best_epoch, converged)
+
+
+def _forwards(cost: Loss) -> Callable[[Any, Any], tuple[Any, Any]]:
+    def value_and_slope(moving: Any, batch: Any) -> tuple[Any, Any]:
+        slope, value = jax.jacfwd(lambda z: (cost(z, batch),) * 2, has_aux=True)(moving)
+        return value, slope
+
+    return value_and_slope

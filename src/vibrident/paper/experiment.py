@@ -1,0 +1,164 @@
+"""The data for the paper's section 5, whose own are private: the same protocol on two others.
+
+``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion seen by a laser vibrometer of
+50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10 V.
+
+``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, where they are at hand.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.io import read
+from vibrident.measure.quality import screen
+from vibrident.paper.dataset import SENSOR, Dataset, prepared
+from vibrident.records import Calibration, FloatArray, Record
+from vibrident.simulation import ChannelNoise, Sensor, simulate
+
+#: (mm/s)/V of the vibrometer (OFV-552 with its controller), as the paper states it; V of full scale; bits.
+VIBROMETER, FULL_SCALE_V, BITS = 0.050, 10.0, 24
+#: Assumed, since the paper gives none of them: noise of the velocity, (m/s)/√Hz; of the sensor's channel, V rms; delay of
+#: the vibrometer behind the sensor's channel, s; shaker's own vibration below the sine, dB, and its band.
+VELOCITY_NOISE, RESPONSE_NOISE_V, VIBROMETER_DELAY_S = 1e-7, 1e-4, 5e-6
+SHAKER_DB, SHAKER_BAND_HZ = 40.0, (5.0, 4000.0)
+#: The vibrometer comes later than the response, so the response's delay against it is negative.
+MSV_3000 = Sensor(
+    "msv3000",
+    "MSV 3000 type, simulated",
+    "accelerometer+delay",
+    {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S},
+)
+#: Half length in samples and upper edge of the filter that makes acceleration of velocity.
+_HALF, _EDGE_HZ, _KAISER = 80, 5000.0, 9.0
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """One set of data for section 5, twice prepared.
+
+    Attributes:
+        title: what it is, saying whether measured or simulated.
+        simulated: True where a computer made it.
+        own: reference as recorded, for the methods that take it through the model.
+        published: reference as acceleration (or drive), for the methods that need it so.
+        truth: true parameters, where they are known.
+    """
+
+    title: str
+    simulated: bool
+    own: Dataset
+    published: Dataset
+    truth: dict[str, float] | None
+
+
+def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000) -> Experiment:
+    """A calibration by a simulated vibrometer, 21 sines of 1 g from 10 to 1000 Hz."""
+    white = VELOCITY_NOISE * np.sqrt(rate_hz / 2.0)
+    limit = FULL_SCALE_V * VIBROMETER
+    calibration = simulate(
+        MSV_3000,
+        "sine",
+        sampling_rate_hz=rate_hz,
+        samples=samples + 2 * _HALF,
+        quantity="velocity",
+        start="steady",
+        excitation_snr_db=SHAKER_DB,
+        excitation_noise_band_hz=SHAKER_BAND_HZ,
+        reference_noise=ChannelNoise(white=white, unit="channel", full_scale=limit, bits=BITS),
+        response_noise=ChannelNoise(white=RESPONSE_NOISE_V, unit="channel", full_scale=FULL_SCALE_V, bits=BITS),
+        seed=seed,
+    )
+    own = replace(calibration, records=tuple(_cropped(record) for record in calibration.records))
+    differentiated = tuple(_differentiated(record) for record in calibration.records)
+    published = replace(calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2")
+    return Experiment(
+        "simulated interferometer calibration of an MSV 3000 type sensor",
+        True,
+        prepared(own, seed=seed),
+        prepared(published, seed=seed),
+        dict(MSV_3000.parameters),
+    )
+
+
+def _cropped(record: Record) -> Record:
+    part = slice(_HALF, record.samples - _HALF)
+    assert record.reference is not None  # no record of this calibration is a free decay
+    return replace(record, reference=record.reference[part], response=record.response[part], valid=record.mask[part])
+
+
+def _differentiated(record: Record) -> Record:
+    """Velocity to acceleration by a windowed band-limited differentiator, zero above ``_EDGE_HZ``."""
+    cropped = _cropped(record)
+    assert record.reference is not None
+    acceleration = np.convolve(record.reference, _differentiator(record.sampling_rate_hz), mode="valid")
+    return replace(cropped, reference=acceleration)
+
+
+def _differentiator(rate_hz: float) -> FloatArray:
+    """Impulse response of jω below the edge, in 1/s; shape (2 · half + 1,)."""
+    n = np.arange(-_HALF, _HALF + 1)
+    x = 2.0 * _EDGE_HZ / rate_hz * n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(n == 0, 0.0, (np.cos(np.pi * x) - np.sinc(x)) / np.where(n == 0, 1.0, x))
+    return (2.0 * _EDGE_HZ) ** 2 / rate_hz * slope * np.kaiser(2 * _HALF + 1, _KAISER)
+
+
+#: What the columns of the SM-3's files mean; their header says otherwise.
+_SEISMOMETER = """
+[sensor]
+manufacturer = "SM-3"
+type = "electrodynamic seismometer, vertical; pickup: laser on the mass"
+serial_number = "SN001"
+model = "accelerometer+delay"
+[reference]
+column = 3
+quantity = "drive"
+scale = 0.9425e-6
+unit = "V"
+[response]
+column = 5
+scale = 0.95066e-9
+unit = "m"
+full_scale = 8.255e6
+[sampling]
+time_column = "Seconds"
+[[records]]
+file = "*Hz.csv"
+excitation = "sine"
+"""
+
+
+def seismometer(data: Path, *, seed: int) -> Experiment | None:
+    """The sine steps of an SM-3 seismometer: drive of the calibration coil to laser; None where the files are not there.
+
+    Args:
+        data: folder that holds ``sm3``.
+        seed: of the split.
+    """
+    folder = data / "sm3"
+    if not any(folder.glob("*Hz.csv")):
+        return None
+    with tempfile.TemporaryDirectory() as place:
+        file = Path(place) / "sm3-laser.toml"
+        file.write_text(_SEISMOMETER.replace("*Hz.csv", f"{folder.resolve().as_posix()}/*Hz.csv"), encoding="utf-8")
+        calibration = read(file)
+    records, _ = screen(calibration.records)
+    dataset = prepared(_centred(replace(calibration, records=tuple(records))), seed=seed)
+    return Experiment("measured: SM-3 seismometer, laser on its mass", False, dataset, dataset, None)
+
+
+def _centred(calibration: Calibration) -> Calibration:
+    """Both channels without their means: networks without bias have no place for an offset."""
+    records = []
+    for record in calibration.records:
+        assert record.reference is not None  # sines have one
+        reference = record.reference - record.reference[record.mask].mean()
+        response = record.response - record.response[record.mask].mean()
+        provenance = record.provenance.then("means taken off")
+        records.append(replace(record, reference=reference, response=response, provenance=provenance))
+    return replace(calibration, records=tuple(records))

@@ -1,0 +1,128 @@
+"""A physics-informed network of time (Raissi et al. 2019), against which the paper's introduction sets its own.
+
+One network maps time to the responses of all training records over a short span; its derivatives in time are exact. The
+equation of motion, divided by K so that the excitation stands alone, is a second loss, and S0, ωn and δ are trained along:
+
+    V̂_r(t) = network(t)_r          e_r = (V̂̈_r + 2 δ ωn V̂̇_r + ωn² V̂_r)/K − a_r
+    loss = mean (V̂_r − V_r)² + mean e_r²        both normalised
+
+Such a network knows the records it was trained on and no other; what it gives for use is the sensor's parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibrident.backend import jax, jnp
+from vibrident.models import SensorModel
+from vibrident.network.training import Progress, Schedule, Trained, train
+from vibrident.paper.dataset import Dataset
+from vibrident.paper.unrolled import START
+from vibrident.problem import Coordinates
+
+#: Steps of a record that it is trained on, from the middle: the longest that it learns in a minute or two.
+SPAN = 1024
+#: The network sees sine and cosine of so many multiples of half the span's fundamental, and two tanh layers follow.
+HARMONICS, HIDDEN = 64, 64
+#: Points a batch.
+BATCH = 128
+
+
+class Points(NamedTuple):
+    """Instants in units of the span, shape (points,); normalised excitation and response, shape (points, records)."""
+
+    time: Any
+    excitation: Any
+    response: Any
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPinn:
+    """What it found; ``weights`` counts what training moved, the sensor's parameters among them."""
+
+    parameters: dict[str, float]
+    weights: int
+    trained: Trained
+
+
+def fit_pinn(
+    dataset: Dataset,
+    model: SensorModel,
+    near: Mapping[str, float],
+    schedule: Schedule,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> FittedPinn:
+    """Train on the middle of the training records, float64, from the same start values as the unrolled network.
+
+    Args:
+        dataset: records of one sampling rate, acceleration or drive as reference.
+        model: an accelerometer without add-ons.
+        near: first look at the parameters.
+        schedule: rates and stopping rule; its batch is ``BATCH`` points.
+        seed: of weights and shuffling.
+        progress: called after each epoch.
+    """
+    records = [dataset.calibration.records[i] for i in dataset.training]
+    span = min(SPAN, *(record.samples for record in records))
+    first = (records[0].samples - span) // 2
+    part = slice(first, first + span)
+    excitation = np.stack([np.asarray(r.reference)[part] for r in records], axis=1) / dataset.reference.unit
+    response = np.stack([r.response[part] for r in records], axis=1) / dataset.response.unit
+    points = Points(np.arange(span) / span, excitation, response)
+    held = np.arange(span) % 5 == 4
+    duration = span * records[0].sampling_interval_s
+    start = {name: near[name] * START[name] for name in model.parameter_names}
+    reach = (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0)
+    coordinates = Coordinates.at(model, start, reach)
+    gain = dataset.reference.unit / dataset.response.unit
+
+    def loss(whole: dict[str, Any], batch: Points) -> Any:
+        value, speed, acceleration = _with_derivatives(whole["layers"], batch.time)
+        physical = coordinates.physical(whole["sensor"])
+        rate = 2.0 * jnp.pi * physical["natural_frequency"] * duration  # ωn in units of the span
+        motion = acceleration / rate**2 + 2.0 * physical["damping_ratio"] * speed / rate + value
+        residual = motion / (physical["sensitivity"] * gain) - batch.excitation
+        return jnp.mean(jnp.square(value - batch.response)) + jnp.mean(jnp.square(residual))
+
+    begin = {"layers": _layers(len(records), seed), "sensor": jnp.asarray(coordinates.first)}
+    own = Schedule(schedule.learning_rate, BATCH, schedule.patience, schedule.least_gain, schedule.most_epochs)
+    training, held_back = (Points(*(a[chosen] for a in points)) for chosen in (~held, held))
+    rng = np.random.default_rng([seed, 2])
+    trained = train(begin, loss, training, held_back, own, rng=rng, progress=progress)
+    weights = sum(leaf.size for leaf in jax.tree.leaves(begin))
+    return FittedPinn(coordinates.values(np.asarray(trained.model["sensor"])), weights, trained)
+
+
+def _layers(outputs: int, seed: int) -> list[tuple[Any, Any]]:
+    """Weights and biases (Glorot & Bengio 2010) of two hidden layers and a linear one."""
+    rng = np.random.default_rng([seed, 3])
+    sizes = (2 * HARMONICS, HIDDEN, HIDDEN, outputs)
+    return [
+        (jnp.asarray(rng.standard_normal((a, b)) * np.sqrt(2.0 / (a + b))), jnp.zeros(b))
+        for a, b in zip(sizes[:-1], sizes[1:], strict=True)
+    ]
+
+
+def _network(layers: list[tuple[Any, Any]], time: Any) -> Any:
+    angle = jnp.pi * time[:, None] * jnp.arange(1, HARMONICS + 1)
+    hidden = jnp.concatenate([jnp.sin(angle), jnp.cos(angle)], axis=1)
+    for weight, bias in layers[:-1]:
+        hidden = jnp.tanh(hidden @ weight + bias)
+    return hidden @ layers[-1][0] + layers[-1][1]
+
+
+def _with_derivatives(layers: list[tuple[Any, Any]], time: Any) -> tuple[Any, Any, Any]:
+    """Value, first and second derivative in time, shape (points, records) each."""
+    one = jnp.ones_like(time)
+
+    def slope(at: Any) -> Any:
+        return jax.jvp(lambda t: _network(layers, t), (at,), (one,))
+
+    (value, speed), (_, acceleration) = jax.jvp(slope, (time,), (one,))
+    return value, speed, acceleration

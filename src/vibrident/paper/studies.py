@@ -1,0 +1,194 @@
+"""The two studies that the paper lacks: error against sampling rate, and error against noise with its lower bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.errors import NotConverged
+from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.identification import identify
+from vibrident.models import parse
+from vibrident.network.training import Progress
+from vibrident.paper.bound import Bound, cramer_rao
+from vibrident.paper.dataset import SENSOR, Dataset
+from vibrident.paper.least_squares import from_sine_fits
+from vibrident.paper.metrics import curve_deviation
+from vibrident.paper.plain_loss import optimum
+from vibrident.records import Calibration
+from vibrident.simulation import simulate, with_noise
+
+BAND_HZ = (10.0, 1000.0)
+DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
+#: Motions of the study of rates: the same at every rate, so the excitation's noise ends below what the lowest shows.
+RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
+RATE_DURATION_S, RATE_NOISE_HZ = 0.16, 4000.0
+PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
+
+
+@dataclass(frozen=True)
+class RatePoint:
+    """One discretisation at one sampling rate; the values are None where the network is unstable.
+
+    Attributes:
+        discretisation: its name.
+        rate_hz: sampling rate.
+        errors: relative error by parameter, the resonance frequency among them.
+        mean_percent: mean deviation of the curve.
+        peak_percent: its signed deviation at the true resonance.
+    """
+
+    discretisation: str
+    rate_hz: float
+    errors: Mapping[str, float] | None
+    mean_percent: float | None
+    peak_percent: float | None
+
+
+def error_by_rate(rates_hz: Sequence[float], *, seed: int, progress: Progress | None = None) -> list[RatePoint]:
+    """Optimum of the plain mean squared error for every discretisation, on the same exact motion at every rate."""
+    points = []
+    for rate in rates_hz:
+        calibration = simulate(
+            SENSOR,
+            "sine",
+            frequencies_hz=RATE_FREQUENCIES_HZ,
+            sampling_rate_hz=rate,
+            samples=round(RATE_DURATION_S * rate),
+            excitation_snr_db=20.0,
+            excitation_noise_band_hz=(0.0, RATE_NOISE_HZ),
+            seed=seed,
+        )
+        for name in DISCRETISATIONS:
+            points.append(_at_rate(calibration, name, rate))
+            if progress is not None:
+                progress(len(points), len(rates_hz) * len(DISCRETISATIONS), points[-1].mean_percent or np.nan)
+    return points
+
+
+def _at_rate(calibration: Calibration, name: str, rate: float) -> RatePoint:
+    try:
+        found = optimum(calibration, name, SENSOR.parameters)
+    except NotConverged:
+        return RatePoint(name, rate, None, None, None)
+    deviation = curve_deviation(parse(SENSOR.model), found, SENSOR.parameters, BAND_HZ)
+    return RatePoint(name, rate, relative_errors(found), deviation.mean, deviation.at_peak)
+
+
+def relative_errors(found: Mapping[str, float]) -> dict[str, float]:
+    """Found over true, less one, of the estimated parameters and of the resonance frequency where there is one."""
+    errors = {name: float(found[name] / SENSOR.parameters[name] - 1.0) for name in PARAMETERS}
+    both = [_resonance(values) for values in (found, SENSOR.parameters)]
+    if both[0] is not None and both[1] is not None:
+        errors["resonance_frequency"] = both[0] / both[1] - 1.0
+    return errors
+
+
+def _resonance(values: Mapping[str, float]) -> float | None:
+    derived = parse(SENSOR.model).derived(values)
+    return next((float(d.value(values)) for d in derived if d.name == "resonance_frequency"), None)
+
+
+def _by(estimator: Estimator) -> Callable[[Calibration], dict[str, float]]:
+    def found(calibration: Calibration) -> dict[str, float]:
+        result = identify(calibration, SENSOR.model, estimator, uncertainty="noise")
+        return {name: float(result.parameters[name].value) for name in PARAMETERS}
+
+    return found
+
+
+#: The methods that give parameters, as the paper has them and as the package has them.
+NOISE_METHODS: Mapping[str, Callable[[Calibration], dict[str, float]]] = {
+    "IPNN, Euler (as published)": lambda calibration: optimum(calibration, "euler", SENSOR.parameters),
+    "IPNN, exact weights": _by(Ipnn()),
+    "LSM, plain": from_sine_fits,
+    "LSM, weighted": _by(LeastSquares()),
+    "ML in frequency": _by(MaximumLikelihood()),
+}
+
+
+@dataclass(frozen=True)
+class NoisePoint:
+    """One method at one level of white response noise: errors over the draws.
+
+    Attributes:
+        method: its name.
+        level: noise as a fraction of each record's rms.
+        rms_error: root mean square of the relative error by parameter.
+        mean_percent: mean over band and draws of the curve's absolute deviation.
+        largest_percent: mean over the draws of its largest absolute deviation.
+        peak_percent: root mean square over the draws of the deviation at the resonance.
+    """
+
+    method: str
+    level: float
+    rms_error: Mapping[str, float]
+    mean_percent: float
+    largest_percent: float
+    peak_percent: float
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseStudy:
+    """All methods at all levels, and the bound.
+
+    Attributes:
+        points: errors.
+        bound: of the training records.
+        bound_mean_percent: mean over the band of the least standard deviation of the curve at level 1, %.
+        draws: realisations at each level.
+    """
+
+    points: tuple[NoisePoint, ...]
+    bound: Bound
+    bound_mean_percent: float
+    draws: int
+
+    def over_bound(self, method: str, level: float) -> dict[str, float]:
+        """RMS error over the bound's standard deviation, by parameter."""
+        point = next(p for p in self.points if p.method == method and p.level == level)
+        least = self.bound.deviations(level)
+        return {name: point.rms_error[name] / least[name] for name in PARAMETERS}
+
+
+def error_by_noise(
+    dataset: Dataset, levels: Sequence[float], draws: int, *, seed: int, progress: Progress | None = None
+) -> NoiseStudy:
+    """Every method on the training records with white noise on the response, ``draws`` times at every level."""
+    truth = dataset.training_calibration
+    motions = [dataset.motions[i] for i in dataset.training]
+    bound = cramer_rao(SENSOR, truth.records, motions)
+    model, points = parse(SENSOR.model), []
+    for number, level in enumerate(levels):
+        noisy = [with_noise(truth, response_noise=level, seed=_seed(seed, number, draw)) for draw in range(draws)]
+        for name, method in NOISE_METHODS.items():
+            found = [method(calibration) for calibration in noisy]
+            errors = [relative_errors(values) for values in found]
+            curves = [curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in found]
+            rms = {p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS}
+            points.append(
+                NoisePoint(
+                    name,
+                    level,
+                    rms,
+                    float(np.mean([curve.mean for curve in curves])),
+                    float(np.mean([curve.largest for curve in curves])),
+                    float(np.sqrt(np.mean([(curve.at_peak or 0.0) ** 2 for curve in curves]))),
+                )
+            )
+            if progress is not None:
+                progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)
+    # A normal deviate's absolute value has the mean √(2/π) of its standard deviation.
+    mean = float(np.sqrt(2.0 / np.pi) * np.mean(bound.curve_percent(model, dict(SENSOR.parameters), BAND_HZ)))
+    return NoiseStudy(tuple(points), bound, mean, draws)
+
+
+def _seed(seed: int, level: int, draw: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence([seed, level, draw])
+
+
+def subset(dataset: Dataset, every: int) -> Dataset:
+    """The dataset with every so many-th training record: for quick runs."""
+    return replace(dataset, training=dataset.training[::every])

@@ -1,0 +1,164 @@
+"""The network as the paper trains it: batches of windows, mean squared error, Adam; weights tied to the physics.
+
+    hidden   x_{k+1} = φ(W3 x_k + W1 c_k)          y_k = W2 x_{k+1} + W4 c_k          (eq. 6, Table 1)
+
+φ is the identity, which makes this the sensor's recursion, or tanh as in the paper's Table 3. W1…W4 follow from S0, ωn
+and δ through a discretisation: Euler's as published, or the exact band-limited step. The elements are those of
+``vibrident.network.cell``; only the loop is written out elementwise over a batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from vibrident.backend import jax, jnp, lax
+from vibrident.discretize import method
+from vibrident.models import SensorModel, parse
+from vibrident.models.state_space import realise
+from vibrident.network.training import Progress, Schedule, Trained, train
+from vibrident.paper.dataset import Dataset
+from vibrident.paper.windows import Seen, Windows, cut, scored, whole_records
+from vibrident.problem import Coordinates
+from vibrident.records import FloatArray
+
+Activation = Literal["linear", "tanh"]
+#: Where training starts: these multiples of what a first look at the tones says, as a data sheet may be off.
+START = {"sensitivity": 0.9, "natural_frequency": 1.1, "damping_ratio": 1.5}
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A network tied to the physics, in normalised units.
+
+    Attributes:
+        model: the sensor model, without delay.
+        dataset: whose scales and quantity it works in.
+        seen: what its input neurons see.
+        activation: of the hidden layer.
+    """
+
+    model: SensorModel
+    dataset: Dataset
+    seen: Seen
+    activation: Activation = "linear"
+
+    def table(self, parameters: Mapping[str, Any], interval_s: float) -> dict[str, Any]:
+        """W1…W4 for a sampling interval, normalised."""
+        quantity = self.dataset.calibration.quantity
+        gain = self.dataset.reference.unit / self.dataset.response.unit
+        values = {**parameters, self.model.gain_name: parameters[self.model.gain_name] * gain}
+        system = realise(self.model.rational(values, quantity))
+        return self.seen.method.weights(system, interval_s, 0.0, self.seen.terms).table()
+
+    def __call__(self, parameters: Mapping[str, Any], inputs: Any, interval_s: float) -> Any:
+        """Normalised outputs, shape (steps, batch), for inputs (steps, q, batch) from a zero state."""
+        return unrolled(self.table(parameters, interval_s), inputs, self.activation)
+
+    def predict(self, parameters: Mapping[str, float], indices: tuple[int, ...]) -> list[FloatArray]:
+        """Normalised response of whole records, one array a record, the samples that are scored."""
+        inputs, _ = whole_records(self.dataset, indices, self.seen)
+        records = [self.dataset.calibration.records[i] for i in indices]
+        outputs = []
+        for column, record in enumerate(records):
+            values = _predicted(self, dict(parameters), inputs[:, :, column : column + 1], record.sampling_interval_s)
+            outputs.append(np.asarray(values)[scored(record), 0])
+        return outputs
+
+
+def unrolled(table: Mapping[str, Any], inputs: Any, activation: Activation = "linear") -> Any:
+    """Outputs, shape (steps, batch), of the layers with weights ``table`` on inputs (steps, q, batch)."""
+    w1, w2, w3, w4 = (table[name] for name in ("W1", "W2", "W3", "W4"))
+    order, terms = w1.shape
+
+    def step(state: list[Any], c: Any) -> tuple[list[Any], Any]:
+        hidden = [
+            sum(w3[i, k] * state[k] for k in range(order)) + sum(w1[i, j] * c[j] for j in range(terms))
+            for i in range(order)
+        ]
+        if activation == "tanh":
+            hidden = [jnp.tanh(value) for value in hidden]
+        output = sum(w2[k] * hidden[k] for k in range(order)) + sum(w4[j] * c[j] for j in range(terms))
+        return hidden, output
+
+    _, outputs = lax.scan(step, [jnp.zeros(inputs.shape[2])] * order, inputs)
+    return outputs
+
+
+def _forward(network: Network, parameters: Any, inputs: Any, interval_s: Any) -> Any:
+    return network(parameters, inputs, interval_s)
+
+
+_predicted = jax.jit(_forward, static_argnums=(0,))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Parameters that training found, and how it went."""
+
+    network: Network
+    parameters: dict[str, float]
+    trained: Trained
+
+
+def network_for(
+    dataset: Dataset,
+    model: SensorModel,
+    near: Mapping[str, float],
+    discretisation: str = "euler",
+    activation: Activation = "linear",
+    delay_s: float = 0.0,
+) -> Network:
+    """The network of a discretisation; ``near`` are values near the sensor's, which set its number of inputs."""
+    step = method(discretisation)
+    fastest = 2.0 * np.pi * near["natural_frequency"]
+    rate = min(record.sampling_rate_hz for record in dataset.calibration.records)
+    direct = len(model.rational(near, dataset.calibration.quantity).numerator) > 2
+    return Network(model, dataset, Seen(step, step.terms(fastest / rate, direct), delay_s), activation)
+
+
+def fit(
+    network: Network,
+    near: Mapping[str, float],
+    schedule: Schedule,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> Fitted:
+    """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
+
+    Args:
+        network: what to train.
+        near: the first look at the sensor; training starts at ``START`` times these.
+        schedule: rates and stopping rule.
+        seed: of the shuffling.
+        progress: called after each epoch.
+    """
+    records = network.dataset.calibration.records
+    interval = records[network.dataset.training[0]].sampling_interval_s
+    start = {name: near[name] * START[name] for name in network.model.parameter_names}
+    reach = (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0)
+    coordinates = Coordinates.at(network.model, start, reach)
+
+    def loss(z: Any, batch: Windows) -> Any:
+        outputs = network(coordinates.physical(z), jnp.moveaxis(batch.inputs, 0, -1), interval)
+        return weighted_mse(outputs.T, batch)
+
+    windows, held_back = cut(network.dataset, network.seen)
+    begin = jnp.asarray(coordinates.first)
+    rng = np.random.default_rng([seed, 1])
+    trained = train(begin, loss, windows, held_back, schedule, rng=rng, few=True, progress=progress)
+    return Fitted(network, coordinates.values(np.asarray(trained.model)), trained)
+
+
+def weighted_mse(outputs: Any, batch: Windows) -> Any:
+    """Mean squared error over the scored samples; outputs of shape (windows, steps)."""
+    return jnp.sum(batch.score * jnp.square(batch.targets - outputs)) / jnp.sum(batch.score)
+
+
+def plain_model(name: str) -> SensorModel:
+    """The model as the paper has it: the core alone, without delay or other add-ons."""
+    return parse(name.split("+")[0])
