@@ -21,8 +21,9 @@ LOG_BIAS, LOG_DEVIATION = 0.5772156649, 1.2825
 CORRELATED = 1.394
 #: A slope counts beyond this many standard deviations.
 SIGNIFICANT = 4.0
-#: Log-likelihood by which another description must be better, about three standard deviations.
-ENOUGH = 4.5
+#: Log-likelihood by which a + b |H|² must be better than one level (one more parameter: Akaike's rule), and a power law,
+#: which reaches further beyond its lines and needs better ones.
+ENOUGH_FOR_SHAPE, ENOUGH_FOR_LAW = 1.0, 2.0
 #: Rounds of Fisher scoring for a + b |H|².
 ROUNDS = 12
 
@@ -54,10 +55,10 @@ def level_at_tone(
     two = own[:, None] + passed[:, None] * shape
     even = np.broadcast_to(mean[:, None], power.shape)
     along = law[:, None] * np.maximum(ratio, 1e-6) ** slope[:, None]
-    shaped = _gain(power, two, even, weight) > ENOUGH
+    shaped = _gain(power, two, even, weight) > ENOUGH_FOR_SHAPE
     level = np.where(shaped, own + passed * through_tone / size, mean)
     rival = np.where(shaped[:, None], two, even)
-    return np.where(sloped & (~shaped | (_gain(power, along, rival, near) > ENOUGH)), law, level)
+    return np.where(_gain(power, along, rival, near) > ENOUGH_FOR_LAW, law, level)
 
 
 def _power_law(

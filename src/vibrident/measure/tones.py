@@ -20,6 +20,8 @@ from vibrident.records import FloatArray, Record
 HARMONICS = 5
 #: Noise lines: from this many Hann main-lobe bins off the tone, over this factor in frequency, within these numbers.
 GUARD_BINS = 3
+#: … but no more than this part of the distance between harmonics.
+CLOSE = 0.4
 #: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
 HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: The frequency's Gauss–Newton steps: quadratic, so a step below this phase over the record leaves an error below 1e-9.
@@ -235,9 +237,11 @@ def _noise_lines(
     reach = FEWEST_LINES + (2 * GUARD_BINS + 1) * harmonics
     low, high = max(1, min(low, int(centre) - reach)), min(last, max(high, int(centre) + reach))
     bins = np.arange(low, max(high, low + 1))
+    # Few periods: harmonics stand so close that lines between two of them are all there is near the tone.
+    guard = min(GUARD_BINS, CLOSE * centre)
     allowed = np.ones(bins.shape, dtype=bool)
     for h in range(1, harmonics + 1):
-        allowed &= np.abs(bins - h * centre) >= GUARD_BINS
+        allowed &= np.abs(bins - h * centre) >= guard
     candidates = bins[allowed] if allowed.any() else bins
     distance = np.abs(np.log(candidates / max(centre, 0.5)))
     order = np.argsort(distance, kind="stable")
