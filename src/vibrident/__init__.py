@@ -27,6 +27,7 @@ _WHERE = {
     "identify": "vibrident.identification",
     "simulate": "vibrident.simulation",
     "predict": "vibrident.prediction",
+    "correct": "vibrident.correction",
     "Ipnn": "vibrident.estimators",
     "LeastSquares": "vibrident.estimators",
     "MaximumLikelihood": "vibrident.estimators",

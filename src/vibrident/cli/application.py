@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from vibrident import __version__
 from vibrident.cli.commands.compare import compare
+from vibrident.cli.commands.correct import correct
 from vibrident.cli.commands.demo import demo
 from vibrident.cli.commands.doctor import doctor
 from vibrident.cli.commands.export import export
@@ -50,7 +51,7 @@ app = typer.Typer(
 _PANELS = {
     "Begin": (demo, doctor),
     "From files to a model": (inspect, identify, report),
-    "Use and judge a model": (predict, compare, simulate, export),
+    "Use and judge a model": (predict, correct, compare, simulate, export),
 }
 for _panel, _commands in _PANELS.items():
     for _command in _commands:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,13 +10,12 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out
+from vibrident.cli.files import record_files
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.prediction import Prediction, Predictions
-
-_UNSAFE = re.compile(r"[^\w.+-]+")
 
 
 def predict(
@@ -47,7 +45,7 @@ def predict(
             from vibrident.prediction import summary
 
             predictions = run(known, data)
-        files = _file_names([p.record.name for p in predictions.predictions])
+        files = record_files([p.record.name for p in predictions.predictions])
         for file, prediction in zip(files, predictions.predictions, strict=True):
             _write_csv(output.path / file, prediction)
         document = {"model": known.model, **summary(predictions, files, data.response_unit)}
@@ -56,17 +54,6 @@ def predict(
     for finding in predictions.findings:
         note(f"Warning ({finding.code}): {finding.message}")
     _show(document, predictions, folder)
-
-
-def _file_names(records: list[str]) -> list[str]:
-    """A file name for each record that every system takes and no other record has."""
-    stems: list[str] = []
-    for record in records:
-        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).strip("._") or "record"
-        used = {name.casefold() for name in stems}
-        candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
-        stems.append(next(name for name in candidates if name.casefold() not in used))
-    return [f"{stem}.csv" for stem in stems]
 
 
 def _write_csv(path: Path, prediction: Prediction) -> None:

@@ -1,0 +1,18 @@
+"""Names of files that are made for records."""
+
+from __future__ import annotations
+
+import re
+
+_UNSAFE = re.compile(r"[^\w.+-]+")
+
+
+def record_files(records: list[str]) -> list[str]:
+    """A CSV file name for each record that every system takes and no other record has."""
+    stems: list[str] = []
+    for record in records:
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).strip("._") or "record"
+        used = {name.casefold() for name in stems}
+        candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
+        stems.append(next(name for name in candidates if name.casefold() not in used))
+    return [f"{stem}.csv" for stem in stems]

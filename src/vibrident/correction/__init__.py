@@ -1,0 +1,11 @@
+"""Acceleration from a measured response: the sensor's dynamics compensated in a stated band, with uncertainty."""
+
+from __future__ import annotations
+
+from vibrident.correction.acceleration import Correction, Corrections, correct
+from vibrident.correction.band import Band
+from vibrident.correction.peak import Peak
+from vibrident.correction.report import summary
+from vibrident.correction.sensor import KnownSensor
+
+__all__ = ["Band", "Correction", "Corrections", "KnownSensor", "Peak", "correct", "summary"]

@@ -1,0 +1,314 @@
+"""The acceleration that a measured response stands for, with a stated band and an uncertainty for every sample.
+
+    â = L/H(θ̂) · (response − offset)
+
+Its uncertainty has these origins, each a series over the samples:
+
+- noise: of the response, with its spectrum, through the filter;
+- model: the covariance of the parameters through ∂â/∂θ, with their correlation;
+- band: what the low-pass removes: it is to the highest octave kept, at each instant, as the spectrum beyond the band
+  is to that octave's (an envelope where the spectrum has sunk in the noise);
+- offset: of the response, where a rest before the motion tells it;
+- ends: what the record's continuation beyond its ends may have got wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from vibrident.correction.agreement import Agreement, agreement_with, reference_in_band
+from vibrident.correction.band import (
+    BINS,
+    PERIODS,
+    Band,
+    Content,
+    choose,
+    content,
+    highest_frequency,
+    stated,
+    top_octave,
+)
+from vibrident.correction.compensation import Compensation
+from vibrident.correction.peak import Peak, find_peak
+from vibrident.correction.quiet import Surroundings, filled, surroundings
+from vibrident.correction.sensor import KnownSensor
+from vibrident.errors import InputError
+from vibrident.measure.quality import Finding, screen
+from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
+from vibrident.result import Result
+
+#: Looks at the band: the part of the record in which the motion is, is known better after the first.
+LOOKS = 2
+#: Window over which the highest octave's power is averaged, in periods of the band's upper edge.
+LOCAL_PERIODS = 2.0
+#: A shock's top is what lies above this part of its peak; bands for it are tried down to this many octaves narrower.
+CORE, NARROWER = 0.5, 3.0
+ORIGINS = ("noise", "model", "band", "offset", "ends")
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """One record and its acceleration.
+
+    Attributes:
+        record: as screened: clipped samples are marked as not valid.
+        acceleration: shape (samples,), m/s²; NaN where clipped samples leave it unknown.
+        standard_uncertainty: shape (samples,), m/s².
+        components: origin to standard uncertainty, each of shape (samples,).
+        band: what was restored.
+        bound: largest that the removed part can be, were all of it to meet at one instant (Eichstädt), m/s².
+        surroundings: rest, offset and noise of the response.
+        peak: None where no sample is known.
+        reference: the reference as acceleration in the same band, shape (samples,); None where there is none.
+        agreement: with the reference; None where there is none.
+        integrated_from_rest: how many times; zero for a sensor that responds to constant acceleration.
+    """
+
+    record: Record
+    acceleration: FloatArray
+    standard_uncertainty: FloatArray
+    components: Mapping[str, FloatArray]
+    band: Band
+    bound: float
+    surroundings: Surroundings
+    peak: Peak | None
+    reference: FloatArray | None
+    agreement: Agreement | None
+    integrated_from_rest: int
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """Corrections of several records.
+
+    Attributes:
+        corrections: one a record, in order, without those left out.
+        findings: doubts about the data.
+        unit: of the acceleration.
+        model: the sensor's.
+    """
+
+    corrections: tuple[Correction, ...]
+    findings: tuple[Finding, ...]
+    unit: str
+    model: str
+
+
+def correct(
+    result: Result,
+    records: Calibration | Sequence[Record],
+    *,
+    band_hz: tuple[float, float] | None = None,
+    noise: float | None = None,
+) -> Corrections:
+    """Restore the acceleration from the measured response of records.
+
+    Args:
+        result: of an identification; its parameters, their uncertainties and correlation are used.
+        records: a calibration, or records alone; a reference, where there is one, is only compared with. Records
+            without a reference have the excitation ``decay``.
+        band_hz: lowest and highest frequency to restore; None: chosen for each record from its noise and its motion.
+            The low-pass falls to zero over the octave above the highest.
+        noise: standard deviation of white noise of the response, response unit; None: from the records.
+
+    Raises:
+        InputError: the model has no linear inverse, the units differ, or a record or the band cannot be used.
+    """
+    sensor = KnownSensor.of(result)
+    quantity: Quantity = "acceleration"
+    if isinstance(records, Calibration):
+        _check(result, records)
+        quantity, given = records.quantity, records.records
+    else:
+        given = tuple(records)
+    if noise is not None and not (np.isfinite(noise) and noise >= 0):
+        raise InputError(
+            "The noise is not usable.",
+            expected="a standard deviation in the response unit, 0 or above",
+            found=repr(noise),
+            where="noise",
+            remedy="correct it, or leave it to be estimated",
+        )
+    kept, findings = screen(given)
+    done = [_corrected(record, sensor, quantity, band_hz, noise) for record in kept]
+    calibrated = tuple(result.response.frequency_hz)
+    more = [doubt for correction in done for doubt in _doubts(correction, calibrated)]
+    drive = result.reference.get("quantity") == "drive"
+    unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
+    return Corrections(tuple(done), (*findings, *more), unit, result.model)
+
+
+def _corrected(
+    record: Record, sensor: KnownSensor, quantity: Quantity, band_hz: tuple[float, float] | None, noise: float | None
+) -> Correction:
+    around = surroundings(record, noise)
+    values, rate = filled(record) - around.offset, record.sampling_rate_hz
+    highest, why = highest_frequency(sensor, rate)
+    low_edge = sensor.zeros_at_rest() > 0 and around.rest_samples == 0
+    event = _event(values)
+    for _ in range(LOOKS):
+        found = content(values, rate, sensor, around, event, highest)
+        if band_hz is None:
+            band = choose(found, rate, highest, low_edge=low_edge)
+        else:
+            band = stated(band_hz, highest, why, low_edge=low_edge)
+        compensation = Compensation.of(sensor, band, rate, record.samples, around)
+        spectrum = compensation.spectrum(values)
+        acceleration = compensation.restored(spectrum)
+        event = _event(acceleration)
+    if band_hz is None and record.excitation == "shock":
+        compensation = _for_the_peak(values, acceleration, compensation, around, found)
+        band, spectrum = compensation.band, compensation.spectrum(values)
+        acceleration = compensation.restored(spectrum)
+    components = _components(values, spectrum, compensation, around, found)
+    unknown = _unknown(record, compensation)
+    acceleration = np.where(unknown, np.nan, acceleration)
+    components = {name: np.where(unknown, np.nan, series) for name, series in components.items()}
+    u = np.sqrt(sum(series**2 for series in components.values()))
+    peak = find_peak(acceleration, spectrum * compensation.after_integration, compensation, around, components)
+    reference = reference_in_band(record, quantity, compensation, around.rest_samples)
+    agreement = None if reference is None else agreement_with(record, quantity, acceleration, components, reference)
+    return Correction(
+        record,
+        acceleration,
+        np.asarray(u),
+        components,
+        band,
+        found.bound(band),
+        around,
+        peak,
+        reference,
+        agreement,
+        compensation.integrations,
+    )
+
+
+def _for_the_peak(
+    values: FloatArray, acceleration: FloatArray, wide: Compensation, around: Surroundings, found: Content
+) -> Compensation:
+    """A narrower band, where the peak of a shock is known better in it than in the band for the whole motion.
+
+    The corners at a shock's foot need a wide band and its noise; its top does not. Judged by the mean square of noise
+    and removed part over the samples above half the peak.
+    """
+    index = int(np.argmax(np.abs(acceleration)))
+    high = np.sign(acceleration[index]) * acceleration >= CORE * abs(acceleration[index])
+    below = np.flatnonzero(~high)
+    first = int(below[below < index][-1]) + 1 if np.any(below < index) else 0
+    last = int(below[below > index][0]) if np.any(below > index) else values.size
+    best, least = wide, np.inf
+    for step in range(round(NARROWER * BINS) + 1):
+        band = Band(
+            wide.band.low_hz, wide.band.high_hz * 2.0 ** (-step / BINS), "least uncertainty of the shock's peak"
+        )
+        if band.high_hz < max(2.0 * band.low_hz, PERIODS * wide.rate / wide.samples):
+            break
+        trial = replace(wide, band=band)
+        noise = trial.noise_deviation(around)[first:last]
+        removed = _removed(trial.spectrum(values), trial, around, found)[first:last]
+        cost = float(np.mean(noise**2 + removed**2))
+        if cost < least:
+            best, least = trial, cost
+    return best
+
+
+def _components(
+    values: FloatArray, spectrum: np.ndarray, compensation: Compensation, around: Surroundings, found: Content
+) -> dict[str, FloatArray]:
+    """Standard uncertainty of every sample by origin."""
+    slopes = compensation.restored(spectrum, compensation.slopes)
+    variance = np.einsum("ik,ij,jk->k", slopes, compensation.sensor.covariance, slopes, optimize=True)
+    if around.offset_uncertainty > 0:
+        constant = compensation.restored(compensation.spectrum(np.ones_like(values)))
+        offset = np.abs(constant) * around.offset_uncertainty
+    else:
+        offset = np.zeros(values.size)
+    return {
+        "noise": compensation.noise_deviation(around),
+        "model": np.sqrt(np.maximum(variance, 0.0)),
+        "band": _removed(spectrum, compensation, around, found),
+        "offset": offset,
+        "ends": compensation.end_deviation(values),
+    }
+
+
+def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundings, found: Content) -> FloatArray:
+    """Standard uncertainty for what the low-pass, and a lower edge, removed; shape (samples,)."""
+    band = compensation.band
+    gain = top_octave(compensation.frequency_hz, band)
+    ratio = np.where(compensation.lowpass > 0, gain / np.where(compensation.lowpass > 0, compensation.lowpass, 1.0), 0)
+    octave = compensation.restored(spectrum, compensation.after_integration * ratio)
+    width = max(1, round(LOCAL_PERIODS * compensation.rate / band.high_hz))
+    power = ndimage.uniform_filter1d(octave**2, width, mode="nearest")
+    noise = compensation.line_mean(np.abs(compensation.total * ratio) ** 2 * around.noise(compensation.frequency_hz))
+    local = found.ratio(band) * np.sqrt(np.maximum(power - noise, 0.0))
+    below = found.frequency_hz < band.low_hz
+    lost = (1.0 - band.passed(found.frequency_hz[below])) ** 2 * found.acceleration[below] * found.lines[below]
+    return np.hypot(local, np.sqrt(np.sum(lost) / found.event))
+
+
+def _event(values: FloatArray) -> float:
+    """Part of a record in which the motion is: one for a sine, what a shock lasts over the record's length."""
+    squares = values**2
+    fourth = float(np.mean(squares**2))
+    return float(np.clip(1.5 * np.mean(squares) ** 2 / fourth, 2.0 / values.size, 1.0)) if fourth > 0 else 1.0
+
+
+def _unknown(record: Record, compensation: Compensation) -> BoolArray:
+    """Samples unknown because some within the filter's reach are not valid; all later ones too if integrated."""
+    bad = ~record.mask
+    if not bad.any():
+        return bad
+    unknown = ndimage.binary_dilation(bad, iterations=max(1, compensation.reach))
+    if compensation.integrations:
+        unknown[int(np.flatnonzero(unknown)[0]) :] = True
+    return np.asarray(unknown, dtype=bool)
+
+
+def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Finding]:
+    name = correction.record.name
+    findings = []
+    unknown = int(np.sum(~np.isfinite(correction.acceleration)))
+    if unknown:
+        text = (
+            f"{name}: {unknown} samples of the acceleration are unknown: clipped samples lie within the filter's reach."
+        )
+        findings.append(Finding("clipped", text))
+    peak = correction.peak
+    if peak is not None and peak.components["band"] > 0.1 * abs(peak.value):
+        text = (
+            f"{name}: the motion has content above {correction.band.high_hz:.4g} Hz that the noise or the sampling "
+            f"hides; it may change the peak by {100 * peak.components['band'] / abs(peak.value):.2g} % (k = 1)."
+        )
+        findings.append(Finding("band_sensitive", text))
+    if calibrated_hz and correction.band.high_hz > 1.5 * calibrated_hz[-1]:
+        text = (
+            f"{name}: restored up to {correction.band.high_hz:.4g} Hz on the word of the model; the calibration ends at "
+            f"{calibrated_hz[-1]:.4g} Hz."
+        )
+        findings.append(Finding("band_sensitive", text))
+    return findings
+
+
+def _check(result: Result, calibration: Calibration) -> None:
+    where = calibration.source or "calibration in memory"
+    if calibration.table is not None:
+        raise InputError(
+            "A table holds no response in time.",
+            expected="a calibration with [[records]]",
+            found="[table]",
+            where=where,
+            remedy="give a calibration file with records",
+        )
+    if calibration.response_unit != result.response_unit:
+        raise InputError(
+            "The response is not in the unit of the result.",
+            expected=f'[response] unit = "{result.response_unit}", the unit of the result',
+            found=f'unit = "{calibration.response_unit}"',
+            where=f"{where}, [response]",
+            remedy="set unit, and scale so that file values times scale are in that unit",
+        )

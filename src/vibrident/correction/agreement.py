@@ -1,0 +1,89 @@
+"""The compensated acceleration against a reference's, in the same band."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.correction.compensation import Compensation
+from vibrident.models.base import DERIVATIVES
+from vibrident.records import FloatArray, Quantity, Record
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The compensated acceleration against the reference's, where the record's ends do not govern the uncertainty.
+
+    Attributes:
+        rmse: against the reference in the same band, m/s².
+        nrmse: that over the reference's standard deviation.
+        rmse_unfiltered: against the reference as it is; None where the reference is no acceleration.
+        reference_peak: the reference's sample of largest magnitude, filtered to the band, m/s².
+        within_95_percent: part of these samples whose deviation lies within k = 1.96 of its uncertainty.
+    """
+
+    rmse: float
+    nrmse: float | None
+    rmse_unfiltered: float | None
+    reference_peak: float
+    within_95_percent: float
+
+
+def reference_in_band(record: Record, quantity: Quantity, compensation: Compensation, rest: int) -> FloatArray | None:
+    """The reference as acceleration in the band, shape (samples,)."""
+    if record.reference is None:
+        return None
+    values = np.array(record.reference)
+    if compensation.left_rest:
+        values -= np.mean(values[:rest])
+    else:
+        values -= np.average(values, weights=np.hanning(values.size))
+    order = DERIVATIVES[quantity]
+    plain = Compensation(
+        compensation.sensor,
+        compensation.band,
+        compensation.rate,
+        compensation.samples,
+        0,
+        compensation.left_rest,
+        compensation.right_rest and order == 0,
+    )
+    gain = plain.lowpass * (2j * np.pi * plain.frequency_hz) ** order
+    return plain.restored(plain.spectrum(values), gain)
+
+
+def agreement_with(
+    record: Record,
+    quantity: Quantity,
+    acceleration: FloatArray,
+    components: Mapping[str, FloatArray],
+    reference: FloatArray,
+) -> Agreement | None:
+    """Compare, where both are known; None where nothing is.
+
+    Args:
+        record: with its reference.
+        quantity: of the reference.
+        acceleration: compensated, shape (samples,), NaN where it is not known.
+        components: its standard uncertainty by origin.
+        reference: as acceleration in the same band, shape (samples,).
+    """
+    known = np.isfinite(acceleration) & record.mask
+    if not known.any():
+        return None
+    u = np.sqrt(sum(series**2 for series in components.values()))
+    inner = known & (components["ends"] <= np.sqrt(np.maximum(u**2 - components["ends"] ** 2, 0.0)))
+    known = inner if inner.any() else known  # near its ends the filtered reference is no better known
+    off = (acceleration - reference)[known]
+    deviation = float(np.std(reference[known]))
+    rmse = float(np.sqrt(np.mean(off**2)))
+    unfiltered = None
+    if quantity in ("acceleration", "drive") and record.reference is not None:
+        raw = np.asarray(record.reference)[known]
+        raw = raw - np.mean(raw - reference[known])
+        unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))
+    top = float(reference[known][np.argmax(np.abs(reference[known]))])
+    inside = float(np.mean(np.abs(off) <= 1.96 * u[known]))
+    return Agreement(rmse, rmse / deviation if deviation > 0 else None, unfiltered, top, inside)

@@ -1,0 +1,249 @@
+"""Which band of the acceleration to restore: what the low-pass removes against the noise that the inverse amplifies.
+
+The compensation is L(f)/H(f), with L real: one within the band, falling to zero over the octave above it (and the
+octave below it, where the sensor has no response to constant acceleration). Following Eichstädt et al. (Metrologia 47,
+2010; 53, 2016) the error of a compensation is bounded by what the input holds where L is not one,
+
+    |Δa(t)| ≤ 2 ∫ (1 − L) |A(f)| df,
+
+with A from the record's own spectrum where it stands above the noise, and an envelope falling by a power of the
+frequency beyond.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vibrident.correction.quiet import Surroundings
+from vibrident.correction.sensor import KnownSensor
+from vibrident.errors import InputError
+from vibrident.records import BoolArray, FloatArray
+
+#: Spectral bins and candidate bands, an octave.
+BINS = 12
+#: A bin holds motion where its power exceeds the noise by this many standard deviations of the bin's mean.
+HEARD = 6.0
+#: Least power by which the envelope of |A|² falls (a pulse with steps), and most; how many octaves below the last bin
+#: heard, with how many bins heard in them, show it.
+LEAST_SLOPE, STEEPEST, SHOWN_OCTAVES, FEWEST_SHOWN = 2.0, 200.0, 1.5, 6
+#: Of half the sampling rate, and of the first zero of an averaging window: where the low-pass must have ended.
+LAST_OF_HALF, LAST_OF_ZERO = 0.98, 0.9
+#: Fewest periods of the lower edge, and of the upper, in a record.
+PERIODS = 4.0
+
+
+@dataclass(frozen=True)
+class Band:
+    """What the compensation passes.
+
+    Attributes:
+        low_hz: from here L = 1; zero where L passes constant acceleration. Below low_hz/2, L = 0.
+        high_hz: up to here L = 1; from 2 high_hz on, L = 0.
+        chosen: in words: how.
+    """
+
+    low_hz: float
+    high_hz: float
+    chosen: str
+
+    @property
+    def stop_hz(self) -> float:
+        """Where L has become zero."""
+        return 2.0 * self.high_hz
+
+    def passed(self, frequency_hz: FloatArray) -> FloatArray:
+        """L at the frequencies."""
+        return passed(frequency_hz, self.low_hz, self.high_hz)
+
+
+def passed(frequency_hz: FloatArray, low_hz: float | FloatArray, high_hz: float | FloatArray) -> FloatArray:
+    """L of a band; broadcasts. Its slopes have two continuous derivatives, so its kernel falls quickly."""
+    upper = _step(2.0 - frequency_hz / high_hz)
+    low = np.asarray(low_hz)
+    return upper * np.where(low > 0, _step(2.0 * frequency_hz / np.where(low > 0, low, 1.0) - 1.0), 1.0)
+
+
+def _step(x: FloatArray) -> FloatArray:
+    x = np.clip(x, 0.0, 1.0)
+    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What a record holds of acceleration and of noise, in bins of frequency; powers as in ``quiet``.
+
+    Attributes:
+        frequency_hz: of the bins, shape (bins,).
+        lines: two-sided spectral lines in each, over the number of samples: Σ lines · power is a mean square.
+        acceleration: power of the acceleration, the noise taken out, shape (bins,).
+        noise: power of the noise after the inverse 1/H, shape (bins,).
+        samples: of the record.
+        event: part of the record in which the motion is.
+        heard: bins in which motion was found, shape (bins,).
+        power: by which the envelope of |A|² falls beyond the last of them.
+    """
+
+    frequency_hz: FloatArray
+    lines: FloatArray
+    acceleration: FloatArray
+    noise: FloatArray
+    samples: int
+    event: float
+    heard: BoolArray
+    power: float
+
+    def noise_deviation(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Standard deviation of the noise that bands pass, m/s²; low and high broadcast against one another."""
+        gain = passed(self.frequency_hz, np.asarray(low)[..., None], np.asarray(high)[..., None]) ** 2
+        return np.sqrt(np.sum(gain * self.noise * self.lines, axis=-1))
+
+    def removed(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Rms of the removed acceleration while the motion lasts, m/s²."""
+        gain = (1.0 - passed(self.frequency_hz, np.asarray(low)[..., None], np.asarray(high)[..., None])) ** 2
+        return np.sqrt(np.sum(gain * self.acceleration * self.lines, axis=-1) / self.event)
+
+    def bound(self, band: Band) -> float:
+        """Largest removed acceleration if all of it met at one instant, m/s²."""
+        amplitude = np.sqrt(np.maximum(self.acceleration, 0.0) * self.samples)
+        return float(np.sum((1.0 - band.passed(self.frequency_hz)) * amplitude * self.lines))
+
+    def ratio(self, band: Band) -> float:
+        """Rms of what the low-pass removes over that of what it keeps in its highest octave."""
+        weights = self.acceleration * self.lines
+        removed = 1.0 - passed(self.frequency_hz, 0.0, band.high_hz)
+        kept = top_octave(self.frequency_hz, band)
+        return float(np.sqrt(np.sum(removed**2 * weights) / max(np.sum(kept**2 * weights), np.finfo(float).tiny)))
+
+
+def top_octave(frequency_hz: FloatArray, band: Band) -> FloatArray:
+    """Gain that takes the highest octave out of what the band passes."""
+    return band.passed(frequency_hz) - passed(frequency_hz, band.low_hz, 0.5 * band.high_hz)
+
+
+def content(
+    values: FloatArray, rate: float, sensor: KnownSensor, around: Surroundings, event: float, highest: float
+) -> Content:
+    """Spectra of a record's acceleration and noise.
+
+    Args:
+        values: response without its offset, shape (samples,).
+        rate: samples per second.
+        sensor: the sensor.
+        around: the record's noise.
+        event: part of the record in which the motion is, 0 to 1.
+        highest: no frequency above this is looked at, Hz.
+    """
+    count = values.size
+    transient = around.rest_samples > 0 and around.rests_at_end
+    window = np.ones(count) if transient else np.hanning(count)
+    power = np.abs(np.asarray(fft.rfft(values * window))) ** 2 / np.sum(window**2)
+    frequency = np.array(fft.rfftfreq(count, 1.0 / rate), dtype=np.float64)
+    used = (frequency > 0) & (frequency <= highest)
+    frequency, power = frequency[used], power[used]
+    inverse = 1.0 / np.abs(sensor.response(frequency)) ** 2
+    noise = around.noise(frequency)
+    number = np.floor(BINS * np.log2(frequency / frequency[0])).astype(int)
+    _, number, size = np.unique(number, return_inverse=True, return_counts=True)
+
+    def mean(line: FloatArray) -> FloatArray:
+        return np.bincount(number, weights=line) / size
+
+    centre, level = mean(frequency), mean(noise)
+    spread = (1.0 if transient else 1.94) / size + around.spread
+    heard = mean(power) > level * (1.0 + HEARD * np.sqrt(spread))
+    acceleration = np.maximum(mean((power - noise) * inverse), 0.0)
+    limit = level * mean(inverse) * (1.0 + HEARD * np.sqrt(spread))
+    acceleration, slope = _with_envelope(centre, acceleration, heard, limit)
+    lines = 2.0 * size / count
+    return Content(centre, lines, acceleration, mean(noise * inverse), count, event, heard, slope)
+
+
+def _with_envelope(
+    frequency: FloatArray, acceleration: FloatArray, heard: BoolArray, limit: FloatArray
+) -> tuple[FloatArray, float]:
+    """The power with an envelope beyond the last bin heard: as the octave before it falls, or as fast as silence asks.
+
+    A shock sinks into the noise, and its envelope goes on falling there. A tone, or random motion with an edge, ends:
+    the bins beyond would have been heard (``limit``) were the envelope not steep.
+    """
+    if not heard.any():
+        return np.zeros_like(acceleration), STEEPEST
+    last = int(np.flatnonzero(heard)[-1])
+    x = np.log(frequency / frequency[last])
+    shown = heard & (x >= -SHOWN_OCTAVES * np.log(2.0)) & (acceleration > 0)
+    slope = LEAST_SLOPE
+    if shown.sum() >= FEWEST_SHOWN:
+        slope = max(slope, float(-np.polyfit(x[shown], np.log(acceleration[shown]), 1)[0]))
+    level = float(np.mean(acceleration[shown] * np.exp(slope * x[shown])))
+    beyond = x > 0
+    silent = np.flatnonzero(beyond)[1:]
+    if silent.size and level > 0:
+        slope = float(np.clip(np.max(np.log(level / limit[silent]) / x[silent]), slope, STEEPEST))
+    envelope = np.exp(np.maximum(np.log(max(level, 1e-300)) - slope * x, -690.0))
+    return np.where(beyond, envelope, acceleration), slope
+
+
+def highest_frequency(sensor: KnownSensor, rate: float) -> tuple[float, str]:
+    """Where the low-pass must have ended, Hz, and why."""
+    last, why = LAST_OF_HALF * 0.5 * rate, "half the sampling rate"
+    length = sensor.values.get("boxcar_length")
+    if length and LAST_OF_ZERO / length < last:
+        last, why = LAST_OF_ZERO / length, "the first zero of the averaging window"
+    return last, why
+
+
+def choose(found: Content, rate: float, highest: float, *, low_edge: bool) -> Band:
+    """The band whose noise and removed part together are least.
+
+    Args:
+        found: spectra of the record.
+        rate: samples per second.
+        highest: where the low-pass must have ended, Hz.
+        low_edge: whether a lower edge is needed, because the sensor has no response to constant acceleration.
+    """
+    least = PERIODS * rate / found.samples
+    high = _candidates(min(least, 0.25 * highest), 0.5 * highest)
+    low = _candidates(least, max(0.25 * high[-1], least)) if low_edge else np.zeros(1)
+    cost = found.noise_deviation(low[:, None], high[None, :]) ** 2 + found.removed(low[:, None], high[None, :]) ** 2
+    cost = np.where(2.0 * low[:, None] <= high[None, :], cost, np.inf)
+    first, second = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    words = "least sum of noise and removed part"
+    if second == high.size - 1:
+        words = "widest that sampling rate and sensor allow"
+    return Band(float(low[first]), float(high[second]), words)
+
+
+def stated(band_hz: tuple[float, float], highest: float, why: str, *, low_edge: bool) -> Band:
+    """The band that the user asks for.
+
+    Raises:
+        InputError: it cannot be restored.
+    """
+    low, high = (float(edge) for edge in band_hz)
+    reasonable = np.isfinite([low, high]).all() and 0.0 <= low < high and 2.0 * high <= highest * (1.0 + 1e-9)
+    if not reasonable:
+        raise InputError(
+            "The band cannot be restored.",
+            expected=f"0 ≤ low < high ≤ {0.5 * highest:.6g} Hz (the low-pass falls over the octave above high, and "
+            f"{why} ends it)",
+            found=f"{low:g} to {high:g} Hz",
+            where="band",
+            remedy="narrow the band, or leave it to be chosen",
+        )
+    if low_edge and low == 0.0:
+        raise InputError(
+            "The band begins at zero, where the sensor has no response.",
+            expected="a lower edge above zero, or a record that begins at rest",
+            found="0 Hz, and a record that begins in the middle of a motion",
+            where="band",
+            remedy="give a lower edge, or a record with some samples before the motion",
+        )
+    return Band(low, high, "stated by the user")
+
+
+def _candidates(first: float, last: float) -> FloatArray:
+    count = max(1, round(BINS * np.log2(max(last / first, 1.0)))) + 1
+    return np.geomspace(first, last, count) if last > first else np.array([last])

@@ -1,0 +1,245 @@
+"""The filter L(f)/H(f) on a whole record, with zero phase, and what it makes of noise and of the record's ends.
+
+Where the sensor has no response to constant acceleration (a velocity pickup, a charge amplifier), 1/H has poles at
+frequency zero. A record that begins at rest is then integrated from its first sample on, as many times as there are
+poles, and the rest of the inverse is regular; the trapezoidal rule's own response is taken out again, so the integral
+is that of the band-limited signal. Other records keep a lower edge of the band.
+
+Beyond its ends a record is continued: by rest where it is at rest, by its point reflection otherwise. The error of
+that continuation is a sum over the response's own samples, so its variance follows from the response's
+autocovariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from vibrident.correction.band import Band
+from vibrident.correction.quiet import Surroundings
+from vibrident.correction.sensor import ComplexArray, KnownSensor
+from vibrident.records import FloatArray
+
+#: Length of the filter's kernel on either side, in periods of the narrowest slope of L; decay of 1/H's own poles.
+KERNEL_PERIODS, DECAY = 8.0, 8.0
+#: Instants near an end at which the error of the continuation is computed; between them it is interpolated.
+EDGE_POINTS = 48
+#: Reach of the noise's colour, samples on either side.
+COLOUR = 256
+#: Part of the kernel's sum of magnitudes that counts as reached.
+REACHED = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """One record's compensation.
+
+    Attributes:
+        sensor: the sensor.
+        band: what is restored.
+        rate: samples per second.
+        samples: of the record.
+        integrations: from rest, before the filter: 0, 1 or 2.
+        left_rest: whether the record is continued by rest before its first sample.
+        right_rest: and after its last.
+    """
+
+    sensor: KnownSensor
+    band: Band
+    rate: float
+    samples: int
+    integrations: int
+    left_rest: bool
+    right_rest: bool
+
+    @classmethod
+    def of(cls, sensor: KnownSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:
+        """The compensation for a record in its surroundings."""
+        poles = sensor.zeros_at_rest() if band.low_hz == 0.0 else 0
+        left = around.rest_samples > 0
+        return cls(sensor, band, rate, samples, poles, left, around.rests_at_end)
+
+    @cached_property
+    def pad(self) -> int:
+        """Samples by which the record is continued on either side."""
+        slope = min(self.band.high_hz, 0.5 * self.band.low_hz or np.inf)
+        reach = KERNEL_PERIODS * self.rate / slope + abs(self.sensor.values.get("delay", 0.0)) * self.rate
+        numerator = np.trim_zeros(np.array(self.sensor.model.rational(self.sensor.values).numerator, dtype=float), "f")
+        roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
+        if roots.size:  # the inverse rings at the sensor's own zeros
+            reach += DECAY * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
+        return int(np.clip(np.ceil(reach), 16, self.samples - 1))
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the transform."""
+        return int(fft.next_fast_len(self.samples + 2 * self.pad, real=True) or 1)
+
+    @cached_property
+    def frequency_hz(self) -> FloatArray:
+        """Of the transform's lines; the first is a hair above zero, where 1/H may have a pole."""
+        frequency = np.array(fft.rfftfreq(self.size, 1.0 / self.rate), dtype=float)
+        frequency[0] = 1e-6 * frequency[1]
+        return frequency
+
+    @cached_property
+    def lowpass(self) -> FloatArray:
+        """L at the lines."""
+        return self.band.passed(self.frequency_hz)
+
+    @cached_property
+    def _within(self) -> NDArray[np.bool_]:
+        return self.lowpass > 0.0
+
+    @cached_property
+    def total(self) -> ComplexArray:
+        """L/H at the lines."""
+        gain = np.zeros(self.frequency_hz.shape, dtype=complex)
+        gain[self._within] = self.lowpass[self._within] / self.sensor.response(self.frequency_hz[self._within])
+        return gain
+
+    @cached_property
+    def after_integration(self) -> ComplexArray:
+        """L/H at the lines, divided by the response of the integrations by the trapezoidal rule."""
+        if self.integrations == 0:
+            return self.total
+        x = np.pi * self.frequency_hz / self.rate
+        gain = np.zeros_like(self.total)
+        rule = 2j * self.rate * np.tan(x[self._within])
+        gain[self._within] = self.total[self._within] * rule**self.integrations
+        return gain
+
+    @cached_property
+    def slopes(self) -> ComplexArray:
+        """Derivative of ``after_integration`` by each parameter, shape (parameters, lines): −G H'/H."""
+        gain = np.zeros((len(self.sensor.model.parameters), self.frequency_hz.size), dtype=complex)
+        inside = self.frequency_hz[self._within]
+        relative = self.sensor.slopes(inside) / self.sensor.response(inside)
+        gain[:, self._within] = -self.after_integration[self._within] * relative
+        return gain
+
+    def spectrum(self, values: FloatArray) -> ComplexArray:
+        """Transform of the record, integrated and continued, shape (lines,); ``values`` without its offset."""
+        for _ in range(self.integrations):
+            values = (np.cumsum(values) - 0.5 * values) / self.rate
+        return np.asarray(fft.rfft(self._continued(values), self.size))
+
+    def restored(self, spectrum: ComplexArray, gain: ComplexArray | None = None) -> FloatArray:
+        """Acceleration at the record's samples, shape (samples,) (or (rows, samples) for rows of gains)."""
+        whole = np.asarray(fft.irfft(spectrum * (self.after_integration if gain is None else gain), self.size, axis=-1))
+        return whole[..., self.pad : self.pad + self.samples]
+
+    def _continued(self, values: FloatArray) -> FloatArray:
+        taper = self._taper
+        left = np.zeros(self.pad) if self.left_rest else (2.0 * values[0] - values[self.pad : 0 : -1]) * taper[::-1]
+        right = np.zeros(self.pad)
+        if not self.right_rest or self.integrations:  # of an integral, the reflection of a rest is its continuation
+            right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * taper
+        return np.concatenate([left, values, right])
+
+    @cached_property
+    def _taper(self) -> FloatArray:
+        """One beside the record, falling to zero over the outer half of the continuation; shape (pad,)."""
+        x = np.clip(2.0 * np.arange(1, self.pad + 1) / self.pad - 1.0, 0.0, 1.0)
+        return 0.5 + 0.5 * np.cos(np.pi * x)
+
+    @cached_property
+    def kernel(self) -> FloatArray:
+        """Impulse response of the filter after the integrations, shape (size,), its middle at index 0, circular."""
+        return np.asarray(fft.irfft(self.after_integration, self.size))
+
+    @cached_property
+    def reach(self) -> int:
+        """Samples on either side of which the kernel holds hardly anything."""
+        index = np.arange(self.size)
+        folded = np.bincount(np.minimum(index, self.size - index), weights=np.abs(self.kernel))
+        share = np.cumsum(folded) / np.sum(folded)
+        return int(np.searchsorted(share, REACHED))
+
+    def line_mean(self, power: FloatArray) -> float:
+        """Mean over all frequencies, both signs, of a power given at the lines."""
+        twice = np.full(power.shape[-1], 2.0)
+        twice[0] = 1.0
+        if self.size % 2 == 0:
+            twice[-1] = 1.0
+        return float(np.sum(power * twice) / self.size)
+
+    def noise_deviation(self, around: Surroundings) -> FloatArray:
+        """Standard deviation of the noise in the acceleration, shape (samples,).
+
+        Constant for a plain filter; growing from the first sample on where the response is integrated.
+        """
+        power = around.noise(self.frequency_hz)
+        if self.integrations == 0:
+            return np.full(self.samples, np.sqrt(self.line_mean(np.abs(self.total) ** 2 * power)))
+        impulse = np.zeros(self.samples)
+        impulse[0] = 1.0
+        whole = np.asarray(fft.irfft(self.spectrum(impulse) * self.after_integration, self.size))
+        kernel = whole[: self.pad + self.samples]  # from pad samples before the impulse on
+        reach = min(COLOUR, (self.size - 1) // 2)
+        colour = np.roll(np.asarray(fft.irfft(np.sqrt(power), self.size)), reach)[: 2 * reach + 1]
+        coloured = signal.fftconvolve(kernel, colour, mode="same") if np.ptp(power) > 0 else kernel * np.sqrt(power[0])
+        return np.sqrt(np.cumsum(coloured**2)[self.pad :])
+
+    def end_deviation(self, values: FloatArray) -> FloatArray:
+        """Standard deviation of what the continuation beyond the record's ends may have got wrong, shape (samples,).
+
+        Args:
+            values: response without its offset.
+        """
+        total = np.zeros(self.samples)
+        if self.left_rest and self.right_rest:
+            return total
+        covariance = self._autocovariance(values)
+        for at_left, rest in ((True, self.left_rest), (False, self.right_rest)):
+            if not rest:
+                side = self._edge(covariance, at_left=at_left)
+                near = side[: self.samples] if at_left else side[: self.samples][::-1]
+                if at_left:
+                    total[: near.size] += near
+                else:
+                    total[-near.size :] += near
+        return np.sqrt(total)
+
+    def _autocovariance(self, values: FloatArray) -> FloatArray:
+        """Of what the filter sees, lags 0 … 2 pad: of the response, or formally of its integrals."""
+        window = np.hanning(values.size) if self.integrations else np.ones(values.size)
+        size = int(fft.next_fast_len(values.size + 2 * self.pad + 1, real=True) or 1)
+        power = np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
+        if self.integrations:
+            power[0] = 0.0
+            power[1:] /= (2.0 * self.rate * np.sin(np.pi * np.arange(1, power.size) / size)) ** (2 * self.integrations)
+        return np.asarray(fft.irfft(power, size))[: 2 * self.pad + 1]
+
+    def _edge(self, covariance: FloatArray, *, at_left: bool) -> FloatArray:
+        """Variance of the continuation's error in the first samples from an end inwards, shape (pad,)."""
+        kernel = self.kernel if at_left else np.concatenate([self.kernel[:1], self.kernel[:0:-1]])
+        pad, middle = self.pad, self.pad
+        # An integral wanders; only its second difference, without the taper, has a variance.
+        taper = np.ones(pad) if self.integrations else self._taper
+        size = int(fft.next_fast_len(4 * pad + 2, real=True) or 1)
+        circular = np.zeros(size)
+        circular[: 2 * pad + 1] = covariance
+        circular[-2 * pad :] = covariance[:0:-1]
+        weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0)
+        twice = np.full(weight.size, 2.0)
+        twice[0] = 1.0
+        if size % 2 == 0:
+            twice[-1] = 1.0
+        steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)])) if pad > 1 else [0]
+        beyond = np.arange(1, pad + 1)
+        variances = []
+        for step in np.asarray(steps)[np.asarray(steps) < pad]:
+            reached = np.where(step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0)
+            weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
+            weights[middle - beyond] = reached
+            weights[middle + beyond] = reached * taper
+            weights[middle] = -2.0 * np.sum(reached * taper)
+            power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
+            variances.append(float(np.sum(power * weight * twice)) / size)
+        kept = np.asarray(steps)[np.asarray(steps) < pad]
+        return np.interp(np.arange(pad), kept, variances)

@@ -1,0 +1,191 @@
+"""What a record's response holds besides the motion: rest before it and after it, offset, and the noise's spectrum.
+
+A spectrum S(f) here is a variance per sample: white noise of variance σ² has S = σ² at every frequency, and a filter
+G leaves the variance mean |G|² S over all frequencies from −half to half the sampling rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import fft, signal
+
+from vibrident.records import FloatArray, Record
+
+#: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin softly, if at
+#: all, and a soft beginning looks like rest and is none.
+BEGINS_AT_REST = ("shock", "decay")
+#: A record is at rest where it begins (ends) if its first (last) part, by this share of the samples and at least this
+#: many of them, swings less (standard deviation) than this part of the record's largest deviation from it.
+REST_SHARE, FEWEST_REST, STILL = 0.02, 32, 0.02
+#: Rest lasts until the response leaves the level by this many standard deviations; that much of it is used.
+LEAVES, USED = 6.0, 0.9
+#: A rest is looked at in so many parts; the last may lie off the others by so many of their standard deviations.
+PARTS, DEPARTS = 8, 4.0
+#: Least samples at rest from which a spectrum of the noise is taken.
+FEWEST_FOR_SPECTRUM = 128
+#: Eighths of the rest, half overlapping, are worth so many independent averages (Welch 1967, Hann).
+WELCH_AVERAGES = 12.0
+#: Lines averaged where the noise is looked for beside the motion, and the bias of the least of so many averages.
+PLATEAU_LINES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What is known of a record besides its motion.
+
+    Attributes:
+        rest_samples: samples at rest from the first one on; zero where the record begins in the middle of a motion.
+        rests_at_end: whether it ends at rest, too.
+        offset: constant to be subtracted, response unit.
+        offset_uncertainty: its standard uncertainty.
+        offset_from: in words.
+        frequency_hz: of the spectrum, ascending from zero, shape (lines,).
+        spectrum: of the noise, response unit squared, shape (lines,).
+        spread: relative variance of a line of the spectrum.
+        noise_from: in words: what the noise was taken from and taken for.
+        degrees_of_freedom: of the noise's total variance.
+    """
+
+    rest_samples: int
+    rests_at_end: bool
+    offset: float
+    offset_uncertainty: float
+    offset_from: str
+    frequency_hz: FloatArray
+    spectrum: FloatArray
+    spread: float
+    noise_from: str
+    degrees_of_freedom: float
+
+    def noise(self, frequency_hz: FloatArray) -> FloatArray:
+        """Spectrum of the noise at other frequencies, interpolated; constant beyond the last line."""
+        return np.interp(frequency_hz, self.frequency_hz, self.spectrum)
+
+    @property
+    def noise_deviation(self) -> float:
+        """Standard deviation of the noise, response unit."""
+        return float(np.sqrt(np.trapezoid(self.spectrum, self.frequency_hz) / self.frequency_hz[-1]))
+
+
+def surroundings(record: Record, noise: float | None = None) -> Surroundings:
+    """Look at a record's response before any model.
+
+    Args:
+        record: with its valid samples marked.
+        noise: standard deviation of white noise of the response, response unit; None: estimated.
+    """
+    values = filled(record)
+    rest = _rest(values) if record.excitation in BEGINS_AT_REST else 0
+    ends = rest > 0 and _returns(values, rest)
+    half = 0.5 * record.sampling_rate_hz
+    quantum = _resolution(values) ** 2 / 12.0
+    if noise is not None:
+        frequency, spectrum = np.array([0.0, half]), np.full(2, noise**2 + np.finfo(float).tiny)
+        words, freedom, spread = "stated by the user, taken for white", np.inf, 0.0
+    elif rest >= FEWEST_FOR_SPECTRUM:
+        frequency, spectrum = _spectrum_at_rest(values[:rest], record.sampling_rate_hz)
+        freedom, spread = 0.9 * rest, 1.0 / WELCH_AVERAGES
+        words = f"spectrum of the first {rest} samples, before the motion; taken for stationary"
+    else:
+        level = _plateau(values)
+        frequency, spectrum, freedom = np.array([0.0, half]), np.full(2, level), float(PLATEAU_LINES)
+        spread = 2.0 / PLATEAU_LINES
+        words = "least level of the response's own spectrum, taken for white: no rest before the motion shows more"
+    spectrum = np.maximum(spectrum, max(quantum, np.finfo(float).tiny))
+    if rest > 0:
+        offset = float(np.mean(values[:rest]))
+        low = float(np.mean(spectrum[: max(1, len(spectrum) // 16)]))
+        uncertainty, origin = float(np.sqrt(low / rest)), f"mean of the first {rest} samples, at rest"
+    else:
+        weights = np.hanning(values.size)
+        offset = float(np.average(values, weights=weights))
+        # A motion of few periods has a mean of its own. The second line beside zero is the first that holds no offset.
+        slow = np.sum((values - offset) * weights * np.exp(-4j * np.pi * np.arange(values.size) / values.size))
+        uncertainty = float(np.sqrt(2.0) * np.abs(slow) / np.sum(weights))
+        origin = "mean of the record: the acceleration's own constant part goes with it"
+    return Surroundings(rest, ends, offset, uncertainty, origin, frequency, spectrum, spread, words, freedom)
+
+
+def filled(record: Record) -> FloatArray:
+    """The response with samples that are not valid replaced by straight lines; shape (samples,)."""
+    values = np.array(record.response)
+    if not record.mask.all():
+        index = np.arange(record.samples)
+        values[~record.mask] = np.interp(index[~record.mask], index[record.mask], values[record.mask])
+    return values
+
+
+def _block(values: FloatArray) -> int:
+    return min(max(FEWEST_REST, int(REST_SHARE * values.size)), values.size // 4)
+
+
+def _rest(values: FloatArray) -> int:
+    """Samples at rest at the beginning; zero where there are none."""
+    count = _block(values)
+    if count < 8:
+        return 0
+    for _ in range(2):  # a longer part tells the noise better, and so where the rest ends
+        level, swing = float(np.mean(values[:count])), float(np.std(values[:count]))
+        away = np.abs(values - level)
+        largest = float(np.max(away))
+        if swing > STILL * largest:
+            return 0
+        leaves = max(LEAVES * swing, 1.5 * _resolution(values), 1e-9 * largest)
+        beyond = np.flatnonzero(away > leaves)
+        onset = int(beyond[0]) if beyond.size else values.size
+        if onset < count // 2:
+            return 0
+        count = max(8, int(USED * onset))
+    while count >= 8 * PARTS and _departs(values[:count]):
+        count = int(USED * count)
+    return count
+
+
+def _departs(values: FloatArray) -> bool:
+    """Whether the last of several parts lies off the others: a motion that begins softly."""
+    length = values.size // PARTS
+    means = values[: length * PARTS].reshape(PARTS, length).mean(axis=1)
+    return bool(abs(means[-1] - means[:-1].mean()) > DEPARTS * means[:-1].std(ddof=1))
+
+
+def _returns(values: FloatArray, rest: int) -> bool:
+    """Whether the last part lies where the first part did, and as still."""
+    first, last = values[:rest], values[-_block(values) :]
+    still = float(np.std(first)) + 1e-9 * float(np.ptp(values))
+    return bool(np.std(last) < 2.0 * still and abs(np.mean(last) - np.mean(first)) < 2.0 * still)
+
+
+def _resolution(values: FloatArray) -> float:
+    """Smallest step between values that occur: the quantisation, where there is one."""
+    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
+    return float(np.min(steps)) if steps.size else 0.0
+
+
+def _spectrum_at_rest(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """Welch's estimate: eighths of the rest, half overlapping, Hann; frequencies and spectrum."""
+    length = max(32, values.size // 8)
+    # Only the mean of all is taken out: what is slower than a part shows in its lowest lines.
+    untouched: Any = False  # SciPy's stubs know text only
+    frequency, density = signal.welch(
+        values - values.mean(), rate, "hann", length, detrend=untouched, return_onesided=False
+    )
+    kept = frequency >= 0
+    spectrum = np.asarray(density)[kept] * rate
+    frequency = np.asarray(frequency)[kept]
+    if frequency[-1] < 0.5 * rate:
+        frequency, spectrum = np.append(frequency, 0.5 * rate), np.append(spectrum, spectrum[-1])
+    return frequency, spectrum
+
+
+def _plateau(values: FloatArray) -> float:
+    """Least smoothed level of the record's own spectrum: noise alone, if motion is absent somewhere."""
+    window = np.hanning(values.size)
+    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * window))) ** 2 / np.sum(window**2)
+    lines = min(PLATEAU_LINES, max(4, power.size // 8))
+    blocks = power[: power.size // lines * lines].reshape(-1, lines)
+    return float(np.quantile(np.mean(blocks[1:] if len(blocks) > 1 else blocks, axis=1), 0.1)) * (
+        1.0 + 1.28 * np.sqrt(1.94 / lines)  # the tenth part of averages over so many correlated lines lies that low
+    )

@@ -1,0 +1,122 @@
+"""Restored acceleration with its band of uncertainty, and under each record where the uncertainty comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vibrident.plots import style
+from vibrident.plots.choose import envelope, excerpt, grid, spread
+from vibrident.plots.style import FloatArray
+from vibrident.plots.units import pretty, scaled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
+
+    from vibrident.correction import Correction, Corrections
+
+#: Most records in the picture.
+MOST = 4
+#: Origins of uncertainty: how each is drawn and called. One that is nowhere a hundredth of the whole is left out.
+_ORIGINS = {
+    "noise": (style.BLUE, "-", "noise"),
+    "model": (style.VERMILION, "--", "parameters"),
+    "band": (style.GREEN, "-.", "removed by the low-pass"),
+    "offset": (style.PURPLE, ":", "offset"),
+    "ends": (style.SKY, (0, (3, 1, 1, 1)), "ends of the record"),
+}
+_SHOWN = 0.01
+#: Part of the whole below which a line ends.
+_LEAST = 3e-3
+
+
+def figure(corrections: Corrections, sensor: Mapping[str, object]) -> Figure:
+    """Draw at most four records.
+
+    Args:
+        corrections: with at least one record.
+        sensor: manufacturer, type and serial number, for the heading.
+    """
+    every = corrections.corrections
+    chosen = [every[i] for i in spread(len(every), MOST)]
+    with style.styled():
+        rows, columns = grid(len(chosen))
+        picture = style.new_figure(6.7 if columns == 1 else 8.6, 1.2 + (3.8 if rows == 1 else 3.2) * rows)
+        cells = picture.add_gridspec(rows, columns)
+        for i, correction in enumerate(chosen):
+            _panel(picture, cells[divmod(i, columns)], correction, corrections.unit, named=i % columns == 0)
+        handles: dict[str, Any] = {}
+        for axes in picture.axes:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                handles.setdefault(label, handle)
+        picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
+        share = f" ({len(chosen)} of {len(every)} records)" if len(every) > len(chosen) else ""
+        style.title(picture, f"Acceleration restored from the response{share}", corrections.model, sensor)
+        return picture
+
+
+def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str, *, named: bool) -> None:
+    rows = cell.subgridspec(2, 1, height_ratios=(2, 1), hspace=0.0)
+    upper = picture.add_subplot(rows[0])
+    lower = picture.add_subplot(rows[1], sharex=upper)
+    record = correction.record
+    part = excerpt(record)
+    time_scale = scaled("s", float(np.ptp(record.time_s[part])))
+    time = (record.start_time_s + record.time_s[part]) * time_scale.factor
+    a, u = correction.acceleration[part], correction.standard_uncertainty[part]
+    upper.fill_between(
+        *_thinned(time, a - style.K * u, a + style.K * u), color=style.SKY, alpha=0.5, lw=0, label="± 2 u"
+    )
+    if record.reference is not None and correction.reference is not None:
+        upper.plot(
+            *envelope(time, correction.reference[part]), color=style.ORANGE, lw=2.6, label="reference, same band"
+        )
+    upper.plot(*envelope(time, a), color=style.BLACK, lw=1.0, label="restored")
+    _limits(upper, a)
+    band = correction.band
+    heading = f"{style.shortened(record.name, 28)} · {_hertz(band.low_hz)} to {_hertz(band.high_hz)} Hz"
+    if correction.peak is not None:
+        heading += f"\npeak {correction.peak.value:.5g}, u = {correction.peak.standard_uncertainty:.2g}"
+    upper.set_title(heading, fontsize=8)
+    whole = float(np.nanmedian(u)) if np.isfinite(u).any() else 0.0
+    shown = [u]
+    for name, (color, dash, words) in _ORIGINS.items():
+        series = correction.components[name][part]
+        if np.isfinite(series).any() and np.nanmax(series) > _SHOWN * whole:
+            seen = np.where(series > _LEAST * whole, series, np.nan)
+            lower.plot(*_thinned_one(time, seen), color=color, ls=dash, lw=1.1, label=words)
+            shown.append(seen)
+    lower.plot(*_thinned_one(time, u), color=style.BLACK, lw=1.4, label="together (u)")
+    style.size_axis(lower, np.concatenate(shown))
+    lower.set_xlabel(f"Time in {time_scale.unit}")
+    if named:
+        upper.set_ylabel(f"Acceleration\nin {style.printable(pretty(unit))}")
+        lower.set_ylabel("Standard\nuncertainty")
+    upper.tick_params(labelbottom=False)
+
+
+def _hertz(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def _limits(axes: object, a: FloatArray) -> None:
+    """The acceleration in view, whatever the uncertainty at the record's ends."""
+    known = a[np.isfinite(a)]
+    if known.size:
+        low, high = float(np.quantile(known, 0.001)), float(np.quantile(known, 0.999))
+        low, high = min(low, float(known.min()) * 0.2 + low * 0.8), max(high, float(known.max()))
+        margin = 0.1 * (high - low) or 1.0
+        axes.set_ylim(low - margin, high + margin)  # type: ignore[attr-defined]
+
+
+def _thinned(time: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    step = max(1, len(time) // 3000)
+    return time[::step], low[::step], high[::step]
+
+
+def _thinned_one(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    step = max(1, len(time) // 3000)
+    return time[::step], values[::step]
