@@ -21,7 +21,7 @@ LOG_BIAS, LOG_DEVIATION = 0.5772156649, 1.2825
 CORRELATED = 1.394
 #: A slope counts beyond this many standard deviations.
 SIGNIFICANT = 4.0
-#: Log-likelihood by which a + b |H|² must be better than one level (one more parameter: Akaike's rule), and a power law,
+#: Log-likelihood by which a + b |H|² must be better than one level (one more parameter: Akaike), and a power law,
 #: which reaches further beyond its lines and needs better ones.
 ENOUGH_FOR_SHAPE, ENOUGH_FOR_LAW = 1.0, 2.0
 #: Rounds of Fisher scoring for a + b |H|².
