@@ -179,9 +179,10 @@ def identity(sensor: Sensor) -> list[str]:
     lines.append(f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative")
     lines.append(f"band of the data: {sensor.band_hz[0]!r} Hz to {sensor.band_hz[1]!r} Hz")
     for name, p in result.parameters.items():
-        u = "not stated" if p.standard_uncertainty is None else repr(p.standard_uncertainty)
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        u = "not stated" if p.standard_uncertainty is None else f"{p.standard_uncertainty!r}{unit}"
         note = "" if p.identifiable else ", not determined by the data"
-        lines.append(f"{name} = {p.value!r} {p.unit}, standard uncertainty u = {u} {p.unit}{note}")
+        lines.append(f"{name} = {p.value!r}{unit}, standard uncertainty u = {u}{note}")
     if result.warning_codes:
         lines.append("warnings of the result: " + ", ".join(result.warning_codes))
     for name in sensor.left_out:

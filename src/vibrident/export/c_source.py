@@ -1,0 +1,201 @@
+"""C99 header and source for firmware: the sensor's model, its correction filter and the network's cell, in both precisions.
+
+What each is worth is computed here from the coefficients as they are written, and stands in the comment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
+from vibrident.export.discrete import Cell, Sections
+from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
+from vibrident.export.options import Options
+from vibrident.export.poles_zeros import poles_zeros
+from vibrident.export.sensor import Sensor, identity
+from vibrident.records import FloatArray
+
+#: What counts as stopped: this part of the largest gain in the band.
+PASSED = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Firmware:
+    """What the C code holds."""
+
+    sensor: Sensor
+    model: Filter
+    correction: Filter
+    cell: Cell
+    rate_hz: float
+
+
+def firmware(sensor: Sensor, rate_hz: float | None) -> Firmware:
+    """Design everything for one sampling rate.
+
+    Raises:
+        InputError: there is no rate, it is too low, or the model is not linear.
+    """
+    rate = checked_rate(sensor, rate_hz)
+    model, cell = model_filter(sensor, rate)
+    return Firmware(sensor, model, correction_filter(sensor, rate), cell, rate)
+
+
+def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME.h`` and ``NAME.c``.
+
+    Raises:
+        InputError: there is no rate, it is too low, or the model is not linear.
+    """
+    made = firmware(sensor, options.rate_hz)
+    about = "\n".join(f" * {_comment(line)}".rstrip() for line in description(made))
+    common = _common(made, options.name, about)
+    paths = []
+    for ending, frame, part in (("h", HEADER, DECLARATIONS), ("c", SOURCE, DEFINITIONS)):
+        body = "".join(_filled(part, {**common, **_numbers(made, single)}) for single in (False, True))
+        path = folder / f"{options.name}.{ending}"
+        path.write_text(_filled(frame, {**common, "BODY": body}), encoding="utf-8")
+        paths.append(path)
+    return paths
+
+
+def description(made: Firmware) -> list[str]:
+    """Identity, and what each part does and how well, one line each."""
+    sensor, model, correction = made.sensor, made.model, made.correction
+    f = sensor.band
+    wanted = sensor.response(f)
+    rational = np.asarray(poles_zeros(sensor).response(f))
+    apart = [name for name in ("delay", "boxcar") if sensor.has(name)]
+    plain = f" (without {' and '.join(apart)}, which it does not hold)" if apart else ""
+    low, high = sensor.band_hz
+    ms = 1e3 / made.rate_hz
+    back = correction.late(f) / wanted
+    upper = f[f >= np.sqrt(low * high)]
+    above = np.linspace(high, 0.5 * made.rate_hz, 1000)
+    passed = np.abs(correction.response(above)) / np.max(np.abs(back))
+    top, loud = int(np.argmax(passed)), np.flatnonzero(passed > PASSED)
+    lines = [
+        *identity(sensor),
+        "",
+        f"sampling rate: {made.rate_hz!r} Hz; all coefficients hold for it alone",
+        "errors below: largest relative deviation of the complex response over the band, from the coefficients as",
+        "written; rounding of the running sums comes on top",
+        "",
+        "model: taps, then second-order sections with the sensor's poles and zeros mapped by e^(sT)",
+        f"  latency {model.latency} samples ({model.latency * ms:.6g} ms), the sensor's own delay not counted",
+        f"  error {_error(model.response(f), wanted * model.late(f))} (double), "
+        f"{_error(model.in_single_precision(f), wanted * model.late(f))} (float)",
+        f"  sections alone, without latency: error {_error(model.sections.response(f), rational)}{plain}",
+        f"  sections in CMSIS-DSP order, float: error {_error(_single_cmsis(model.sections, f), rational)}{plain}",
+        "cell: one step of the network by first-order hold, the best that needs no future sample, without latency",
+        f"  error {_error(made.cell.response(f), rational)}{plain}",
+        "correction: from the response back to the input, as late as said here after the input itself",
+        f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
+        f"  error {_error(correction.response(f), back)} (double), "
+        f"{_error(correction.in_single_precision(f), back)} (float), over {low!r} Hz to {high!r} Hz",
+    ]
+    if len(upper):
+        late = correction.late(upper) / sensor.response(upper)
+        lines.append(f"  error from {upper[0]:.4g} Hz on: {_error(correction.response(upper), late)}")
+    if np.any(poles_zeros(sensor).zeros == 0):
+        lines.append(
+            f"  below the band a high-pass at {BELOW * low:.4g} Hz stands for the integrator; it takes as long to settle"
+        )
+    lines += [
+        f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at {above[top]:.4g} Hz), and less "
+        f"than {PASSED:g} from {above[loud[-1] if len(loud) else 0]:.4g} Hz on",
+        f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 {sensor.output_unit} becomes "
+        f"{correction.noise_gain:.3g} {sensor.input_unit}",
+        "",
+        "C has no place for uncertainties: those of the parameters stand above, those of a corrected signal do not",
+        "follow from them alone; see `vibrident correct`.",
+        "Do not compile with -ffast-math or -funsafe-math-optimizations.",
+    ]
+    return lines
+
+
+def _error(found: np.ndarray, wanted: np.ndarray) -> str:
+    return f"{float(np.max(np.abs(found / wanted - 1.0))):.2e}"
+
+
+def _single_cmsis(sections: Sections, f: FloatArray) -> np.ndarray:
+    """Response of the sections in z with coefficients as a float holds them."""
+    z = np.exp(-2j * np.pi * f * sections.interval_s)
+    value = np.ones(z.shape, complex)
+    for b0, b1, b2, a1, a2 in sections.cmsis().astype(np.float32).astype(float):
+        value = value * (b0 + b1 * z + b2 * z * z) / (1.0 - a1 * z - a2 * z * z)
+    return value
+
+
+def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
+    model, correction = made.model, made.correction
+    line = max(f.taps.lead + len(f.taps.taps) for f in (model, correction))
+    return {
+        "N": name,
+        "GUARD": name.upper(),
+        "ABOUT": about,
+        "RATE": repr(made.rate_hz),
+        "MODEL_LATENCY": str(model.latency),
+        "CORRECTION_LATENCY": str(correction.latency),
+        "MODEL_SECTIONS": str(len(model.sections.rows)),
+        "CORRECTION_SECTIONS": str(len(correction.sections.rows)),
+        "MODEL_TAPS": str(len(model.taps.taps)),
+        "CORRECTION_TAPS": str(len(correction.taps.taps)),
+        "MODEL_LEAD": str(model.taps.lead),
+        "CORRECTION_LEAD": str(correction.taps.lead),
+        "SECTIONS": str(max(len(f.sections.rows) for f in (model, correction))),
+        "LINE": str(line),
+        "STATES": str(len(made.cell.now)),
+        "INPUT": _comment(made.sensor.input_unit),
+        "OUTPUT": _comment(made.sensor.output_unit),
+    }
+
+
+def _numbers(made: Firmware, single: bool) -> dict[str, str]:
+    """Coefficients as text of one precision, and that precision's names."""
+
+    def text(values: np.ndarray | float) -> str:
+        flat = np.ravel(values)
+        shown = [_single(v) if single else repr(float(v)) for v in flat]
+        wide = [", ".join(shown[k : k + 5]) for k in range(0, len(shown), 5)]
+        return wide[0] if len(wide) == 1 else "\n    " + ",\n    ".join(wide)
+
+    model, correction, cell = made.model, made.correction, made.cell
+    return {
+        "T": "float" if single else "double",
+        "S": "_f32" if single else "",
+        "ARM": "f32" if single else "f64",
+        "PRECISION": "single precision" if single else "double precision",
+        "MODEL_SOS": text(model.sections.cmsis()),
+        "MODEL_FIR": text(model.taps.taps),
+        "MODEL_DELTA": text(model.sections.rows),
+        "CORRECTION_SOS": text(correction.sections.cmsis()),
+        "CORRECTION_FIR": text(correction.taps.taps),
+        "CORRECTION_DELTA": text(correction.sections.rows),
+        "GROWTH": ",\n    ".join("{" + text(row) + "}" for row in cell.growth),
+        "BEFORE": text(cell.before),
+        "NOW": text(cell.now),
+        "OUTPUTS": text(cell.output),
+        "DIRECT": text(cell.feedthrough),
+    }
+
+
+def _single(value: float) -> str:
+    """A float literal that reads back to the nearest float."""
+    text = f"{float(np.float32(value)):.9g}"
+    return (text if any(c in text for c in ".e") else text + ".0") + "f"
+
+
+def _filled(template: str, values: Mapping[str, str]) -> str:
+    for name, text in values.items():
+        template = template.replace(f"@{name}@", text)
+    return template
+
+
+def _comment(line: str) -> str:
+    """Text that ends no comment and holds no trigraph or spliced line."""
+    return line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").replace("\\", "/")

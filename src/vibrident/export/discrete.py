@@ -1,0 +1,153 @@
+"""The sensor in discrete time: its cell by first-order hold, and second-order sections with its own poles and zeros.
+
+First-order hold is the best single step of the network that needs no future sample: with straight lines between the
+samples (Franklin, Powell & Workman 1998, sec. 6.3),
+
+    x_k = Φ x_{k−1} + Γ0 a_{k−1} + Γ1 a_k,   y_k = C x_k + D a_k,
+
+which is the paper's cell with the inputs (a_{k−1}, a_k): W3 = Φ, W1 = (Γ0, Γ1), W2 = C, W4 = (0, D). What is kept is
+Φ − 1, computed without cancellation: where the sensor is slow against the sampling rate, a float cannot hold Φ.
+
+For the same reason sections are kept in δ = z − 1 (Middleton & Goodwin 1990): poles as e^{pT} − 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.export.poles_zeros import PolesZeros
+from vibrident.export.sensor import Sensor
+from vibrident.models import Rational
+from vibrident.records import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One step of the network by first-order hold.
+
+    Attributes:
+        growth: Φ − 1, shape (n, n).
+        before: Γ0, shape (n,), for the previous sample.
+        now: Γ1, shape (n,), for the present sample.
+        output: C, shape (n,), read from the new state.
+        feedthrough: D.
+        interval_s: sampling interval.
+    """
+
+    growth: np.ndarray
+    before: np.ndarray
+    now: np.ndarray
+    output: np.ndarray
+    feedthrough: float
+    interval_s: float
+
+    def response(self, frequency_hz: FloatArray) -> np.ndarray:
+        """Response to e^{jωt} sampled, at its samples."""
+        z = np.exp(2j * np.pi * np.asarray(frequency_hz) * self.interval_s)[:, None]
+        shift = (z - 1.0)[:, :, None] * np.eye(len(self.now)) - self.growth
+        state = np.linalg.solve(shift, (self.before + z * self.now)[..., None])[..., 0]
+        return state @ self.output + self.feedthrough
+
+
+def cell_of(sensor: Sensor, interval_s: float) -> Cell:
+    """The rational part of the sensor by first-order hold, in scaled companion states."""
+    from scipy.linalg import expm
+
+    a, b, c, d = _companion(sensor.model.rational(sensor.values, sensor.quantity))
+    n = len(b)
+    step = np.zeros((n + 2, n + 2))
+    step[:n, :n] = a * interval_s
+    step[:n, n] = b * interval_s
+    step[n, n + 1] = 1.0
+    whole = np.asarray(expm(step))
+    ramp = whole[:n, n + 1]
+    twice = np.zeros((2 * n, 2 * n))
+    twice[:n, :n] = twice[:n, n:] = a * interval_s
+    growth = np.asarray(expm(twice))[:n, n:]  # φ1(AT) AT = e^{AT} − 1
+    return Cell(growth, whole[:n, n] - ramp, ramp, c, d, interval_s)
+
+
+def _companion(system: Rational) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """A, B, C, D in states scaled by the angular scale, the gain in B; numerator of the denominator's degree at most."""
+    w, order = float(system.angular_scale), len(system.denominator) - 1
+    den = np.array([float(v) * w ** (k - order) for k, v in enumerate(system.denominator)])
+    num = np.zeros(order + 1)
+    num[: len(system.numerator)] = [float(v) * w ** (k - order) for k, v in enumerate(system.numerator)]
+    direct = num[-1]
+    a = np.eye(order, k=1)
+    a[-1] = -den[:-1]
+    b = np.zeros(order)
+    b[-1] = w * float(system.gain)
+    return w * a, b, num[:-1] - direct * den[:-1], float(direct * float(system.gain))
+
+
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """Second-order sections (β0 δ² + β1 δ + β2)/(δ² + α1 δ + α2), δ = z − 1; rows β0 β1 β2 α1 α2."""
+
+    rows: np.ndarray
+    interval_s: float
+
+    def response(self, frequency_hz: FloatArray) -> np.ndarray:
+        """Response to e^{jωt} sampled, at its samples."""
+        delta = np.expm1(2j * np.pi * np.asarray(frequency_hz) * self.interval_s)
+        value = np.ones(delta.shape, complex)
+        for b0, b1, b2, a1, a2 in self.rows:
+            value = value * ((b0 * delta + b1) * delta + b2) / ((delta + a1) * delta + a2)
+        return value
+
+    def rounded(self) -> Sections:
+        """As single precision holds it."""
+        return Sections(self.rows.astype(np.float32).astype(float), self.interval_s)
+
+    def cmsis(self) -> np.ndarray:
+        """The same in z, as CMSIS-DSP orders it: b0 b1 b2 −a1 −a2 a section, shape (sections, 5)."""
+        b0, b1, b2, a1, a2 = self.rows.T
+        return np.stack([b0, b1 - 2 * b0, b0 - b1 + b2, 2.0 - a1, a1 - a2 - 1.0], axis=1)
+
+    @property
+    def largest_pole(self) -> float:
+        """Largest |z| of a pole."""
+        return max(float(np.max(np.abs(1.0 + np.roots([1.0, a1, a2])))) for *_, a1, a2 in self.rows)
+
+
+def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float) -> Sections:
+    """Sections with a system's poles and zeros mapped by e^{sT}, and its magnitude at one frequency.
+
+    Args:
+        system: at most as many zeros as poles.
+        interval_s: sampling interval.
+        filling: zeros in z for those at infinity, one for each.
+        at_hz: where the magnitude is met; the sign is the system's.
+    """
+    zeros = np.concatenate([np.expm1(system.zeros * interval_s), np.asarray(filling, complex) - 1.0])
+    poles = np.expm1(system.poles * interval_s)
+    if len(poles) % 2:
+        zeros, poles = np.append(zeros, -1.0), np.append(poles, -1.0)  # z/z
+    sections = _paired(zeros, poles, interval_s)
+    at = np.array([at_hz])
+    gain = float(np.abs(system.response(at) / sections.response(at))[0])
+    rows = sections.rows.copy()
+    rows[0, :3] *= np.copysign(gain, system.gain)
+    return Sections(rows, interval_s)
+
+
+def _paired(zeros: np.ndarray, poles: np.ndarray, interval_s: float) -> Sections:
+    """As many zeros as poles, in δ: each pair of poles with the pair of zeros that lies next to it."""
+    pairs = _pairs(zeros)
+    rows = []
+    for pole in sorted(_pairs(poles), key=lambda pair: float(np.min(np.abs(pair)))):
+        near = min(pairs, key=lambda pair: abs(np.mean(pair) - np.mean(pole)))
+        pairs = [pair for pair in pairs if pair is not near]
+        rows.append([*np.poly(near).real, *np.poly(pole).real[1:]])
+    return Sections(np.array(rows), interval_s)
+
+
+def _pairs(roots: np.ndarray) -> list[np.ndarray]:
+    """Conjugates together, real ones by size two and two."""
+    upper = sorted((r for r in roots if r.imag > 1e-14 * abs(r)), key=abs)
+    real = sorted((r.real for r in roots if abs(r.imag) <= 1e-14 * abs(r)), key=abs)
+    pairs = [np.array([r, np.conj(r)]) for r in upper]
+    return pairs + [np.array(real[k : k + 2], complex) for k in range(0, len(real), 2)]

@@ -1,0 +1,203 @@
+"""Causal filters for firmware: the sensor's model, and the correction that turns its response back into acceleration.
+
+Each is a delay line with taps, then second-order sections. The model's sections have the sensor's own poles and zeros,
+the correction's those of its inverse with a low-pass, and, for each zero of the sensor at zero frequency, a high-pass
+instead of an integrator. The taps lead both to the wanted response over the band, by a delay of whole samples late.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.export.discrete import Cell, Sections, cell_of, sections_of
+from vibrident.export.fir import Taps, fitted, response_of
+from vibrident.export.poles_zeros import PolesZeros, poles_zeros
+from vibrident.export.sensor import Sensor, require_linear
+from vibrident.records import FloatArray
+
+#: Highest usable frequency as a part of the sampling rate.
+USABLE = 0.45
+MODEL_TOLERANCE, CORRECTION_TOLERANCE = 1e-10, 1e-4
+#: Zeros that sampling adds for one and two missing ones, those of first-order hold (Åström, Hagander & Sternby 1984).
+_SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
+#: Corner of the correction's high-pass, which stands for an integrator, below the band.
+BELOW = 0.01
+#: Weight of what the correction passes above the band, against its error in it.
+OUTSIDE = 1e-3
+LOW_PASS_ORDER = 8
+#: Longest delay line, samples.
+LONGEST = 16384
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """y = sections(taps(x)).
+
+    Attributes:
+        taps: what comes first.
+        sections: what follows.
+        rate_hz: sampling rate.
+    """
+
+    taps: Taps
+    sections: Sections
+    rate_hz: float
+
+    @property
+    def latency(self) -> int:
+        """Samples by which the output is late."""
+        return self.taps.latency
+
+    def response(self, frequency_hz: FloatArray) -> np.ndarray:
+        """Response to e^{jωt} sampled, latency included."""
+        return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(frequency_hz)
+
+    def in_single_precision(self, frequency_hz: FloatArray) -> np.ndarray:
+        """The same with coefficients as a float holds them."""
+        taps = self.taps.taps.astype(np.float32).astype(float)
+        own = response_of(taps, self.taps.lead, frequency_hz, 1.0 / self.rate_hz)
+        return own * self.sections.rounded().response(frequency_hz)
+
+    def late(self, frequency_hz: FloatArray) -> np.ndarray:
+        """The factor e^{−jωT·latency}."""
+        return np.exp(-2j * np.pi * np.asarray(frequency_hz) * self.latency / self.rate_hz)
+
+    @property
+    def noise_gain(self) -> float:
+        """Root of the mean of |response|² from 0 to half the rate: output over input, for white noise."""
+        f = np.concatenate([np.geomspace(1e-7, 0.01, 2000), np.linspace(0.01, 0.5, 4000)[1:]]) * self.rate_hz
+        power = np.abs(self.response(f)) ** 2
+        return float(np.sqrt(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(f)) / (0.5 * self.rate_hz)))
+
+
+def checked_rate(sensor: Sensor, rate_hz: float | None) -> float:
+    """The sampling rate that is asked for, or the network's.
+
+    Raises:
+        InputError: there is none, or the band does not fit below half of it.
+    """
+    interval = sensor.result.weights.get("sampling_interval_s")
+    if rate_hz is None and interval:
+        rate_hz = 1.0 / float(interval)
+    if rate_hz is None or not np.isfinite(rate_hz) or rate_hz <= 0:
+        raise InputError(
+            "This format needs a sampling rate.",
+            expected="samples per second, above 0",
+            found="none, and no network with one in the result" if rate_hz is None else f"{rate_hz!r}",
+            where="--rate",
+            remedy="give --rate HZ",
+        )
+    if sensor.band_hz[1] > USABLE * rate_hz:
+        raise InputError(
+            "The band does not fit this sampling rate.",
+            expected=f"a band up to {USABLE * rate_hz:g} Hz at most ({USABLE} of the rate)",
+            found=f"{sensor.band_hz[1]:g} Hz at {rate_hz:g} samples per second",
+            where="--rate",
+            remedy="give a higher --rate, or a narrower --band",
+        )
+    return float(rate_hz)
+
+
+def model_filter(sensor: Sensor, rate_hz: float) -> tuple[Filter, Cell]:
+    """The sensor as a causal filter, right over the band and below, and its cell alone.
+
+    Raises:
+        InputError: the model is not linear, or its delay is too long.
+    """
+    require_linear(sensor)
+    cell = cell_of(sensor, 1.0 / rate_hz)
+    system = poles_zeros(sensor)
+    _check_aliases(system, rate_hz)
+    filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
+    sections = sections_of(system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1])))
+    shift = (sensor.delay_s + 0.5 * (sensor.values["boxcar_length"] if sensor.has("boxcar") else 0.0)) * rate_hz
+    if abs(shift) > LONGEST:
+        raise InputError(
+            "The delay is too long for a delay line.",
+            expected=f"{LONGEST} samples at most",
+            found=f"{shift:.0f} samples",
+            where="--rate",
+            remedy="give --without delay, and delay the samples elsewhere",
+        )
+    low = min(sensor.band_hz[0], 1e-3 * sensor.band_hz[1])  # nothing holds a model back below the band
+    taps = fitted(
+        sensor.response,
+        sections.response,
+        (low, sensor.band_hz[1]),
+        rate_hz,
+        shift=shift,
+        tolerance=MODEL_TOLERANCE,
+        outside=1e-12,
+        size=1e-11,
+    )
+    return Filter(taps, sections, rate_hz), cell
+
+
+def _check_aliases(system: PolesZeros, rate_hz: float) -> None:
+    highest = float(np.max(np.abs(system.poles.imag))) / (2.0 * np.pi)
+    if highest >= 0.5 * rate_hz:
+        raise InputError(
+            "The sensor resonates above half the sampling rate, where a filter cannot follow it.",
+            expected=f"more than {2.0 * highest:g} samples per second",
+            found=f"{rate_hz:g}",
+            where="--rate",
+            remedy="give a higher --rate",
+        )
+
+
+def correction_filter(sensor: Sensor, rate_hz: float) -> Filter:
+    """From the response back to the reference quantity: right over the band, falling above it, stable.
+
+    Raises:
+        InputError: the model is not linear.
+    """
+    require_linear(sensor)
+    inverse, corner, still = _inverse(sensor, rate_hz)
+    missing = len(inverse.poles) - len(inverse.zeros)
+    sections = sections_of(inverse, 1.0 / rate_hz, np.full(missing, -1.0), sensor.band_hz[1])
+    near = np.array([0.9, 1.0]) * sensor.band_hz[1]
+
+    def wanted(f: FloatArray) -> np.ndarray:
+        # What the high-pass takes is not for the taps to give back: they would have to be as long as it rings.
+        s = 2j * np.pi * f
+        return (s / (s + corner)) ** (2 * still) / sensor.response(f)
+
+    ratio = wanted(near) / sections.response(near)
+    slope = -np.angle(ratio[1] / ratio[0]) / (2 * np.pi * (near[1] - near[0]))
+    taps = fitted(
+        wanted,
+        sections.response,
+        sensor.band_hz,
+        rate_hz,
+        shift=float(slope * rate_hz),
+        tolerance=CORRECTION_TOLERANCE,
+        outside=OUTSIDE,
+        size=1e-5,
+        fewest=16,
+    )
+    return Filter(taps, sections, rate_hz)
+
+
+def _inverse(sensor: Sensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
+    """Poles and zeros of the inverse: the sensor's exchanged and made stable, with a low-pass behind.
+
+    Also the high-pass's corner, rad/s, and how many integrators it stands for.
+    """
+    from scipy import signal
+
+    system = poles_zeros(sensor)
+    low, high = sensor.band_hz
+    still = int(np.sum(system.zeros == 0))
+    corner = 2.0 * np.pi * BELOW * low
+    zeros = np.concatenate([system.poles, np.zeros(still, complex)])
+    moving = system.zeros[system.zeros != 0]
+    # A zero right of the axis, or on it, has no stable inverse: its mirror image has the same magnitude.
+    poles = -np.maximum(np.abs(moving.real), 0.02 * np.abs(moving)) + 1j * moving.imag
+    top = 2.0 * np.pi * min(1.5 * high, 0.4 * rate_hz)
+    passed = signal.butter(LOW_PASS_ORDER, top, analog=True, output="zpk")[1]
+    ends = np.concatenate([poles, np.full(2 * still, -corner + 0j), passed])
+    gain = float(np.real(np.prod(-passed))) / system.gain
+    return PolesZeros(zeros, ends, gain), corner, still

@@ -1,0 +1,118 @@
+"""Taps that lead a filter the rest of the way to a wanted response, by least squares over a band.
+
+What is wanted is smooth where the poles are already right, so a few taps go far: the error falls like a power of
+frequency/rate with the number of taps. Small weights outside the band keep the taps from paying there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.records import FloatArray
+
+Response = Callable[[FloatArray], np.ndarray]
+TAPS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 48, 64, 96)
+
+
+@dataclass(frozen=True, eq=False)
+class Taps:
+    """y_k = Σ_m h_m x_{k − lead − m}.
+
+    Attributes:
+        taps: h.
+        lead: whole samples of delay before the first tap.
+        latency: samples by which the wanted response is late.
+        error: largest relative error over the band.
+    """
+
+    taps: np.ndarray
+    lead: int
+    latency: int
+    error: float
+
+    def response(self, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
+        """Response to e^{jωt} sampled."""
+        return response_of(self.taps, self.lead, frequency_hz, interval_s)
+
+
+def response_of(taps: np.ndarray, lead: int, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
+    """Σ_m h_m z^{−lead−m}."""
+    turn = -2j * np.pi * np.asarray(frequency_hz) * interval_s
+    return np.exp(np.multiply.outer(turn, lead + np.arange(len(taps)))) @ taps
+
+
+def fitted(
+    wanted: Response,
+    base: Response,
+    band_hz: tuple[float, float],
+    rate_hz: float,
+    *,
+    shift: float,
+    tolerance: float,
+    outside: float,
+    size: float,
+    fewest: int = 1,
+) -> Taps:
+    """The fewest taps with base · taps = wanted · z^{−latency} over the band within ``tolerance``, or the best found.
+
+    Args:
+        wanted: response without latency.
+        base: response of the recursive part.
+        band_hz: lowest and highest frequency.
+        rate_hz: sampling rate.
+        shift: delay of wanted/base in samples, about; it decides the latency that a number of taps needs.
+        tolerance: largest relative error.
+        outside: weight of the response above the band, relative to its largest value in it.
+        size: weight of the taps' own size, which rounding of taps and samples is proportional to.
+        fewest: number of taps to begin with.
+    """
+    best: Taps | None = None
+    for taps in (count for count in TAPS if count >= fewest):
+        found = _fit(wanted, base, band_hz, rate_hz, taps, shift, outside, size)
+        if best is None or found.error < 0.5 * best.error:
+            best = found
+        if best.error <= tolerance:
+            break
+    assert best is not None
+    return best
+
+
+def _fit(
+    wanted: Response,
+    base: Response,
+    band_hz: tuple[float, float],
+    rate_hz: float,
+    taps: int,
+    shift: float,
+    outside: float,
+    size: float,
+) -> Taps:
+    low, high = band_hz
+    latency = max(0, int(np.ceil(0.5 * (taps - 1) - shift - 1e-9)))
+    lead = max(0, int(np.round(shift + latency - 0.5 * (taps - 1))))
+    points = 3 * taps + 40
+    # Dense towards both ends, as a polynomial needs it.
+    inside = low + (high - low) * 0.5 * (1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points))
+    inside = np.concatenate([inside, np.geomspace(low, high, 40), [low, high]])
+    top = 0.5 * rate_hz
+    above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, 3 * taps + 40)
+    ts = 1.0 / rate_hz
+    order = lead + np.arange(taps)
+
+    def columns(f: FloatArray) -> np.ndarray:
+        return base(f)[:, None] * np.exp(np.multiply.outer(-2j * np.pi * f * ts, order))
+
+    target = wanted(inside) * np.exp(-2j * np.pi * inside * latency * ts)
+    largest = float(np.max(np.abs(target)))
+    own = columns(inside) / target[:, None]
+    plain = size * float(np.max(np.abs(own))) * np.eye(taps)
+    rows = np.concatenate([own, outside / largest * columns(above), plain])
+    right = np.concatenate([np.ones(len(inside)), np.zeros(len(above) + taps)])
+    matrix = np.concatenate([rows.real, rows.imag])
+    vector = np.concatenate([right, np.zeros(len(right))])
+    h = np.linalg.lstsq(matrix, vector, rcond=1e-15)[0]
+    error = float(np.max(np.abs(rows[: len(inside)] @ h - 1.0)))
+    return Taps(h, lead, latency, error)
