@@ -280,7 +280,7 @@ def test_report_beside_the_result_and_elsewhere(identified, run, tmp_path):
     assert "![" in (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
     done = run("report", *results, "--out", tmp_path / "all")
     assert done.exit_code == 0, done.output
-    assert shown(tmp_path / "all") == ["a", "b"]
+    assert shown(tmp_path / "all") == ["a", "b", "comparison.md"]
     assert (tmp_path / "all" / "b" / "sensitivity.png").is_file()
 
 

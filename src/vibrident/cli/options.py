@@ -21,7 +21,7 @@ QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
 SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
 STARTS = ("rest", "steady")
 METHODS = ("exact", "rk4")
-FORMATS = ("md",)
+FORMATS = ("html", "pdf", "md")
 EXPORTS = ("csv", "control", "scipy", "stationxml", "sacpz", "c", "fmu", "dcc")
 
 CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]

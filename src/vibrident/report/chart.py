@@ -94,7 +94,7 @@ def _x_axis(xs: FloatArray, ticks: Sequence[tuple[float, str]], log: bool) -> Ax
     low, high = float(xs.min()), float(xs.max())
     if log:
         low, high = (low / 1.25, high * 1.25) if low == high else (low / 1.04, high * 1.04)
-        return Axis(low, high, LEFT, WIDTH - RIGHT, True, tuple(_log_ticks(low, high)))
+        return Axis(low, high, LEFT, WIDTH - RIGHT, True, tuple(log_ticks(low, high)))
     margin = 0.06 * (high - low) or 1.0
     return Axis(low - margin, high + margin, LEFT, WIDTH - RIGHT, False, tuple(ticks))
 
@@ -112,7 +112,7 @@ def _y_axis(panel: Panel, top: float) -> Axis:
     bottom = top + panel.height
     if panel.log and high > 3 * low:
         low, high = low / 1.12, high * 1.12
-        return Axis(low, high, bottom, top, True, tuple(_log_ticks(low, high)))
+        return Axis(low, high, bottom, top, True, tuple(log_ticks(low, high)))
     if panel.zero:
         low, high = min(low, 0.0), max(high, 0.0)
     margin = 0.07 * (high - low) or 0.05 * abs(high) or 1.0
@@ -120,7 +120,7 @@ def _y_axis(panel: Panel, top: float) -> Axis:
     return Axis(low, high, bottom, top, False, tuple(_linear_ticks(low, high)))
 
 
-def _log_ticks(low: float, high: float) -> list[tuple[float, str]]:
+def log_ticks(low: float, high: float) -> list[tuple[float, str]]:
     """1, 2, 5 of each decade where few decades are shown, powers of ten alone where many."""
     decades = math.log10(high / low)
     steps = (1, 2, 5) if decades < 4 else (1,)

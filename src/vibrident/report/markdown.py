@@ -10,6 +10,8 @@ from typing import Any
 from vibrident.plots import applicable
 from vibrident.plots.units import sensor_name
 from vibrident.report import tables, words
+from vibrident.report.history import drift_table, histories
+from vibrident.report.side_by_side import comparison_tables
 from vibrident.result import Result
 
 _CAPTIONS = {
@@ -55,6 +57,15 @@ def render(
         _section("Provenance", _tree(result.provenance)),
     ]
     return "\n\n".join(part.strip("\n") for part in parts if part) + "\n"
+
+
+def render_comparison(results: Sequence[Result], names: Sequence[str]) -> str:
+    """Write several results side by side as Markdown text, with the drift of each sensor calibrated more than once."""
+    parts = [f"# Comparison of {len(results)} calibrations"]
+    for history in histories(results, names):
+        parts.append(_tabled(f"Drift of {_safe(history.sensor)}", drift_table(history)))
+    parts += [_tabled(_safe(title), table) for title, table in comparison_tables(results, names)]
+    return "\n\n".join(parts) + "\n"
 
 
 def _links(

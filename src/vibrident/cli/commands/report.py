@@ -1,9 +1,10 @@
-"""``vibrident report``: a report from a result alone."""
+"""``vibrident report``: a report, a certificate or a comparison from results alone."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,56 +14,103 @@ from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 from vibrident.errors import InputError
 
+if TYPE_CHECKING:
+    from vibrident.result import Result
+
+#: Folder of the comparison of several results, where no other is named.
+_COMPARISON = Path("vibrident-comparison")
+
 
 def report(
     results: Annotated[
         list[Path], typer.Argument(metavar="RESULT...", help="result.json, one or more.", show_default=False)
     ],
-    folder: Annotated[
+    target: Annotated[
         Path | None,
         typer.Option(
             "--out",
-            metavar="DIR",
-            help="Folder for report.md and pictures; with several results a subfolder each.",
+            metavar="DIR|FILE",
+            help="Folder, or a file with the ending of the form. Several results: a subfolder each, and a comparison.",
             show_default="beside each result",
         ),
     ] = None,
-    form: Annotated[str, typer.Option("--format", metavar="md", help="Form of the report: Markdown.")] = "md",
+    form: Annotated[
+        str | None,
+        options.choice(
+            "--format",
+            options.FORMATS,
+            "html: interactive, one file; pdf: calibration certificate; md: Markdown with pictures.",
+            show_default="by the ending of --out, or md",
+        ),
+    ] = None,
 ) -> None:
-    """Write a report with pictures. It needs the result alone, neither the data nor JAX."""
-    _check_form(form)
-    from vibrident import terminal
-    from vibrident.report import write_report
-
+    """Write a report; of several results a comparison too, with the drift of a sensor. It needs results alone."""
+    ending = "" if target is None else target.suffix.lower().removeprefix(".")
+    chosen = form or (ending if ending in options.FORMATS else "md")
     loaded = [(path, load_result(path)) for path in results]
-    written: list[Path] = []
-    if folder is None:
-        for path, result in loaded:
-            with written_whole(path.parent) as output:
-                write_report(result, output.path)
-            written += output.files
+    names = _distinct([path for path, _ in loaded])
+    if target is not None and ending in options.FORMATS and not target.is_dir():
+        if ending != chosen:
+            raise _contradiction(target, chosen)
+        written = _one_file(target, loaded, names, chosen)
+    elif target is None:
+        written = _beside_each(loaded, names, chosen)
     else:
-        names = [""] if len(loaded) == 1 else _distinct([path for path, _ in loaded])
-        with written_whole(folder) as output:
-            for name, (_, result) in zip(names, loaded, strict=True):
-                write_report(result, output.path / name)
-        written = output.files
-    out().print(terminal.written_lines([file for file in written if file.suffix == ".md"]), crop=False)
+        written = _in_folder(target, loaded, names, chosen)
+    from vibrident import terminal
+
+    out().print(terminal.written_lines([file for file in written if file.suffix == f".{chosen}"]))
 
 
-def _check_form(form: str) -> None:
-    if form not in options.FORMATS:
-        raise InputError(
-            f"Reports in the form {form!r} do not exist in this version.",
-            expected=" | ".join(options.FORMATS),
-            found=repr(form),
-            where="--format",
-            remedy="write Markdown and convert it, with pandoc say",
-        )
+Loaded = Sequence[tuple[Path, "Result"]]
+
+
+def _one_file(file: Path, loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
+    from vibrident.report import write
+
+    with written_whole(file.parent) as output:
+        write([result for _, result in loaded], form, output.path / file.name, names)  # type: ignore[arg-type]
+    return output.files
+
+
+def _beside_each(loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
+    from vibrident.report import write
+
+    written = []
+    for path, result in loaded:
+        with written_whole(path.parent) as output:
+            write(result, form, output.path)  # type: ignore[arg-type]
+        written += output.files
+    if len(loaded) > 1:
+        with written_whole(_COMPARISON) as output:
+            write([result for _, result in loaded], form, output.path, names)  # type: ignore[arg-type]
+        written += output.files
+    return written
+
+
+def _in_folder(folder: Path, loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
+    from vibrident.report import write
+
+    with written_whole(folder) as output:
+        for name, (_, result) in zip(names, loaded, strict=True):
+            write(result, form, output.path / name if len(loaded) > 1 else output.path)  # type: ignore[arg-type]
+        if len(loaded) > 1:
+            write([result for _, result in loaded], form, output.path, names)  # type: ignore[arg-type]
+    return output.files
+
+
+def _contradiction(target: Path, form: str) -> InputError:
+    return InputError(
+        "The file's ending is not that of the form.",
+        expected=f"a name that ends in .{form}, or a folder",
+        found=target.name,
+        where="--out, --format",
+        remedy="change one of the two",
+    )
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """A folder name for each result: its own folder's where the files are all called alike, else the file's."""
+    """A name for each result: its own folder's where the files are all called alike, else the file's."""
     alike = len({path.stem for path in paths}) == 1
     names = [(path.resolve().parent.name or "result") if alike else path.stem for path in paths]
     return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
