@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import re
 import shutil
 import subprocess
@@ -105,7 +106,7 @@ def in_python(filter_, x):
 @needs_gcc
 @pytest.mark.parametrize("name", CASES)
 def test_compiled_filters_equal_python(name, compiled):
-    code, made, sensor = compiled(name)
+    code, made, _ = compiled(name)
     rate = made.rate_hz
     x = np.random.default_rng(3).normal(size=3000)
     for what, filter_ in (("model", made.model), ("correction", made.correction)):
@@ -152,7 +153,7 @@ def test_compiled_cell_is_the_network_by_first_order_hold(name, compiled):
     a = np.random.default_rng(5).normal(size=600)
     a[0] = 0.0  # the cell starts at rest, the network's record at its first sample
     x, wanted = np.zeros(len(phi)), []
-    for now, following in zip(a[:-1], a[1:], strict=True):
+    for now, following in itertools.pairwise(a):
         inputs = np.array([0.5 * (now + following), 0.5 * (following - now)])
         wanted.append(c @ x + d @ inputs)
         x = phi @ x + gamma @ inputs

@@ -1,4 +1,4 @@
-"""C99 header and source for firmware: the sensor's model, its correction filter and the network's cell, in both precisions.
+"""C99 header and source for firmware: the sensor's model, its correction filter and the network's cell.
 
 What each is worth is computed here from the coefficients as they are written, and stands in the comment.
 """
@@ -102,12 +102,10 @@ def description(made: Firmware) -> list[str]:
         late = correction.late(upper) / sensor.response(upper)
         lines.append(f"  error from {upper[0]:.4g} Hz on: {_error(correction.response(upper), late)}")
     if np.any(poles_zeros(sensor).zeros == 0):
-        lines.append(
-            f"  below the band a high-pass at {BELOW * low:.4g} Hz stands for the integrator; it takes as long to settle"
-        )
+        lines.append(f"  below the band a high-pass at {BELOW * low:.4g} Hz stands for the integrator, slow to settle")
     lines += [
-        f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at {above[top]:.4g} Hz), and less "
-        f"than {PASSED:g} from {above[loud[-1] if len(loud) else 0]:.4g} Hz on",
+        f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at {above[top]:.4g} Hz), "
+        f"and less than {PASSED:g} from {above[loud[-1] if len(loud) else 0]:.4g} Hz on",
         f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 {sensor.output_unit} becomes "
         f"{correction.noise_gain:.3g} {sensor.input_unit}",
         "",

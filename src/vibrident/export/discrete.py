@@ -70,7 +70,7 @@ def cell_of(sensor: Sensor, interval_s: float) -> Cell:
 
 
 def _companion(system: Rational) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """A, B, C, D in states scaled by the angular scale, the gain in B; numerator of the denominator's degree at most."""
+    """A, B, C, D in states scaled by the angular scale, the gain in B; the numerator's degree is the order at most."""
     w, order = float(system.angular_scale), len(system.denominator) - 1
     den = np.array([float(v) * w ** (k - order) for k, v in enumerate(system.denominator)])
     num = np.zeros(order + 1)

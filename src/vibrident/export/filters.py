@@ -8,6 +8,7 @@ instead of an integrator. The taps lead both to the wanted response over the ban
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -137,7 +138,7 @@ def model_filter(sensor: Sensor, rate_hz: float) -> tuple[Filter, Cell]:
 
 
 def _check_aliases(system: PolesZeros, rate_hz: float) -> None:
-    highest = float(np.max(np.abs(system.poles.imag))) / (2.0 * np.pi)
+    highest = float(np.max(np.abs(np.imag(system.poles)))) / (2.0 * np.pi)
     if highest >= 0.5 * rate_hz:
         raise InputError(
             "The sensor resonates above half the sampling rate, where a filter cannot follow it.",
@@ -195,9 +196,10 @@ def _inverse(sensor: Sensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
     zeros = np.concatenate([system.poles, np.zeros(still, complex)])
     moving = system.zeros[system.zeros != 0]
     # A zero right of the axis, or on it, has no stable inverse: its mirror image has the same magnitude.
-    poles = -np.maximum(np.abs(moving.real), 0.02 * np.abs(moving)) + 1j * moving.imag
+    poles = -np.maximum(np.abs(np.real(moving)), 0.02 * np.abs(moving)) + 1j * np.imag(moving)
     top = 2.0 * np.pi * min(1.5 * high, 0.4 * rate_hz)
-    passed = signal.butter(LOW_PASS_ORDER, top, analog=True, output="zpk")[1]
+    low_pass: Any = signal.butter(LOW_PASS_ORDER, top, analog=True, output="zpk")
+    passed = np.asarray(low_pass[1])
     ends = np.concatenate([poles, np.full(2 * still, -corner + 0j), passed])
     gain = float(np.real(np.prod(-passed))) / system.gain
     return PolesZeros(zeros, ends, gain), corner, still

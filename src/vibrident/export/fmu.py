@@ -1,0 +1,190 @@
+"""FMI 2.0 co-simulation unit: the model filter and the network's cell at one fixed step, in plain Python (pythonfmu).
+
+A co-simulation gives a unit its input at the beginning of a step and takes its output at the end, so both outputs come
+one step after what they belong to, and the filter's latency comes on top; the unit states both in seconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.export.filters import checked_rate, model_filter
+from vibrident.export.missing import library
+from vibrident.export.options import Options
+from vibrident.export.poles_zeros import poles_zeros
+from vibrident.export.sensor import Sensor, identity
+
+_SLAVE = '''"""{about}
+"""
+
+from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real
+
+INTERVAL_S = {interval!r}
+TAPS = {taps!r}
+LEAD = {lead!r}
+#: b0, b1, b2, a1, a2 of (b0 d^2 + b1 d + b2)/(d^2 + a1 d + a2), d = z - 1
+SECTIONS = {sections!r}
+GROWTH, BEFORE, NOW = {growth!r}, {before!r}, {now!r}
+OUTPUT, DIRECT = {output!r}, {direct!r}
+#: name: (value, description)
+CONSTANTS = {{
+{constants}}}
+
+
+class {model}(Fmi2Slave):
+    author = "vibrident"
+    description = {description!r}
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.input = 0.0
+        self.response = 0.0
+        self.response_cell = 0.0
+        self.line = [0.0] * (LEAD + len(TAPS))
+        self.state = [[0.0, 0.0] for _ in SECTIONS]
+        self.x = [0.0] * len(NOW)
+        self.before = 0.0
+        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=1000 * INTERVAL_S, step_size=INTERVAL_S)
+        self.register_variable(Real("input", causality=Fmi2Causality.input, description={input_text!r}))
+        for name, text in (("response", {response_text!r}), ("response_cell", {cell_text!r})):
+            self.register_variable(
+                Real(name, causality=Fmi2Causality.output, initial=Fmi2Initial.exact, description=text)
+            )
+        for name, (value, text) in CONSTANTS.items():
+            setattr(self, name, value)
+            self.register_variable(
+                Real(
+                    name,
+                    causality=Fmi2Causality.local,
+                    variability=Fmi2Variability.constant,
+                    initial=Fmi2Initial.exact,
+                    description=text,
+                )
+            )
+
+    def do_step(self, current_time, step_size):
+        if abs(step_size - INTERVAL_S) > 1e-6 * INTERVAL_S:
+            raise ValueError("step of %r s: this unit has the fixed step %r s" % (step_size, INTERVAL_S))
+        sample = float(self.input)
+        self.response = self._filter(sample)
+        self.response_cell = self._cell(sample)
+        return True
+
+    def _filter(self, sample):
+        self.line = [sample, *self.line[:-1]]
+        value = sum(tap * old for tap, old in zip(TAPS, self.line[LEAD:]))
+        for (b0, b1, b2, a1, a2), state in zip(SECTIONS, self.state):
+            out = b0 * value + state[0]
+            state[0] += b1 * value - a1 * out + state[1]
+            state[1] += b2 * value - a2 * out
+            value = out
+        return value
+
+    def _cell(self, sample):
+        step = [
+            sum(g * x for g, x in zip(row, self.x)) + b * self.before + n * sample
+            for row, b, n in zip(GROWTH, BEFORE, NOW)
+        ]
+        self.x = [x + s for x, s in zip(self.x, step)]
+        self.before = sample
+        return sum(c * x for c, x in zip(OUTPUT, self.x)) + DIRECT * sample
+'''
+
+
+def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME.fmu``.
+
+    Raises:
+        InputError: there is no rate, it is too low, the model is not linear, or pythonfmu is not installed.
+    """
+    library("pythonfmu", "fmu")
+    from pythonfmu import FmuBuilder
+
+    text = slave(sensor, options)
+    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a process loads a name only once
+    path = folder / f"{options.name}.fmu"
+    with tempfile.TemporaryDirectory() as work, _imports_as_before(module):
+        script = Path(work) / f"{module}.py"
+        script.write_text(text, encoding="utf-8")
+        fixed: dict[str, Any] = {"canHandleVariableCommunicationStepSize": False}
+        notes = _documentation(Path(work), text)
+        built = FmuBuilder.build_FMU(script, dest=Path(work), documentation_folder=notes, **fixed)
+        shutil.move(built, path)
+    return [path]
+
+
+@contextlib.contextmanager
+def _imports_as_before(module: str) -> Iterator[None]:
+    """The builder imports the script by its name and leaves its folder on the path."""
+    before, bytecode = list(sys.path), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        sys.path[:] = before
+        sys.dont_write_bytecode = bytecode
+        sys.modules.pop(module, None)
+
+
+def _documentation(work: Path, text: str) -> Path:
+    folder = work / "documentation"
+    folder.mkdir()
+    (folder / "sensor.txt").write_text(text.split('"""')[1].strip() + "\n", encoding="utf-8")
+    return folder
+
+
+def slave(sensor: Sensor, options: Options) -> str:
+    """Python text of the unit.
+
+    Raises:
+        InputError: there is no rate, it is too low, or the model is not linear.
+    """
+    rate = checked_rate(sensor, options.rate_hz)
+    model, cell = model_filter(sensor, rate)
+    f = sensor.band
+    error = float(np.max(np.abs(model.response(f) / (sensor.response(f) * model.late(f)) - 1.0)))
+    cell_error = float(np.max(np.abs(cell.response(f) / poles_zeros(sensor).response(f) - 1.0)))
+    apart = [name for name in ("delay", "boxcar") if sensor.has(name)]
+    plain = f"; without {' and '.join(apart)}" if apart else ""
+    late, once = (model.latency + 1) / rate, 1.0 / rate
+    response_text = f"{sensor.output_unit}; late by response_latency; error over the band {error:.1e}, relative"
+    cell_text = f"{sensor.output_unit}; late by one step; first-order hold, error {cell_error:.1e}, relative{plain}"
+    about = [
+        *identity(sensor),
+        f"fixed step 1/{rate!r} s; response is late by {late!r} s, response_cell by {once!r} s",
+        f"response: {response_text}",
+        f"response_cell: {cell_text}",
+        "the uncertainties of the parameters are constants; the outputs carry none",
+    ]
+    constants = [("response_latency", late, "s"), ("response_cell_latency", once, "s")]
+    for name, p in sensor.result.parameters.items():
+        constants.append((name, p.value, p.unit))
+        if p.standard_uncertainty is not None:
+            constants.append((f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty"))
+    return _SLAVE.format(
+        about="\n".join(line.replace("\\", "/").replace('"', "'") for line in about),
+        interval=once,
+        taps=model.taps.taps.tolist(),
+        lead=model.taps.lead,
+        sections=model.sections.rows.tolist(),
+        growth=cell.growth.tolist(),
+        before=cell.before.tolist(),
+        now=cell.now.tolist(),
+        output=cell.output.tolist(),
+        direct=float(cell.feedthrough),
+        constants="".join(f"    {name!r}: ({float(value)!r}, {text!r}),\n" for name, value, text in constants),
+        model=options.name[0].upper() + options.name[1:],
+        description="; ".join(about[:2]),
+        input_text=f"{sensor.input_unit}, at the beginning of a step",
+        response_text=response_text,
+        cell_text=cell_text,
+    )
