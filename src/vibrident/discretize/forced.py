@@ -34,6 +34,8 @@ EXACT = ("zoh", "foh", "bandlimited")
 NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))
 #: Error of the rounds, relative to the response, for a spring that stiffens by a half.
 ROUNDS_TOLERANCE = 1e-10
+#: The same for the derivative, relative to itself; it steers, and enters the covariance.
+SLOPE_TOLERANCE = 1e-4
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 24
 
 
@@ -57,12 +59,12 @@ class ForcedWeights(NamedTuple):
     node_force: Any
 
 
-def accuracy(rate_times_step: float) -> tuple[int, int]:
-    """Nodes and rounds for a sensor with |λ| Ts = ``rate_times_step``."""
+def accuracy(rate_times_step: float) -> tuple[int, tuple[int, int]]:
+    """Nodes, and rounds for the force and for its derivative, for a sensor with |λ| Ts = ``rate_times_step``."""
     nodes = next(m for most, m in NODES if rate_times_step <= most)
-    gain = min(0.5, 0.25 * rate_times_step**2)
-    rounds = math.ceil(math.log(ROUNDS_TOLERANCE) / math.log(gain))
-    return nodes, min(max(rounds, FEWEST_ROUNDS), MOST_ROUNDS)
+    gain = math.log(min(0.5, 0.25 * rate_times_step**2))
+    rounds = [math.ceil(math.log(tolerance) / gain) for tolerance in (ROUNDS_TOLERANCE, SLOPE_TOLERANCE)]
+    return nodes, (min(max(rounds[0], FEWEST_ROUNDS), MOST_ROUNDS), max(rounds[1], FEWEST_ROUNDS))
 
 
 def forced_weights(method: Method, core: Rational, ts: Any, fraction: Any, terms: int, nodes: int) -> ForcedWeights:

@@ -37,7 +37,9 @@ MOST_STEPS, SETTLED = 20, 1e-12
 Force = Callable[[Any], Any]
 
 
-def forced_response(weights: ForcedWeights, force: Force, lanes: Lanes, starts: Any, rounds: int) -> tuple[Any, Any]:
+def forced_response(
+    weights: ForcedWeights, force: Force, lanes: Lanes, starts: Any, rounds: tuple[int, int]
+) -> tuple[Any, Any]:
     """Every lane from its start state, shape (n, M); returns outputs, shape (L, M), and end states, shape (n, M).
 
     Args:
@@ -45,8 +47,10 @@ def forced_response(weights: ForcedWeights, force: Force, lanes: Lanes, starts: 
         force: F of the response V at the nodes, elementwise.
         lanes: the data.
         starts: shape (n, M).
-        rounds: repetitions for the force at the nodes.
+        rounds: repetitions for the force at the nodes, without and with derivative: each of the latter adds one
+            order of the derivative's own series, which needs far fewer digits.
     """
+    settling, slope_rounds = rounds
     linear, w = weights.linear, weights
     phi, gamma = per_lane(linear.transition, lanes.rate), per_lane(linear.drive, lanes.rate)
     c, d = per_lane(linear.output, lanes.rate), per_lane(linear.feedthrough, lanes.rate)
@@ -59,8 +63,10 @@ def forced_response(weights: ForcedWeights, force: Force, lanes: Lanes, starts: 
 
     def step(x: Any, u: Any) -> tuple[Any, Any]:
         alone = product(at_state, x) + product(at_drive, u)
-        f = force(alone)
-        for _ in range(rounds):
+        fixed = lax.stop_gradient((alone, among))
+        f = lax.fori_loop(0, settling, lambda _, f: force(fixed[0] + product(fixed[1], f)), force(fixed[0]))
+        f = lax.stop_gradient(f)
+        for _ in range(slope_rounds):
             f = force(alone + product(among, f))
         y = product(c, x) + product(d, u) + product(pull_output, f)
         return product(phi, x) + product(gamma, u) + product(pull, f), y
@@ -95,10 +101,11 @@ def forced_normal(
     shots = _settled(simulate, z, _first_guess(linear, lanes, segments), lanes, segments)
 
     def shifted(y: Any, shift: Any) -> tuple[Any, Any]:
-        return simulate(y, shots.starts + shift[:, None])
+        found = simulate(y, shots.starts + shift[:, None])
+        return found, found[0]
 
-    outputs, _ = simulate(z, shots.starts)
-    (by_z, by_start), (ends_z, ends_start) = jax.jacfwd(shifted, argnums=(0, 1))(z, jnp.zeros(n))
+    slopes, outputs = jax.jacfwd(shifted, argnums=(0, 1), has_aux=True)(z, jnp.zeros(n))
+    (by_z, by_start), (ends_z, ends_start) = slopes
     carry = _chain(ends_start, jnp.zeros((n, n, lanes.first.shape[0])), lanes.first, jnp.eye(n))  # (n, n, M)
     states_z = _chain(ends_start, jnp.moveaxis(ends_z, 1, -1), lanes.first, jnp.zeros((n, p)))  # (n, P, M)
     scale = lanes.weight / noise

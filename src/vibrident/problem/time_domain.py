@@ -37,6 +37,8 @@ from vibrident.records import BoolArray, FloatArray, Quantity, Record
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
 CHUNK = 256
+#: A force is that of a response of at most this many times the largest measured.
+BEYOND = 10.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Layout:
     order: int
     segments: int
     nodes: int = 0
-    rounds: int = 0
+    rounds: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +136,7 @@ class TimeProblem:
                 remedy="use longer records, or the estimator 'ml'",
             )
         lanes, first_lanes = _cut(pieces, records, rate, terms)
-        force = (0, 0) if model.is_linear else accuracy(fastest * float(np.max(intervals)))
+        force = () if model.is_linear else accuracy(fastest * float(np.max(intervals)))
         layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1), *force)
         owners = np.array([piece[0] for piece in pieces])
         placed = tuple((p[0], p[1], lane) for p, lane in zip(pieces, first_lanes, strict=True))
@@ -250,10 +252,17 @@ def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tupl
 
 def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
     lanes, *where = data
+    # In the padding behind a record the reference jumps to zero, and a step of Newton's may go too far: what a spring
+    # would do to a response that was never seen must not drown the rest.
+    largest = BEYOND * jnp.max(jnp.abs(lanes.response))
+    largest = jnp.where(largest > 0.0, largest, jnp.inf)
 
     def simulate(z: Any, starts: Any) -> tuple[Any, Any]:
         parameters = coordinates.physical(z)
-        force = functools.partial(layout.model.force, parameters)
+
+        def force(response: Any) -> Any:
+            return layout.model.force(parameters, jnp.clip(response, -largest, largest))
+
         return forced_response(_forced(parameters, layout, *where), force, lanes, starts, layout.rounds)
 
     linear = _forced(coordinates.physical(z), layout, *where).linear

@@ -24,7 +24,7 @@ from vibrident.simulation.grid import SampleGrid
 Linear = Callable[[SampleGrid], FloatArray]
 
 #: Largest phase, rad, that the fastest motion runs through in a step.
-PHASE = 0.3
+PHASE = 0.15
 #: A steady state is reached when the free motion has died down to this.
 FORGOTTEN = 1e-14
 
