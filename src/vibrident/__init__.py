@@ -28,6 +28,7 @@ _WHERE = {
     "simulate": "vibrident.simulation",
     "predict": "vibrident.prediction",
     "correct": "vibrident.correction",
+    "plan": "vibrident.planning",
     "Ipnn": "vibrident.estimators",
     "LeastSquares": "vibrident.estimators",
     "MaximumLikelihood": "vibrident.estimators",

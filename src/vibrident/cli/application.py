@@ -15,8 +15,10 @@ from vibrident.cli.commands.doctor import doctor
 from vibrident.cli.commands.export import export
 from vibrident.cli.commands.identify import identify
 from vibrident.cli.commands.inspect import inspect
+from vibrident.cli.commands.plan import plan
 from vibrident.cli.commands.predict import predict
 from vibrident.cli.commands.report import report
+from vibrident.cli.commands.reproduce import reproduce
 from vibrident.cli.commands.simulate import simulate
 from vibrident.cli.console import show_error
 from vibrident.errors import VibridentError
@@ -51,7 +53,7 @@ app = typer.Typer(
 _PANELS = {
     "Begin": (demo, doctor),
     "From files to a model": (inspect, identify, report),
-    "Use and judge a model": (predict, correct, compare, simulate, export),
+    "Use and judge a model": (predict, correct, plan, compare, simulate, export, reproduce),
 }
 for _panel, _commands in _PANELS.items():
     for _command in _commands:

@@ -47,6 +47,8 @@ LOOKS = 2
 LOCAL_PERIODS = 2.0
 #: A shock's top is what lies above this part of its peak; bands for it are tried down to this many octaves narrower.
 CORE, NARROWER = 0.5, 3.0
+#: Doubts of the result that touch every corrected sample: what its uncertainties cover is then in its settings.
+INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")
 ORIGINS = ("noise", "model", "band", "offset", "ends")
 
 
@@ -136,10 +138,12 @@ def correct(
     kept, findings = screen(given)
     done = [_corrected(record, sensor, quantity, band_hz, noise) for record in kept]
     calibrated = tuple(result.response.frequency_hz)
+    doubtful = [w for w in result.warnings if w.code in INHERITED]
+    inherited = [Finding(w.code, f"The result itself is doubtful: {w.message}") for w in doubtful]
     more = [doubt for correction in done for doubt in _doubts(correction, calibrated)]
     drive = result.reference.get("quantity") == "drive"
     unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
-    return Corrections(tuple(done), (*findings, *more), unit, result.model)
+    return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model)
 
 
 def _corrected(
@@ -287,8 +291,8 @@ def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Fi
         findings.append(Finding("band_sensitive", text))
     if calibrated_hz and correction.band.high_hz > 1.5 * calibrated_hz[-1]:
         text = (
-            f"{name}: restored up to {correction.band.high_hz:.4g} Hz on the word of the model; the calibration ends at "
-            f"{calibrated_hz[-1]:.4g} Hz."
+            f"{name}: restored up to {correction.band.high_hz:.4g} Hz on the word of the model, which was calibrated "
+            f"up to {calibrated_hz[-1]:.4g} Hz."
         )
         findings.append(Finding("band_sensitive", text))
     return findings

@@ -1,0 +1,246 @@
+"""``vibrident plan``: the uncertainty that a planned calibration will reach, and the best frequencies for it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import note, out
+from vibrident.cli.folder import written_whole
+from vibrident.cli.options import choice
+from vibrident.cli.results import load_result
+from vibrident.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.planning import Plan, Recording
+
+_SENSOR, _POINTS, _CHOICE = "Sensor", "Points", "Choice of frequencies"
+#: Options that give a parameter by itself; --parameter NAME=VALUE gives any.
+_NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
+
+
+def _number(name: str, metavar: str, help: str, panel: str, **more: Any) -> Any:
+    return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **more)
+
+
+def plan(
+    model: Annotated[
+        str | None,
+        typer.Option("--model", metavar="MODEL", help="Such as accelerometer+delay.", rich_help_panel=_SENSOR),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="RESULT",
+            help="result.json: sensor, frequencies and points as good as those of its calibration.",
+            rich_help_panel=_SENSOR,
+        ),
+    ] = None,
+    natural_frequency: Annotated[
+        float | None, _number("--natural-frequency", "HZ", "Natural frequency.", _SENSOR)
+    ] = None,
+    damping: Annotated[float | None, _number("--damping", "RATIO", "Damping ratio.", _SENSOR)] = None,
+    sensitivity: Annotated[
+        float | None, _number("--sensitivity", "S", "V/(m/s²); of an accelerometer.", _SENSOR)
+    ] = None,
+    generator_constant: Annotated[
+        float | None, _number("--generator-constant", "G", "V/(m/s); of a velocity pickup.", _SENSOR)
+    ] = None,
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option("--parameter", metavar="NAME=VALUE", help="Any other; may be repeated.", rich_help_panel=_SENSOR),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        choice(
+            "--quantity",
+            options.QUANTITIES,
+            f"Of the reference: {', '.join(options.QUANTITIES)}.",
+            "NAME",
+            rich_help_panel=_SENSOR,
+            show_default="acceleration",
+        ),
+    ] = None,
+    frequencies: Annotated[
+        str | None,
+        typer.Option(
+            "--frequencies",
+            metavar="LOW:HIGH|A,B",
+            help="Hz: one-third octaves in a range, or a list.",
+            rich_help_panel=_POINTS,
+            show_default="those of the result",
+        ),
+    ] = None,
+    amplitude: Annotated[
+        float | None, _number("--amplitude", "A", "Peak acceleration, m/s².", _POINTS, show_default="9.80665")
+    ] = None,
+    rate: Annotated[float | None, _number("--rate", "HZ", "Sampling rate.", _POINTS)] = None,
+    samples: Annotated[int | None, _number("--samples", "N", "Samples of every record.", _POINTS)] = None,
+    response_noise: Annotated[
+        float, _number("--response-noise", "REL", "White, relative to the response's rms.", _POINTS)
+    ] = 0.0,
+    response_noise_rms: Annotated[
+        float, _number("--response-noise-rms", "RMS", "White, in the response's unit.", _POINTS)
+    ] = 0.0,
+    reference_noise: Annotated[
+        float, _number("--reference-noise", "REL", "White, relative to the reference's rms.", _POINTS)
+    ] = 0.0,
+    reference_noise_rms: Annotated[
+        float, _number("--reference-noise-rms", "RMS", "White, in the reference's unit.", _POINTS)
+    ] = 0.0,
+    magnitude_uncertainty: Annotated[
+        float | None, _number("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", _POINTS)
+    ] = None,
+    phase_uncertainty: Annotated[
+        float | None, _number("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", _POINTS)
+    ] = None,
+    longer: Annotated[
+        float, _number("--times-as-long", "X", "With --from alone: records X times as long.", _POINTS)
+    ] = 1.0,
+    reference_uncertainty: Annotated[
+        float, _number("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", _POINTS)
+    ] = 0.0,
+    best: Annotated[
+        int | None, _number("--best", "N", "Choose N of the frequencies.", _CHOICE, show_default="all")
+    ] = None,
+    criterion: Annotated[
+        str,
+        choice(
+            "--criterion",
+            ("D", "A"),
+            "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
+            rich_help_panel=_CHOICE,
+        ),
+    ] = "D",
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="A frequency may be chosen several times.", rich_help_panel=_CHOICE)
+    ] = False,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder for plan.json and a picture.", show_default="none"),
+    ] = None,
+) -> None:
+    """Foresee the uncertainty of a calibration with sines, and choose the best frequencies for it."""
+    given = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, generator_constant), strict=True))
+    values = {name: value for name, value in given.items() if value is not None} | _parameters(parameter or [])
+    known = None if source is None else load_result(source)
+    if (known is None) == (model is None) or (known is not None and values):
+        raise InputError(
+            "It is not clear which sensor to plan for.",
+            expected="--model with its parameters, or --from RESULT",
+            found="both" if known is not None else "neither",
+            where="--model, --from",
+            remedy="give one of the two",
+        )
+    settings: dict[str, Any] = {
+        "frequencies_hz": options.frequencies(frequencies),
+        "recording": _recording(
+            rate, samples, response_noise, response_noise_rms, reference_noise, reference_noise_rms
+        ),
+        "magnitude_uncertainty": magnitude_uncertainty,
+        "phase_uncertainty_rad": None if phase_uncertainty is None else math.radians(phase_uncertainty),
+        "times_as_long": longer,
+        "quantity": quantity,
+        "reference_uncertainty": reference_uncertainty,
+        "best": best,
+        "criterion": criterion,
+        "repeats": repeats,
+    }
+    if amplitude is not None:
+        settings["amplitude"] = amplitude
+    from vibrident.cli.progress import Busy
+
+    with Busy("Planning"):
+        from vibrident.planning import plan as run
+
+        planned = run(known if known is not None else str(model), values or None, **settings)
+    _show(planned)
+    if folder is not None:
+        _write(planned, folder)
+
+
+def _parameters(given: list[str]) -> dict[str, float]:
+    values = {}
+    for text in given:
+        name, separator, number = text.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            separator = ""
+        if not separator:
+            raise InputError(
+                "A parameter cannot be read.",
+                expected="NAME=VALUE, such as delay=1e-5",
+                found=repr(text),
+                where="--parameter",
+                remedy="write the value as a number in SI units, frequencies in Hz",
+            )
+    return values
+
+
+def _recording(rate: float | None, samples: int | None, *noise: float) -> Recording | None:
+    if rate is None and samples is None and not any(noise):
+        return None
+    if rate is None or samples is None:
+        raise InputError(
+            "How the sines are recorded is not complete.",
+            expected="--rate and --samples with the noise",
+            found="one without the other",
+            where="--rate, --samples",
+            remedy="give both",
+        )
+    from vibrident.planning import Recording
+
+    return Recording(rate, samples, *noise)
+
+
+def _show(planned: Plan) -> None:
+    from vibrident import terminal
+    from vibrident.plots.units import pretty, scaled
+
+    rows = []
+    for name, parameter in planned.parameters.items():
+        scale = scaled(parameter.unit, abs(parameter.value))
+        u = parameter.standard_uncertainty or 0.0
+        row: dict[str, Any] = {
+            "parameter": name.replace("_", " "),
+            "value": parameter.value * scale.factor,
+            "u": u * scale.factor,
+            "unit": "" if scale.unit == "1" else pretty(scale.unit),
+            "u / value": f"{100 * abs(u / parameter.value):.2g} %" if parameter.value else "–",
+        }
+        if planned.criterion is not None:
+            for label, other in (("u, evenly spread", planned.spread), ("u, all", planned.all_points)):
+                row[label] = other[name] * scale.factor if name in other else None
+        rows.append(row)
+    console = out()
+    console.print(terminal.inspection_table(rows, f"Uncertainty to be expected: {planned.model}"))
+    pairs = zip(planned.frequency_hz, planned.uses, strict=True)
+    listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
+    console.print(f"Frequencies in Hz: {listed}", soft_wrap=True)
+    if planned.efficiency is not None:
+        console.print(
+            f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size}; "
+            f"efficiency {100 * planned.efficiency:.0f} % of the best possible with as much measuring time.",
+            soft_wrap=True,
+        )
+    for warning in planned.warnings:
+        note(f"Warning: {warning}")
+
+
+def _write(planned: Plan, folder: Path) -> None:
+    from vibrident import plots, terminal
+    from vibrident.planning import summary
+    from vibrident.plots.plan import figure
+
+    with written_whole(folder) as output:
+        text = json.dumps(summary(planned), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        (output.path / "plan.json").write_text(text, encoding="utf-8")
+        plots.save(figure(planned), output.path / "plan.png")
+    out().print(terminal.written_lines(output.files))

@@ -1,0 +1,8 @@
+"""Planning a calibration: the uncertainty to be expected, and the best frequencies for a given number of them."""
+
+from __future__ import annotations
+
+from vibrident.planning.calibration import Plan, plan, summary
+from vibrident.planning.points import Recording
+
+__all__ = ["Plan", "Recording", "plan", "summary"]

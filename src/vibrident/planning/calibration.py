@@ -1,0 +1,361 @@
+"""The uncertainty that a planned calibration will reach, and the best frequencies for a given number of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.correction.sensor import KnownSensor
+from vibrident.errors import InputError
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.models import parse
+from vibrident.models.base import SensorModel
+from vibrident.planning.design import CRITERIA, Criterion, best_points, efficiency
+from vibrident.planning.points import Points, Recording, of_records, of_table
+from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
+from vibrident.result import Correlation, Curve, Parameter, Result
+from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+
+_UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated", "conversion")
+#: Neighbours on either side over which the noise of a result's own points is averaged: each is itself an estimate, and
+#: a choice of points must not run after those whose estimate happens to be low.
+NEIGHBOURS = 2
+#: Points of the sensitivity curve.
+CURVE_POINTS = 101
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a planned calibration will reach.
+
+    Attributes:
+        model: name of the sensor model.
+        frequency_hz: of the points, shape (n,).
+        uses: how often each is measured, shape (n,).
+        relative_deviation: standard deviation of each point's sensitivity over its size, shape (n,).
+        parameters: with the standard uncertainty to be expected, estimated and derived.
+        correlation: of the estimated parameters.
+        response: the sensitivity curve with its uncertainty.
+        warnings: what will be weakly determined, in the words of an identification, and what is doubtful.
+        criterion: by which the points were chosen; None where all are measured.
+        candidates_hz: of which they were chosen.
+        efficiency: of the choice, against the best design of as much measuring time; None where all are measured.
+        spread: standard uncertainty by parameter of as many points spread evenly over the candidates; empty where
+            all are measured.
+        all_points: standard uncertainty by parameter of all candidates.
+    """
+
+    model: str
+    frequency_hz: FloatArray
+    uses: tuple[int, ...]
+    relative_deviation: FloatArray
+    parameters: Mapping[str, Parameter]
+    correlation: Correlation
+    response: Curve
+    warnings: tuple[str, ...]
+    criterion: Criterion | None
+    candidates_hz: FloatArray
+    efficiency: float | None
+    spread: Mapping[str, float]
+    all_points: Mapping[str, float]
+
+
+def plan(
+    sensor: str | Result,
+    parameters: Mapping[str, float] | None = None,
+    *,
+    frequencies_hz: Sequence[float] | FloatArray | None = None,
+    amplitude: float | Sequence[float] = STANDARD_GRAVITY,
+    recording: Recording | None = None,
+    magnitude_uncertainty: float | Sequence[float] | None = None,
+    phase_uncertainty_rad: float | Sequence[float] | None = None,
+    times_as_long: float = 1.0,
+    quantity: Quantity | None = None,
+    reference_uncertainty: float = 0.0,
+    response_unit: str = "V",
+    best: int | None = None,
+    criterion: Criterion = "D",
+    repeats: bool = False,
+) -> Plan:
+    """Foresee the uncertainties of a calibration with sines.
+
+    The points' uncertainty comes from ``recording`` (noise and length of records), from ``magnitude_uncertainty`` and
+    ``phase_uncertainty_rad`` (a table), or, with neither, from the result: points as good as those of its own
+    calibration, interpolated over frequency.
+
+    Args:
+        sensor: name of a model, or the result of an identification.
+        parameters: of the model, SI units, frequencies in Hz; None takes the result's.
+        frequencies_hz: planned, or the candidates of which ``best`` are chosen; None takes the result's.
+        amplitude: peak of the acceleration, m/s², one or one a frequency.
+        recording: how sines are recorded.
+        magnitude_uncertainty: relative standard uncertainty of a tabulated magnitude, one or one a frequency.
+        phase_uncertainty_rad: standard uncertainty of a tabulated phase; None: no phase is measured.
+        times_as_long: with a result's own points: records so many times as long.
+        quantity: of the reference; None takes the result's, or acceleration.
+        reference_uncertainty: relative, systematic: the calibration of the reference.
+        response_unit: for a model; a result has its own.
+        best: choose so many frequencies; None: measure all.
+        criterion: ``D`` (smallest ellipsoid of all parameters) or ``A`` (smallest sum of squared relative
+            uncertainties; of a delay: in radians at the highest frequency).
+        repeats: whether a frequency may be chosen several times.
+
+    Raises:
+        InputError: the plan cannot be made so; the message says why.
+        ModelError: the model is unknown.
+    """
+    model, values = _sensor(sensor, parameters)
+    source = sensor if isinstance(sensor, Result) else None
+    kind = _quantity(quantity, source)
+    frequency = _frequencies(frequencies_hz, source)
+    points = _points(
+        model,
+        values,
+        kind,
+        frequency,
+        _each("amplitude", amplitude, frequency),
+        recording,
+        None if magnitude_uncertainty is None else _each("magnitude uncertainty", magnitude_uncertainty, frequency),
+        None if phase_uncertainty_rad is None else _each("phase uncertainty", phase_uncertainty_rad, frequency),
+        source,
+        times_as_long,
+    )
+    if criterion not in CRITERIA:
+        raise InputError(
+            "The criterion is not known.",
+            expected=" | ".join(CRITERIA),
+            found=repr(criterion),
+            where="plan, criterion",
+            remedy="choose one of them",
+        )
+    _enough(points, best if best is not None else frequency.size, repeats=repeats, chosen=best is not None)
+    unit = source.response_unit if source is not None else response_unit
+    return _plan(points, reference_uncertainty, unit, source, best, criterion, repeats)
+
+
+def _plan(
+    points: Points,
+    reference_uncertainty: float,
+    unit: str,
+    source: Result | None,
+    best: int | None,
+    criterion: Criterion,
+    repeats: bool,
+) -> Plan:
+    coordinates, z, count = points.coordinates, points.coordinates.first, points.frequency_hz.size
+    model, scale = coordinates.model, _scales(coordinates.model, points.coordinates.first)
+    uses, reached, spread = np.ones(count, dtype=int), None, {}
+    if best is not None:
+        uses = best_points(points.information, best, criterion, scale, repeats=repeats)
+        reached = efficiency(uses, points.information, criterion, scale)
+        even = np.bincount(np.round(np.linspace(0, count - 1, best)).astype(int), minlength=count)
+        spread = _deviations(points, even, reference_uncertainty)
+    covariance, freedom = _covariance(points, uses)
+    weak, warnings = doubts(coordinates, z, covariance)
+    covariance = with_reference(covariance, z, model, reference_uncertainty)
+    drive = points.quantity == "drive"
+    reference = (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
+    fields = {
+        "response": unit,
+        "reference": reference,
+        "reference_integrated": f"{reference} s" if drive else "m/s",
+        "conversion": f"{unit}/(({reference}) s^2)" if drive else f"{unit}/m",
+    }
+    table = parameter_table(coordinates, z, covariance, freedom, fields, weak)
+    low, high = float(points.frequency_hz.min()), float(points.frequency_hz.max())
+    band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])
+    kept = np.flatnonzero(uses)
+    return Plan(
+        model.name,
+        points.frequency_hz[kept],
+        tuple(int(n) for n in uses[kept]),
+        points.relative_deviation[kept],
+        table,
+        correlation(model, covariance),
+        curve(coordinates, z, covariance, points.quantity, band),
+        tuple(w.message for w in warnings) + points.findings,
+        criterion if best is not None else None,
+        points.frequency_hz,
+        reached,
+        spread,
+        _deviations(points, np.ones(count, dtype=int), reference_uncertainty),
+    )
+
+
+def _covariance(points: Points, uses: np.ndarray) -> tuple[FloatArray, float]:
+    """Covariance of z and degrees of freedom, as the estimator ``ml`` will state them."""
+    freedom = np.repeat(points.freedom, uses)
+    known = float(np.mean(1.0 + 4.0 / freedom))  # weights that are estimated themselves
+    return inverse_normal(points.chosen(uses)) * known, float(np.sum(freedom))
+
+
+def _deviations(points: Points, uses: np.ndarray, reference_uncertainty: float) -> dict[str, float]:
+    """Standard uncertainty of each estimated parameter, physical units."""
+    coordinates, z = points.coordinates, points.coordinates.first
+    covariance, freedom = _covariance(points, uses)
+    covariance = with_reference(covariance, z, coordinates.model, reference_uncertainty)
+    none = dict.fromkeys(("response", "reference", "reference_integrated", "conversion"), "1")
+    table = parameter_table(coordinates, z, covariance, freedom, none, {})
+    return {name: float(table[name].standard_uncertainty or 0.0) for name in coordinates.model.parameter_names}
+
+
+def _scales(model: SensorModel, z: FloatArray) -> FloatArray:
+    """Size of each coordinate, for relative uncertainties: of logarithms and of a delay's radians, one."""
+    relative = ("gain", "positive", "ratio")
+    sizes = [max(abs(float(v)), 1e-3) if s.kind in relative else 1.0 for s, v in zip(model.parameters, z, strict=True)]
+    return np.array(sizes)
+
+
+def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tuple[SensorModel, dict[str, float]]:
+    if isinstance(sensor, Result) and parameters is None:
+        known = KnownSensor.of(sensor)
+        return known.model, dict(known.values)
+    name = sensor.model if isinstance(sensor, Result) else sensor
+    model = parse(name)
+    given = dict(parameters or {})
+    names = model.parameter_names
+    linear = "cubic" not in name.split("+")
+    usable = set(given) == set(names) and all(np.isfinite(value) for value in given.values())
+    positive = usable and all(given[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration"))
+    if not (linear and positive and given[model.gain_name] != 0):
+        raise InputError(
+            "The sensor cannot be planned for."
+            if linear
+            else "A cubic stiffness has no transfer function to plan with.",
+            expected=f"for {model.name!r}: finite {', '.join(names)}; frequencies above 0, a gain that is not 0",
+            found=", ".join(f"{key} = {value:g}" for key, value in given.items()) or "no parameters",
+            where="plan, parameters",
+            remedy="give every parameter of the model, and no other" if linear else "plan without 'cubic'",
+        )
+    return model, {name: float(given[name]) for name in names}
+
+
+def _quantity(quantity: Quantity | None, source: Result | None) -> Quantity:
+    found: Any = quantity or (source.reference.get("quantity") if source is not None else None) or "acceleration"
+    if found not in QUANTITIES:
+        raise InputError(
+            "The reference quantity is not known.",
+            expected=" | ".join(QUANTITIES),
+            found=repr(found),
+            where="plan, quantity",
+            remedy="name one of the expected",
+        )
+    return found
+
+
+def _frequencies(given: Sequence[float] | FloatArray | None, source: Result | None) -> FloatArray:
+    if given is None and source is not None:
+        given = sorted(set(source.measured.frequency_hz))
+    frequency = np.atleast_1d(np.asarray([] if given is None else given, dtype=float))
+    if not (frequency.ndim == 1 and frequency.size and np.isfinite(frequency).all() and (frequency > 0).all()):
+        raise InputError(
+            "There are no frequencies to plan with.",
+            expected="at least one finite frequency above 0 Hz",
+            found=f"{frequency.tolist()}"[:80],
+            where="plan, frequencies",
+            remedy="give frequencies, or a result that has measured points",
+        )
+    return np.sort(frequency)
+
+
+def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> FloatArray:
+    values = np.asarray(value, dtype=float)
+    if values.ndim > 1 or (values.ndim == 1 and values.size != frequency.size):
+        raise InputError(
+            f"The {label} does not fit the frequencies.",
+            expected=f"one number, or {frequency.size}, in ascending order of frequency",
+            found=f"shape {values.shape}",
+            where=f"plan, {label}",
+            remedy="give one number, or one a frequency",
+        )
+    return np.broadcast_to(values, frequency.shape).astype(float)
+
+
+def _points(
+    model: SensorModel,
+    values: Mapping[str, float],
+    quantity: Quantity,
+    frequency: FloatArray,
+    amplitude: FloatArray,
+    recording: Recording | None,
+    magnitude: FloatArray | None,
+    phase: FloatArray | None,
+    source: Result | None,
+    times_as_long: float,
+) -> Points:
+    if recording is not None and magnitude is None:
+        return of_records(model, values, quantity, frequency, amplitude, recording)
+    if magnitude is not None and recording is None:
+        return of_table(model, values, quantity, frequency, magnitude, phase)
+    if recording is not None or source is None or not source.measured.frequency_hz or times_as_long <= 0:
+        raise InputError(
+            "The uncertainty of the points is not given, or given twice.",
+            expected="noise with sampling rate and samples, or uncertainties of magnitude and phase, or a result "
+            "with measured points (and records at least as long as a part of its own)",
+            found="records and a table" if recording is not None else "none of them",
+            where="plan",
+            remedy="give one of them",
+        )
+    magnitude, phase = _like_before(source, frequency, times_as_long)
+    return of_table(model, values, quantity, frequency, magnitude, phase)
+
+
+def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[FloatArray, FloatArray | None]:
+    """Uncertainties of a result's own points, smoothed and interpolated in the logarithms, for records so many times as long."""
+    measured = source.measured
+    order = np.argsort(measured.frequency_hz, kind="stable")
+    f = np.log(np.array(measured.frequency_hz)[order])
+    size = np.array(measured.magnitude, dtype=float)[order]
+    u = np.array([np.nan if v is None else v for v in measured.magnitude_uncertainty], dtype=float)[order] / size
+    u_phase = np.array([np.nan if v is None else v for v in measured.phase_deg_uncertainty], dtype=float)[order]
+
+    def at(values: FloatArray) -> FloatArray:
+        good = np.isfinite(values) & (values > 0)
+        if not good.any():
+            return np.full(frequency.shape, np.nan)
+        level = np.log(values[good])
+        index = np.arange(level.size)
+        near = np.abs(index[:, None] - index) <= NEIGHBOURS
+        smooth = (near @ level) / near.sum(axis=1)
+        return np.exp(np.interp(np.log(frequency), f[good], smooth)) / np.sqrt(longer)
+
+    phase = at(np.deg2rad(u_phase))
+    return at(u), None if np.isnan(phase).any() else phase
+
+
+def _enough(points: Points, count: int, *, repeats: bool, chosen: bool) -> None:
+    needed = len(points.coordinates.model.parameters)
+    most = points.frequency_hz.size
+    fits = count >= 1 and (repeats or count <= most) and count * points.equations >= needed
+    if fits:
+        return
+    raise InputError(
+        "So many points cannot determine the parameters."
+        if count <= most or repeats
+        else "There are too few candidates.",
+        expected=f"at least {-(-needed // points.equations)} points for {needed} parameters, of {most} candidates",
+        found=f"{count} points",
+        where="plan, best" if chosen else "plan, frequencies",
+        remedy="choose another number, or give more frequencies",
+    )
+
+
+def summary(planned: Plan) -> dict[str, Any]:
+    """What ``plan.json`` says: plain values."""
+    points = zip(planned.frequency_hz.tolist(), planned.uses, planned.relative_deviation.tolist(), strict=True)
+    return {
+        "model": planned.model,
+        "parameters": {name: asdict(parameter) for name, parameter in planned.parameters.items()},
+        "correlation": asdict(planned.correlation),
+        "points": [{"frequency_hz": f, "times": n, "relative_standard_uncertainty": u} for f, n, u in points],
+        "criterion": planned.criterion,
+        "efficiency": planned.efficiency,
+        "candidates_hz": planned.candidates_hz.tolist(),
+        "standard_uncertainty_of_all_candidates": dict(planned.all_points),
+        "standard_uncertainty_of_evenly_spread_points": dict(planned.spread),
+        "response": asdict(planned.response),
+        "warnings": list(planned.warnings),
+    }

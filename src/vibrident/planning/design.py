@@ -1,0 +1,126 @@
+"""Which of many points to measure: D- and A-optimal choices, by exchange, and how near they come to the best possible.
+
+With M the information of a design, the D-optimal one has the largest det M (the smallest ellipsoid of all
+parameters), the A-optimal one the smallest Σ (u_i/scale_i)² (the smallest variances). The choice of n out of many is
+found by exchanging points while that helps (Fedorov 1972), from several starts. How good it can be at all is known
+from the best design of the same total with weights of any size, which the equivalence theorem of Kiefer and Wolfowitz
+characterises and the multiplicative algorithm finds (Silvey, Titterington & Torsney 1978).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.records import FloatArray
+
+Criterion = Literal["D", "A"]
+CRITERIA: tuple[str, ...] = ("D", "A")
+
+#: Random starts of the exchange, beside the greedy one.
+STARTS = 20
+#: Iterations of the multiplicative algorithm, and how near to equality its theorem must come.
+MOST_ITERATIONS, SETTLED = 20_000, 1e-6
+
+
+def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
+    """What a design is judged by, smaller is better: D: −log det M / p; A: Σ (u/scale)²."""
+    if criterion == "D":
+        size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        values = np.linalg.eigvalsh(matrix / size[:, None] / size)
+        return float(-np.mean(np.log(np.maximum(values, 1e-14))) - 2.0 * np.mean(np.log(size)))
+    return float(np.sum(np.diag(inverse_normal(matrix)) / scale**2))
+
+
+def best_points(
+    information: FloatArray, count: int, criterion: Criterion, scale: FloatArray, *, repeats: bool = False
+) -> np.ndarray:
+    """How often to use each point, shape (n,): ``count`` in all, each at most once unless ``repeats``.
+
+    Args:
+        information: of each point, shape (n, p, p).
+        count: points to choose.
+        criterion: D or A.
+        scale: of each parameter, for A, shape (p,).
+        repeats: whether a point may be measured several times.
+    """
+    rng = np.random.default_rng(0)
+    total = information.shape[0]
+    starts = [_greedy(information, count, criterion, scale, repeats=repeats)]
+    for _ in range(STARTS):
+        picks = rng.choice(total, count, replace=repeats)
+        starts.append(np.bincount(picks, minlength=total))
+    found = [_exchanged(uses, information, criterion, scale, repeats=repeats) for uses in starts]
+    return min(found, key=lambda uses: loss(_sum(uses, information), criterion, scale))
+
+
+def _sum(uses: np.ndarray, information: FloatArray) -> FloatArray:
+    return np.einsum("k,kij->ij", uses.astype(float), information)
+
+
+def _greedy(
+    information: FloatArray, count: int, criterion: Criterion, scale: FloatArray, *, repeats: bool
+) -> np.ndarray:
+    """One point after the other, on top of a trace of all of them, so that the first have something to stand on."""
+    uses = np.zeros(information.shape[0], dtype=int)
+    matrix = 1e-6 * np.mean(information, axis=0)
+    for _ in range(count):
+        open_points = np.flatnonzero(repeats | (uses == 0))
+        losses = [loss(matrix + information[k], criterion, scale) for k in open_points]
+        pick = open_points[int(np.argmin(losses))]
+        uses[pick] += 1
+        matrix = matrix + information[pick]
+    return uses
+
+
+def _exchanged(
+    uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray, *, repeats: bool
+) -> np.ndarray:
+    uses = uses.copy()
+    matrix = _sum(uses, information)
+    best = loss(matrix, criterion, scale)
+    while True:
+        step = None
+        for out in np.flatnonzero(uses):
+            without = matrix - information[out]
+            for new in np.flatnonzero(repeats | (uses == 0)):
+                value = loss(without + information[new], criterion, scale)
+                if value < best - 1e-9 * max(abs(best), 1.0):
+                    best, step = value, (out, new)
+        if step is None:
+            return uses
+        uses[step[0]] -= 1
+        uses[step[1]] += 1
+        matrix = _sum(uses, information)  # anew: differences of large numbers add up
+
+
+def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArray) -> FloatArray:
+    """Weights of the best design of total one with weights of any size, shape (n,)."""
+    total, order = information.shape[0], information.shape[1]
+    weights = np.full(total, 1.0 / total)
+    for _ in range(MOST_ITERATIONS):
+        inverse = inverse_normal(np.einsum("k,kij->ij", weights, information))
+        if criterion == "D":
+            gain = np.einsum("kij,ji->k", information, inverse) / order
+        else:
+            middle = inverse @ np.diag(scale**-2.0) @ inverse
+            gain = np.einsum("kij,ji->k", information, middle) / np.trace(inverse @ np.diag(scale**-2.0))
+        if float(np.max(gain)) < 1.0 + SETTLED:
+            break
+        weights = weights * (gain if criterion == "D" else np.sqrt(gain))
+        weights /= weights.sum()
+    return weights
+
+
+def efficiency(uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
+    """How good a choice is against the best design of the same total, 0 to 1.
+
+    It is the part of the measuring time that the best design would need for the same criterion.
+    """
+    count = float(np.sum(uses))
+    weights = best_weights(information, criterion, scale)
+    ideal = count * np.einsum("k,kij->ij", weights, information)
+    own, best = loss(_sum(np.asarray(uses), information), criterion, scale), loss(ideal, criterion, scale)
+    return float(np.exp(best - own)) if criterion == "D" else best / own

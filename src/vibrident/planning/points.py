@@ -1,0 +1,216 @@
+"""What each planned point will tell: its residual's derivative by the parameters, weighted by the noise to be expected.
+
+The residual is the one that the estimator `ml` minimises, so a plan and a calibration differ only in that the plan's
+noise is foreseen. A tone of amplitude X in N samples of white noise has real and imaginary part with variance 2 σ²/N
+each; that of Y − H X follows from both channels,
+
+    σ² = (2/N) (σ_response² + |H|² σ_reference²).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.backend import jax, jnp
+from vibrident.errors import InputError
+from vibrident.measure.tones import measure_tones
+from vibrident.models import SensorModel
+from vibrident.models.base import DERIVATIVES
+from vibrident.problem import Coordinates
+from vibrident.problem.frequency_domain import response_residual
+from vibrident.records import FloatArray, Quantity, Record
+
+#: Fewest periods from which a tone is told from offset, drift and the sensor's own decay.
+FEWEST_PERIODS = 5.0
+#: Highest frequency as a part of the sampling rate.
+HIGHEST = 0.45
+
+
+@dataclass(frozen=True)
+class Recording:
+    """How every sine is to be recorded.
+
+    Attributes:
+        sampling_rate_hz: samples per second.
+        samples: of every record.
+        response_noise: white, as a fraction of the response's rms in each record.
+        response_noise_rms: white, in the response unit; joins the former.
+        reference_noise: white, as a fraction of the reference's rms, not felt by the sensor.
+        reference_noise_rms: white, in the reference's unit; joins the former.
+    """
+
+    sampling_rate_hz: float
+    samples: int
+    response_noise: float = 0.0
+    response_noise_rms: float = 0.0
+    reference_noise: float = 0.0
+    reference_noise_rms: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0 and self.samples >= 16):
+            raise InputError(
+                "The recording cannot be planned so.",
+                expected="a sampling rate above 0 and at least 16 samples",
+                found=f"{self.sampling_rate_hz!r} Hz, {self.samples!r} samples",
+                where="plan, sampling rate and samples",
+                remedy="correct them",
+            )
+        noise = np.array([self.response_noise, self.response_noise_rms, self.reference_noise, self.reference_noise_rms])
+        if not (np.isfinite(noise).all() and (noise >= 0).all() and noise.any()):
+            raise InputError(
+                "The noise cannot be planned with.",
+                expected="finite numbers, 0 or above, and one of them above 0",
+                found=", ".join(f"{value:g}" for value in noise),
+                where="plan, noise",
+                remedy="give the noise of the response (and of the reference), relative or as rms",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Planned points and what each tells.
+
+    Attributes:
+        coordinates: the map from z to parameters; the sensor is at its first.
+        quantity: of the reference.
+        frequency_hz: shape (n,).
+        information: JᵀJ of each point, shape (n, p, p).
+        relative_deviation: standard deviation of each point's sensitivity over its size, shape (n,).
+        freedom: degrees of freedom of each point's noise estimate, infinite where uncertainties are stated; shape (n,).
+        equations: real residuals of a point.
+        findings: doubts in words.
+    """
+
+    coordinates: Coordinates
+    quantity: Quantity
+    frequency_hz: FloatArray
+    information: FloatArray
+    relative_deviation: FloatArray
+    freedom: FloatArray
+    equations: int
+    findings: tuple[str, ...] = ()
+
+    def chosen(self, uses: Sequence[int] | FloatArray) -> FloatArray:
+        """Information of a choice of points, each used so many times; shape (p, p)."""
+        return np.einsum("k,kij->ij", np.asarray(uses, dtype=float), self.information)
+
+
+def of_records(
+    model: SensorModel,
+    values: Mapping[str, float],
+    quantity: Quantity,
+    frequency_hz: FloatArray,
+    amplitude: FloatArray,
+    recording: Recording,
+) -> Points:
+    """Points of sine records.
+
+    Args:
+        model: the sensor model.
+        values: its parameters.
+        quantity: of the reference.
+        frequency_hz: shape (n,).
+        amplitude: peak of the acceleration at each, m/s², shape (n,).
+        recording: how they are recorded.
+
+    Raises:
+        InputError: a frequency or an amplitude cannot be recorded so.
+    """
+    highest = HIGHEST * recording.sampling_rate_hz
+    if not ((amplitude > 0).all() and np.isfinite(amplitude).all() and float(frequency_hz.max()) <= highest):
+        raise InputError(
+            "A point cannot be recorded so.",
+            expected=f"amplitudes above 0, and frequencies up to {highest:g} Hz (0.45 of the sampling rate)",
+            found=f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz",
+            where="plan",
+            remedy="correct the amplitude, lower the frequency, or raise the sampling rate",
+        )
+    reference = amplitude / np.abs(2j * np.pi * frequency_hz) ** DERIVATIVES[quantity]
+    gain = np.asarray(model.frequency_response(values, frequency_hz, quantity), dtype=complex)
+    response = np.abs(gain) * reference
+    noise_y = (recording.response_noise * response) ** 2 / 2.0 + recording.response_noise_rms**2
+    noise_x = (recording.reference_noise * reference) ** 2 / 2.0 + recording.reference_noise_rms**2
+    deviation = np.sqrt(2.0 / recording.samples * (noise_y + np.abs(gain) ** 2 * noise_x))
+    freedom = np.array([_freedom(f, recording) for f in frequency_hz])
+    duration = recording.samples / recording.sampling_rate_hz
+    few = frequency_hz[frequency_hz * duration < FEWEST_PERIODS]
+    findings = ()
+    if few.size:
+        findings = (
+            f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
+            "and the sensor's own decay will take more of them than is planned for here.",
+        )
+    data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
+    return _points(model, values, quantity, data, False, True, deviation / response, freedom, findings)
+
+
+def of_table(
+    model: SensorModel,
+    values: Mapping[str, float],
+    quantity: Quantity,
+    frequency_hz: FloatArray,
+    magnitude: FloatArray,
+    phase_rad: FloatArray | None,
+) -> Points:
+    """Points with stated uncertainties.
+
+    Args:
+        model: the sensor model.
+        values: its parameters.
+        quantity: of the reference.
+        frequency_hz: shape (n,).
+        magnitude: relative standard uncertainty of the magnitude at each, shape (n,).
+        phase_rad: standard uncertainty of the phase at each, rad, shape (n,); None: no phase is measured.
+
+    Raises:
+        InputError: an uncertainty is not above zero.
+    """
+    for label, stated in (("magnitude", magnitude), ("phase", phase_rad)):
+        if stated is not None and not (np.isfinite(stated).all() and (stated > 0).all()):
+            raise InputError(
+                f"The uncertainty of the {label} cannot be planned with.",
+                expected="finite numbers above 0",
+                found=f"{np.min(stated):g}",
+                where=f"plan, uncertainty of the {label}",
+                remedy="give a standard uncertainty (k = 1)",
+            )
+    gain = np.asarray(model.frequency_response(values, frequency_hz, quantity), dtype=complex)
+    size, phase = np.abs(gain), np.angle(gain)
+    u_phase = np.ones_like(size) if phase_rad is None else phase_rad
+    data = (frequency_hz, size, phase, magnitude * size, u_phase)
+    freedom = np.full(frequency_hz.shape, np.inf)
+    return _points(model, values, quantity, data, True, phase_rad is not None, magnitude, freedom, ())
+
+
+def _points(
+    model: SensorModel,
+    values: Mapping[str, float],
+    quantity: Quantity,
+    data: tuple[Any, ...],
+    polar: bool,
+    has_phase: bool,
+    relative: FloatArray,
+    freedom: FloatArray,
+    findings: tuple[str, ...],
+) -> Points:
+    frequency = data[0]
+    coordinates = Coordinates.at(model, values, (float(frequency.min()), float(frequency.max())))
+    arrays = tuple(jnp.asarray(array) for array in data)
+    z = jnp.asarray(coordinates.first)
+    rows = np.asarray(jax.jacfwd(response_residual)(z, coordinates, polar, has_phase, quantity, arrays))
+    parts = rows.reshape(-1, frequency.size, z.size)
+    information = np.einsum("rki,rkj->kij", parts, parts)
+    return Points(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)
+
+
+def _freedom(frequency: float, recording: Recording) -> float:
+    """Degrees of freedom that the sine fit of such a record will have for its noise: from the fit itself."""
+    time = np.arange(recording.samples) / recording.sampling_rate_hz
+    noise = np.random.default_rng(0).standard_normal((2, recording.samples))
+    tone = np.sin(2.0 * np.pi * frequency * time)
+    record = Record("planned", tone + 1e-3 * noise[0], tone + 1e-3 * noise[1], recording.sampling_rate_hz)
+    return float(measure_tones([record], [frequency]).degrees_of_freedom[0])
