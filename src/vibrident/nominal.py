@@ -42,8 +42,8 @@ def same(one_hz: float, other_hz: float) -> bool:
 def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> tuple[Nominal, ...]:
     """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; empty where none is.
 
-    Each stands for the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), but where the data were taken at
-    the nominal value itself (160.00 Hz) and not at the exact one: there it stands for itself.
+    Each stands for the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz); where more of the data were taken
+    at nominal values (160.00 Hz) than at exact ones, all of them stand for themselves.
 
     Args:
         low_hz: lower end of the band, positive.
@@ -53,15 +53,24 @@ def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> 
     if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
         return ()
     first, last = (math.floor(10 * math.log10(low_hz)) - 1, math.ceil(10 * math.log10(high_hz)) + 1)
-    known = [f for f in measured_hz if f and f > 0]
+    literal = _literal(f for f in measured_hz if f and f > 0)
     found = []
     for n in range(first, last + 1):
-        exact, value = 10 ** (n / 10), nominal_value(n)
-        literal = any(same(f, value) for f in known) and not any(same(f, exact) for f in known)
-        frequency = value if literal else exact
+        frequency = nominal_value(n) if literal else 10 ** (n / 10)
         if low_hz * (1 - SAME) <= frequency <= high_hz * (1 + SAME):
-            found.append(Nominal(value, frequency))
+            found.append(Nominal(nominal_value(n), frequency))
     return tuple(found)
+
+
+def _literal(measured_hz: Iterable[float]) -> bool:
+    """Whether more frequencies are nominal values than exact ones, of those where the two differ."""
+    nominal = exact = 0
+    for frequency in measured_hz:
+        n = round(10 * math.log10(frequency))
+        if not same(nominal_value(n), 10 ** (n / 10)):
+            nominal += same(frequency, nominal_value(n))
+            exact += same(frequency, 10 ** (n / 10))
+    return nominal > exact
 
 
 def reference(

@@ -24,9 +24,10 @@ def test_a_nominal_frequency_is_the_exact_one_unless_the_data_are_literal():
     assert [item.frequency_hz for item in series(10, 1000, EXACT)] == pytest.approx(EXACT, rel=1e-15)
     literal = [float(item.name) for item in series(10, 1000)]
     assert [item.frequency_hz for item in series(10, 1000, literal)] == literal
-    mixed = {item.name: item.frequency_hz for item in series(100, 200, [100.0, 125.0, 10**2.2, 160.0])}
-    assert mixed["125"] == 125.0
-    assert mixed["160"] == 10**2.2  # both measured: the exact one
+    gaps = {item.name: item.frequency_hz for item in series(100, 500, [100.0, 125.0, 200.0, 300.0, 400.0])}
+    assert gaps["160"] == 160.0  # one series for all, though nothing was measured at this one
+    mixed = {item.name: item.frequency_hz for item in series(100, 200, [100.0, 125.0, 10**2.2])}
+    assert mixed["125"] == 10**2.1  # as many of either: the exact ones
 
 
 def test_no_frequency_outside_the_band():

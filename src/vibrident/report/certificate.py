@@ -29,7 +29,7 @@ _PLACED = {
 _SENSOR = {"manufacturer": "Manufacturer", "type": "Type", "serial_number": "Serial number"}
 _CURVE_NOTE = (
     "The values are those of the identified model at f. The nominal frequencies are those of ISO 266 inside the "
-    "measured band; f is the exact base-10 frequency, or the nominal one where the data were taken at that."
+    "measured band; f is the exact base-10 frequency, or the nominal value where the data were taken at those."
 )
 
 

@@ -48,7 +48,7 @@ def figure(data: list[Any], height: int, **layout: Any) -> Figure:
 def axis(title: str, **more: Any) -> dict[str, Any]:
     """An axis with grid and frame."""
     look = {"gridcolor": "#dddddd", "linecolor": "#444444", "mirror": True, "ticks": "outside", "zeroline": False}
-    return {"title": {"text": title}, "exponentformat": "power", **look, **more}
+    return {"title": {"text": title}, "automargin": True, "exponentformat": "power", **look, **more}
 
 
 def frequency_axis(frequency: FloatArray, **more: Any) -> dict[str, Any]:
