@@ -197,7 +197,7 @@ def _deviations(points: Points, uses: np.ndarray, reference_uncertainty: float) 
     coordinates, z = points.coordinates, points.coordinates.first
     covariance, freedom = _covariance(points, uses)
     covariance = with_reference(covariance, z, coordinates.model, reference_uncertainty)
-    none = dict.fromkeys(("response", "reference", "reference_integrated", "conversion"), "1")
+    none: dict[str, str] = dict.fromkeys(_UNIT_FIELDS, "1")
     table = parameter_table(coordinates, z, covariance, freedom, none, {})
     return {name: float(table[name].standard_uncertainty or 0.0) for name in coordinates.model.parameter_names}
 
@@ -304,7 +304,7 @@ def _points(
 
 
 def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[FloatArray, FloatArray | None]:
-    """Uncertainties of a result's own points, smoothed and interpolated in the logarithms, for records so many times as long."""
+    """Uncertainties of a result's own points, smoothed and interpolated, for records so many times as long."""
     measured = source.measured
     order = np.argsort(measured.frequency_hz, kind="stable")
     f = np.log(np.array(measured.frequency_hz)[order])

@@ -18,6 +18,7 @@ from vibrident.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.planning import Plan, Recording
+    from vibrident.result import Result
 
 _SENSOR, _POINTS, _CHOICE = "Sensor", "Points", "Choice of frequencies"
 #: Options that give a parameter by itself; --parameter NAME=VALUE gives any.
@@ -28,116 +29,96 @@ def _number(name: str, metavar: str, help: str, panel: str, **more: Any) -> Any:
     return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **more)
 
 
+_Source = Annotated[
+    Path | None,
+    _number("--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", _SENSOR),
+]
+_Parameter = Annotated[list[str] | None, _number("--parameter", "NAME=VALUE", "Any other; may be repeated.", _SENSOR)]
+_Quantity = Annotated[
+    str | None,
+    choice(
+        "--quantity",
+        options.QUANTITIES,
+        f"Of the reference: {', '.join(options.QUANTITIES)}.",
+        "NAME",
+        rich_help_panel=_SENSOR,
+        show_default="acceleration",
+    ),
+]
+_Frequencies = Annotated[
+    str | None,
+    _number(
+        "--frequencies",
+        "LOW:HIGH|A,B",
+        "Hz: one-third octaves in a range, or a list.",
+        _POINTS,
+        show_default="those of the result",
+    ),
+]
+_Amplitude = Annotated[
+    float | None, _number("--amplitude", "A", "Peak acceleration, m/s².", _POINTS, show_default="9.80665")
+]
+_ResponseNoise = Annotated[float, _number("--response-noise", "REL", "White, relative to the response's rms.", _POINTS)]
+_ResponseRms = Annotated[float, _number("--response-noise-rms", "RMS", "White, in the response's unit.", _POINTS)]
+_ReferenceNoise = Annotated[
+    float, _number("--reference-noise", "REL", "White, relative to the reference's rms.", _POINTS)
+]
+_ReferenceRms = Annotated[float, _number("--reference-noise-rms", "RMS", "White, in the reference's unit.", _POINTS)]
+_Magnitude = Annotated[
+    float | None, _number("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", _POINTS)
+]
+_Phase = Annotated[float | None, _number("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", _POINTS)]
+_Longer = Annotated[float, _number("--times-as-long", "X", "With --from alone: records X times as long.", _POINTS)]
+_Systematic = Annotated[
+    float, _number("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", _POINTS)
+]
+_Best = Annotated[int | None, _number("--best", "N", "Choose N of the frequencies.", _CHOICE, show_default="all")]
+_Criterion = Annotated[
+    str,
+    choice(
+        "--criterion",
+        ("D", "A"),
+        "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
+        rich_help_panel=_CHOICE,
+    ),
+]
+_Repeats = Annotated[
+    bool, typer.Option("--repeats", help="A frequency may be chosen several times.", rich_help_panel=_CHOICE)
+]
+_Folder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for plan.json and a picture.", show_default="none")
+]
+
+
 def plan(
-    model: Annotated[
-        str | None,
-        typer.Option("--model", metavar="MODEL", help="Such as accelerometer+delay.", rich_help_panel=_SENSOR),
-    ] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            metavar="RESULT",
-            help="result.json: sensor, frequencies and points as good as those of its calibration.",
-            rich_help_panel=_SENSOR,
-        ),
-    ] = None,
-    natural_frequency: Annotated[
-        float | None, _number("--natural-frequency", "HZ", "Natural frequency.", _SENSOR)
-    ] = None,
+    model: Annotated[str | None, _number("--model", "MODEL", "Such as accelerometer+delay.", _SENSOR)] = None,
+    source: _Source = None,
+    natural_frequency: Annotated[float | None, _number("--natural-frequency", "HZ", "In Hz.", _SENSOR)] = None,
     damping: Annotated[float | None, _number("--damping", "RATIO", "Damping ratio.", _SENSOR)] = None,
-    sensitivity: Annotated[
-        float | None, _number("--sensitivity", "S", "V/(m/s²); of an accelerometer.", _SENSOR)
-    ] = None,
-    generator_constant: Annotated[
-        float | None, _number("--generator-constant", "G", "V/(m/s); of a velocity pickup.", _SENSOR)
-    ] = None,
-    parameter: Annotated[
-        list[str] | None,
-        typer.Option("--parameter", metavar="NAME=VALUE", help="Any other; may be repeated.", rich_help_panel=_SENSOR),
-    ] = None,
-    quantity: Annotated[
-        str | None,
-        choice(
-            "--quantity",
-            options.QUANTITIES,
-            f"Of the reference: {', '.join(options.QUANTITIES)}.",
-            "NAME",
-            rich_help_panel=_SENSOR,
-            show_default="acceleration",
-        ),
-    ] = None,
-    frequencies: Annotated[
-        str | None,
-        typer.Option(
-            "--frequencies",
-            metavar="LOW:HIGH|A,B",
-            help="Hz: one-third octaves in a range, or a list.",
-            rich_help_panel=_POINTS,
-            show_default="those of the result",
-        ),
-    ] = None,
-    amplitude: Annotated[
-        float | None, _number("--amplitude", "A", "Peak acceleration, m/s².", _POINTS, show_default="9.80665")
-    ] = None,
+    sensitivity: Annotated[float | None, _number("--sensitivity", "S", "Accelerometer: V/(m/s²).", _SENSOR)] = None,
+    constant: Annotated[float | None, _number("--generator-constant", "G", "Pickup: V/(m/s).", _SENSOR)] = None,
+    parameter: _Parameter = None,
+    quantity: _Quantity = None,
+    frequencies: _Frequencies = None,
+    amplitude: _Amplitude = None,
     rate: Annotated[float | None, _number("--rate", "HZ", "Sampling rate.", _POINTS)] = None,
     samples: Annotated[int | None, _number("--samples", "N", "Samples of every record.", _POINTS)] = None,
-    response_noise: Annotated[
-        float, _number("--response-noise", "REL", "White, relative to the response's rms.", _POINTS)
-    ] = 0.0,
-    response_noise_rms: Annotated[
-        float, _number("--response-noise-rms", "RMS", "White, in the response's unit.", _POINTS)
-    ] = 0.0,
-    reference_noise: Annotated[
-        float, _number("--reference-noise", "REL", "White, relative to the reference's rms.", _POINTS)
-    ] = 0.0,
-    reference_noise_rms: Annotated[
-        float, _number("--reference-noise-rms", "RMS", "White, in the reference's unit.", _POINTS)
-    ] = 0.0,
-    magnitude_uncertainty: Annotated[
-        float | None, _number("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", _POINTS)
-    ] = None,
-    phase_uncertainty: Annotated[
-        float | None, _number("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", _POINTS)
-    ] = None,
-    longer: Annotated[
-        float, _number("--times-as-long", "X", "With --from alone: records X times as long.", _POINTS)
-    ] = 1.0,
-    reference_uncertainty: Annotated[
-        float, _number("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", _POINTS)
-    ] = 0.0,
-    best: Annotated[
-        int | None, _number("--best", "N", "Choose N of the frequencies.", _CHOICE, show_default="all")
-    ] = None,
-    criterion: Annotated[
-        str,
-        choice(
-            "--criterion",
-            ("D", "A"),
-            "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
-            rich_help_panel=_CHOICE,
-        ),
-    ] = "D",
-    repeats: Annotated[
-        bool, typer.Option("--repeats", help="A frequency may be chosen several times.", rich_help_panel=_CHOICE)
-    ] = False,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Folder for plan.json and a picture.", show_default="none"),
-    ] = None,
+    response_noise: _ResponseNoise = 0.0,
+    response_noise_rms: _ResponseRms = 0.0,
+    reference_noise: _ReferenceNoise = 0.0,
+    reference_noise_rms: _ReferenceRms = 0.0,
+    magnitude_uncertainty: _Magnitude = None,
+    phase_uncertainty: _Phase = None,
+    longer: _Longer = 1.0,
+    reference_uncertainty: _Systematic = 0.0,
+    best: _Best = None,
+    criterion: _Criterion = "D",
+    repeats: _Repeats = False,
+    folder: _Folder = None,
 ) -> None:
     """Foresee the uncertainty of a calibration with sines, and choose the best frequencies for it."""
-    given = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, generator_constant), strict=True))
-    values = {name: value for name, value in given.items() if value is not None} | _parameters(parameter or [])
-    known = None if source is None else load_result(source)
-    if (known is None) == (model is None) or (known is not None and values):
-        raise InputError(
-            "It is not clear which sensor to plan for.",
-            expected="--model with its parameters, or --from RESULT",
-            found="both" if known is not None else "neither",
-            where="--model, --from",
-            remedy="give one of the two",
-        )
+    named = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, constant), strict=True))
+    values = {name: value for name, value in named.items() if value is not None} | _parameters(parameter or [])
     settings: dict[str, Any] = {
         "frequencies_hz": options.frequencies(frequencies),
         "recording": _recording(
@@ -151,18 +132,30 @@ def plan(
         "best": best,
         "criterion": criterion,
         "repeats": repeats,
+        **({} if amplitude is None else {"amplitude": amplitude}),
     }
-    if amplitude is not None:
-        settings["amplitude"] = amplitude
+    sensor = _sensor(model, source, values)
     from vibrident.cli.progress import Busy
 
     with Busy("Planning"):
         from vibrident.planning import plan as run
 
-        planned = run(known if known is not None else str(model), values or None, **settings)
+        planned = run(sensor, values or None, **settings)
     _show(planned)
     if folder is not None:
         _write(planned, folder)
+
+
+def _sensor(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
+    if (source is None) == (model is None) or (source is not None and values):
+        raise InputError(
+            "It is not clear which sensor to plan for.",
+            expected="--model with its parameters, or --from RESULT",
+            found="neither" if source is None else "both",
+            where="--model, --from",
+            remedy="give one of the two",
+        )
+    return load_result(source) if source is not None else str(model)
 
 
 def _parameters(given: list[str]) -> dict[str, float]:
