@@ -43,7 +43,7 @@ def fit_recurrent(
 
 def predict_recurrent(network: Recurrent, dataset: Dataset, indices: tuple[int, ...]) -> list[FloatArray]:
     """Normalised response of whole records from a zero state, the samples that are scored."""
-    inputs, _ = whole_records(dataset, indices)
+    inputs = whole_records(dataset, indices)
     outputs = np.asarray(_outputs(network, jnp.asarray(inputs[:, 0, :])), dtype=float)
     records = [dataset.calibration.records[i] for i in indices]
     return [outputs[scored(record), column] for column, record in enumerate(records)]

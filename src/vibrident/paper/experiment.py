@@ -22,8 +22,8 @@ from vibrident.simulation import ChannelNoise, Sensor, simulate
 
 #: (mm/s)/V of the vibrometer (OFV-552 with its controller), as the paper states it; V of full scale; bits.
 VIBROMETER, FULL_SCALE_V, BITS = 0.050, 10.0, 24
-#: Assumed, since the paper gives none of them: noise of the velocity, (m/s)/√Hz; of the sensor's channel, V rms; delay of
-#: the vibrometer behind the sensor's channel, s; shaker's own vibration below the sine, dB, and its band.
+#: Assumed, since the paper gives none of them: noise of the velocity, (m/s)/√Hz; of the sensor's channel, V rms; delay
+#: of the vibrometer behind the sensor's channel, s; shaker's own vibration below the sine, dB, and its band.
 VELOCITY_NOISE, RESPONSE_NOISE_V, VIBROMETER_DELAY_S = 1e-7, 1e-4, 5e-6
 SHAKER_DB, SHAKER_BAND_HZ = 40.0, (5.0, 4000.0)
 #: The vibrometer comes later than the response, so the response's delay against it is negative.
@@ -134,7 +134,7 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """The sine steps of an SM-3 seismometer: drive of the calibration coil to laser; None where the files are not there.
+    """The sine steps of an SM-3 seismometer: drive to laser; None where the files are not there.
 
     Args:
         data: folder that holds ``sm3``.
@@ -148,6 +148,7 @@ def seismometer(data: Path, *, seed: int) -> Experiment | None:
         file.write_text(_SEISMOMETER.replace("*Hz.csv", f"{folder.resolve().as_posix()}/*Hz.csv"), encoding="utf-8")
         calibration = read(file)
     records, _ = screen(calibration.records)
+    records = [replace(record, name=Path(record.name).stem.replace("_", ".")) for record in records]
     dataset = prepared(_centred(replace(calibration, records=tuple(records))), seed=seed)
     return Experiment("measured: SM-3 seismometer, laser on its mass", False, dataset, dataset, None)
 

@@ -13,12 +13,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.errors import NotConverged
 from vibrident.measure import find_tones
 from vibrident.records import Calibration, FloatArray
 
 
 def from_sine_fits(calibration: Calibration) -> dict[str, float]:
-    """Unweighted linear least squares on 1/H, for sine records with acceleration (or drive) as reference."""
+    """Unweighted linear least squares on 1/H, for sine records with acceleration (or drive) as reference.
+
+    Raises:
+        NotConverged: the constants are not those of a stable oscillator.
+    """
     tones = find_tones(calibration.records)
     inverse = tones.reference / tones.response
     omega = 2.0 * np.pi * tones.frequency_hz
@@ -28,6 +33,11 @@ def from_sine_fits(calibration: Calibration) -> dict[str, float]:
     imaginary = np.stack([np.zeros_like(rate), rate, np.zeros_like(rate)], axis=1)
     matrix, wanted = np.concatenate([real, imaginary]), np.concatenate([inverse.real, inverse.imag])
     static, viscous, inertial = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    if not (static / inertial > 0.0 and viscous / static > 0.0):
+        raise NotConverged(
+            "Plain least squares on 1/H gives no stable oscillator: the points of small sensitivity rule it and are "
+            "too noisy or not those of a second-order sensor."
+        )
     natural = np.sqrt(static / inertial)
     return _named(1.0 / static, natural * unit, 0.5 * viscous / static * natural)
 

@@ -1,7 +1,8 @@
 """A physics-informed network of time (Raissi et al. 2019), against which the paper's introduction sets its own.
 
-One network maps time to the responses of all training records over a short span; its derivatives in time are exact. The
-equation of motion, divided by K so that the excitation stands alone, is a second loss, and S0, ωn and δ are trained along:
+One network maps time to the responses of all training records over a short span; its derivatives in time are exact.
+The equation of motion, divided by K so that the excitation stands alone, is a second loss, and S0, ωn and δ are
+trained along:
 
     V̂_r(t) = network(t)_r          e_r = (V̂̈_r + 2 δ ωn V̂̇_r + ωn² V̂_r)/K − a_r
     loss = mean (V̂_r − V_r)² + mean e_r²        both normalised
@@ -11,6 +12,7 @@ Such a network knows the records it was trained on and no other; what it gives f
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -105,7 +107,7 @@ def _layers(outputs: int, seed: int) -> list[tuple[Any, Any]]:
     sizes = (2 * HARMONICS, HIDDEN, HIDDEN, outputs)
     return [
         (jnp.asarray(rng.standard_normal((a, b)) * np.sqrt(2.0 / (a + b))), jnp.zeros(b))
-        for a, b in zip(sizes[:-1], sizes[1:], strict=True)
+        for a, b in itertools.pairwise(sizes)
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import curve_deviation
 from vibrident.paper.plain_loss import optimum
+from vibrident.paper.unrolled import START
 from vibrident.records import Calibration
 from vibrident.simulation import simulate, with_noise
 
@@ -26,6 +27,8 @@ DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
 RATE_DURATION_S, RATE_NOISE_HZ = 0.16, 4000.0
 PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
+#: Where the optimum is sought from.
+NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ def error_by_rate(rates_hz: Sequence[float], *, seed: int, progress: Progress | 
 
 def _at_rate(calibration: Calibration, name: str, rate: float) -> RatePoint:
     try:
-        found = optimum(calibration, name, SENSOR.parameters)
+        found = optimum(calibration, name, NEAR)
     except NotConverged:
         return RatePoint(name, rate, None, None, None)
     deviation = curve_deviation(parse(SENSOR.model), found, SENSOR.parameters, BAND_HZ)
@@ -101,7 +104,7 @@ def _by(estimator: Estimator) -> Callable[[Calibration], dict[str, float]]:
 
 #: The methods that give parameters, as the paper has them and as the package has them.
 NOISE_METHODS: Mapping[str, Callable[[Calibration], dict[str, float]]] = {
-    "IPNN, Euler (as published)": lambda calibration: optimum(calibration, "euler", SENSOR.parameters),
+    "IPNN, Euler (as published)": lambda calibration: optimum(calibration, "euler", NEAR),
     "IPNN, exact weights": _by(Ipnn()),
     "LSM, plain": from_sine_fits,
     "LSM, weighted": _by(LeastSquares()),
@@ -187,8 +190,3 @@ def error_by_noise(
 
 def _seed(seed: int, level: int, draw: int) -> np.random.SeedSequence:
     return np.random.SeedSequence([seed, level, draw])
-
-
-def subset(dataset: Dataset, every: int) -> Dataset:
-    """The dataset with every so many-th training record: for quick runs."""
-    return replace(dataset, training=dataset.training[::every])

@@ -60,7 +60,7 @@ class Network:
 
     def predict(self, parameters: Mapping[str, float], indices: tuple[int, ...]) -> list[FloatArray]:
         """Normalised response of whole records, one array a record, the samples that are scored."""
-        inputs, _ = whole_records(self.dataset, indices, self.seen)
+        inputs = whole_records(self.dataset, indices, self.seen)
         records = [self.dataset.calibration.records[i] for i in indices]
         outputs = []
         for column, record in enumerate(records):

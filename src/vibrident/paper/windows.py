@@ -1,7 +1,7 @@
 """Records cut into windows for training in batches, the same windows for every network.
 
-A window begins with steps that are run but not scored, in which a network that starts from zero finds the motion it
-is in the middle of (its state forgets e^{−δ ωn t}). Windows follow each other so that every other sample is scored once.
+A window begins with steps that are run but not scored, in which a network that starts from zero finds the motion
+it is in the middle of (its state forgets e^{−δ ωn t}). Windows overlap so that every later sample is scored once.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ class Seen:
         """Normalised inputs of a record, shape (samples, terms)."""
         assert record.reference is not None
         late = self.delay_s * record.sampling_rate_hz
-        return self.method.inputs(record.reference, np.ones(record.samples, dtype=bool), self.terms, late).coefficients / unit
+        return (
+            self.method.inputs(record.reference, np.ones(record.samples, dtype=bool), self.terms, late).coefficients
+            / unit
+        )
 
 
 SAMPLES = Seen(method("euler"))
@@ -67,7 +70,9 @@ def _of_record(dataset: Dataset, record: Record, seen: Seen) -> Windows:
     take = starts[:, None] + np.arange(RUN_IN + SCORED)
     score = record.mask.astype(float)[take]
     score[:, :RUN_IN] = 0.0
-    return Windows(seen.of(record, dataset.reference.unit)[take], (record.response / dataset.response.unit)[take], score)
+    return Windows(
+        seen.of(record, dataset.reference.unit)[take], (record.response / dataset.response.unit)[take], score
+    )
 
 
 def scored(record: Record) -> slice:
@@ -75,10 +80,10 @@ def scored(record: Record) -> slice:
     return slice(RUN_IN, record.samples - RUN_OUT)
 
 
-def whole_records(dataset: Dataset, indices: Sequence[int], seen: Seen = SAMPLES) -> tuple[FloatArray, list[FloatArray]]:
-    """Normalised inputs, shape (longest, q, records), padded with zeros; and the normalised responses."""
+def whole_records(dataset: Dataset, indices: Sequence[int], seen: Seen = SAMPLES) -> FloatArray:
+    """Normalised inputs, shape (longest, q, records), padded with zeros."""
     records = [dataset.calibration.records[i] for i in indices]
     inputs = np.zeros((max(r.samples for r in records), seen.terms, len(records)))
     for column, record in enumerate(records):
         inputs[: record.samples, :, column] = seen.of(record, dataset.reference.unit)
-    return inputs, [record.response / dataset.response.unit for record in records]
+    return inputs

@@ -1,0 +1,166 @@
+"""Every method on the same training records, judged on the same test records."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibrident.errors import NotConverged
+from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.identification import identify
+from vibrident.network.recurrent import Kind
+from vibrident.network.training import Progress, Schedule, Trained
+from vibrident.paper.black_box import fit_recurrent, predict_recurrent
+from vibrident.paper.dataset import Dataset
+from vibrident.paper.least_squares import from_extremes, from_sine_fits
+from vibrident.paper.metrics import Metrics
+from vibrident.paper.pinn import fit_pinn
+from vibrident.paper.unrolled import Activation, Network, fit, network_for, plain_model
+from vibrident.paper.windows import scored
+from vibrident.records import FloatArray
+
+PUBLISHED, TANH = "IPNN as published (Euler, Adam)", "IPNN, Euler, tanh, Adam"
+EXACT_ADAM, EXACT = "IPNN, exact weights, Adam", "IPNN, exact weights, Gauss–Newton"
+PLAIN, EXTREMES = "LSM, plain, from sine fits", "LSM, from largest excursions"
+WEIGHTED, LIKELIHOOD, PINN = "LSM, weighted", "ML in frequency", "PINN (network of time)"
+NAMES: Mapping[Kind, str] = {"gru": "GRU", "lstm": "LSTM"}
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """What one method made of one set of data.
+
+    Attributes:
+        name: for tables.
+        weights: numbers that were fitted.
+        metrics: prediction of the test records, normalised; None where the method failed.
+        parameters: the sensor's, SI units; None for a method that has none, or that failed.
+        epochs: of training; None where there was none.
+        converged: whether the stopping rule ended training, and not the limit.
+        seconds: of fitting, compilation included; differs from run to run.
+    """
+
+    name: str
+    weights: int
+    metrics: Metrics | None
+    parameters: dict[str, float] | None
+    epochs: int | None = None
+    converged: bool = True
+    seconds: float = field(default=0.0, compare=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Data for all methods, and how parameters are judged.
+
+    Attributes:
+        own: reference as recorded, for the package's estimators.
+        published: reference as acceleration (or drive), for all others. The same records and samples.
+        schedule: of everything that is trained by Adam.
+        seed: of everything random.
+    """
+
+    own: Dataset
+    published: Dataset
+    schedule: Schedule
+    seed: int
+
+    def of(
+        self,
+        name: str,
+        weights: int,
+        predicted: list[FloatArray],
+        parameters: Mapping[str, float] | None,
+        seconds: float,
+        trained: Trained | None = None,
+    ) -> MethodResult:
+        """A row from predictions of the test records."""
+        data = self.published
+        records = [data.calibration.records[i] for i in data.test]
+        kept = [record.mask[scored(record)] for record in records]
+        measured = [r.response[scored(r)][m] / data.response.unit for r, m in zip(records, kept, strict=True)]
+        metrics = Metrics.of(
+            np.concatenate(measured), np.concatenate([p[m] for p, m in zip(predicted, kept, strict=True)])
+        )
+        values = None if parameters is None else {key: float(value) for key, value in parameters.items()}
+        if trained is None:
+            return MethodResult(name, weights, metrics, values, seconds=seconds)
+        return MethodResult(name, weights, metrics, values, len(trained.training), trained.converged, seconds)
+
+    def sensor(self, name: str, weights: int, found: Mapping[str, float], seconds: float, **more) -> MethodResult:
+        """A row from parameters: the test records predicted by the exact network that has them."""
+        core = plain_model(self.own.calibration.model)
+        network = network_for(self.own, core, found, "bandlimited", delay_s=found.get("delay", 0.0))
+        values = {key: found[key] for key in core.parameter_names}
+        return self.of(name, weights, network.predict(values, self.own.test), found, seconds, **more)
+
+
+def recurrent(judge: Judge, kind: Kind, progress: Progress | None = None) -> MethodResult:
+    """GRU or LSTM."""
+    begin = time.perf_counter()
+    fitted = fit_recurrent(judge.published, kind, judge.schedule, seed=judge.seed, progress=progress)
+    seconds = time.perf_counter() - begin
+    predicted = predict_recurrent(fitted.network, judge.published, judge.published.test)
+    return judge.of(NAMES[kind], fitted.network.weights, predicted, None, seconds, fitted.trained)
+
+
+def unrolled_network(
+    judge: Judge,
+    name: str,
+    near: Mapping[str, float],
+    discretisation: str,
+    activation: Activation = "linear",
+    progress: Progress | None = None,
+) -> MethodResult:
+    """The unrolled network under Adam; ``near`` is the first look at the sensor."""
+    core = plain_model(judge.published.calibration.model)
+    network: Network = network_for(judge.published, core, near, discretisation, activation)
+    begin = time.perf_counter()
+    fitted = fit(network, near, judge.schedule, seed=judge.seed, progress=progress)
+    seconds = time.perf_counter() - begin
+    predicted = network.predict(fitted.parameters, judge.published.test)
+    return judge.of(name, len(fitted.parameters), predicted, fitted.parameters, seconds, fitted.trained)
+
+
+def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:
+    """One of the package's estimators on the training records."""
+    begin = time.perf_counter()
+    result = identify(judge.own.training_calibration, None, chosen)
+    found = {key: float(p.value) for key, p in result.parameters.items() if not p.derived}
+    return judge.sensor(name, len(found), found, time.perf_counter() - begin)
+
+
+def least_squares(judge: Judge, name: str, method: Callable[..., dict[str, float]]) -> MethodResult:
+    """The paper's comparison, without delay; where it gives no stable oscillator the row says so by its absence."""
+    begin = time.perf_counter()
+    try:
+        found = method(judge.published.training_calibration)
+    except NotConverged:
+        return MethodResult(name, 3, None, None, seconds=time.perf_counter() - begin)
+    return judge.sensor(name, len(found), found, time.perf_counter() - begin)
+
+
+def pinn(judge: Judge, near: Mapping[str, float], progress: Progress | None = None) -> MethodResult:
+    """The network of time; its sensor predicts the test records, which the network itself cannot."""
+    core = plain_model(judge.published.calibration.model)
+    begin = time.perf_counter()
+    own = Schedule(patience=judge.schedule.patience, most_epochs=PINN_EPOCHS * judge.schedule.most_epochs)
+    fitted = fit_pinn(judge.published, core, near, own, seed=judge.seed, progress=progress)
+    seconds = time.perf_counter() - begin
+    return judge.sensor(PINN, fitted.weights, fitted.parameters, seconds, trained=fitted.trained)
+
+
+#: An epoch of the network of time is about so much shorter than one of the others.
+PINN_EPOCHS = 10
+
+#: The methods that need no training by Adam, in the order of the tables.
+CLOSED: Mapping[str, Callable[[Judge], MethodResult]] = {
+    EXACT: lambda judge: estimator(judge, EXACT, Ipnn()),
+    PLAIN: lambda judge: least_squares(judge, PLAIN, from_sine_fits),
+    EXTREMES: lambda judge: least_squares(judge, EXTREMES, from_extremes),
+    WEIGHTED: lambda judge: estimator(judge, WEIGHTED, LeastSquares()),
+    LIKELIHOOD: lambda judge: estimator(judge, LIKELIHOOD, MaximumLikelihood()),
+}

@@ -1,0 +1,171 @@
+"""Everything the paper shows, run from end to end."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, cast
+
+from joblib import Parallel, delayed
+
+from vibrident import __version__
+from vibrident.network.recurrent import Kind
+from vibrident.paper.experiment import interferometer, seismometer
+from vibrident.paper.methods import Judge, MethodResult
+from vibrident.paper.sections import (
+    Section,
+    experiment,
+    full_range,
+    judge_of,
+    recurrent_task,
+    simulated_data,
+    simulation,
+)
+from vibrident.paper.settings import Settings, Stages, silently
+from vibrident.paper.studies import NoiseStudy, RatePoint, error_by_noise, error_by_rate
+
+KINDS: tuple[Kind, ...] = ("gru", "lstm")
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """All numbers of a run.
+
+    Attributes:
+        settings: what was run.
+        simulation: section 4.
+        interferometer: section 5 on simulated data.
+        seismometer: section 5 on measured data; None where they are not at hand.
+        full_range: section 4 from 0.1 Hz; None unless asked for.
+        rates: the study of sampling rates.
+        noise: the study of noise.
+        seconds: of the whole.
+    """
+
+    settings: Settings
+    simulation: Section
+    interferometer: Section
+    seismometer: Section | None
+    full_range: Section | None
+    rates: tuple[RatePoint, ...]
+    noise: NoiseStudy
+    seconds: float = field(compare=False)
+
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """All sections that were run, section 4 first."""
+        every = (self.simulation, self.full_range, self.interferometer, self.seismometer)
+        return tuple(section for section in every if section is not None)
+
+    def document(self) -> dict[str, Any]:
+        """All numbers as plain values; times and versions stand apart, under ``run``."""
+        return {
+            "seed": self.settings.seed,
+            "trial": self.settings.trial,
+            "sections": [_section(section) for section in self.sections],
+            "rates": [
+                {
+                    "discretisation": p.discretisation,
+                    "rate_hz": p.rate_hz,
+                    "errors": None if p.errors is None else dict(p.errors),
+                    "mean_percent": p.mean_percent,
+                    "peak_percent": p.peak_percent,
+                }
+                for p in self.rates
+            ],
+            "noise": [
+                {
+                    "method": p.method,
+                    "level": p.level,
+                    "rms_error": dict(p.rms_error),
+                    "bound": self.noise.bound.deviations(p.level),
+                    "mean_percent": p.mean_percent,
+                    "largest_percent": p.largest_percent,
+                }
+                for p in self.noise.points
+            ],
+            "run": {
+                "vibrident": __version__,
+                "python": platform.python_version(),
+                "seconds": self.seconds,
+                "method_seconds": {s.title: {row.name: row.seconds for row in s.rows} for s in self.sections},
+            },
+        }
+
+
+def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
+    """Run every experiment of the paper.
+
+    Args:
+        settings: how much.
+        stages: shows what is being done.
+
+    Raises:
+        InputError: the real data are there but cannot be read.
+    """
+    begin = time.perf_counter()
+    with stages("Making the data"):
+        first = judge_of(simulated_data(settings), settings)
+        laser = interferometer(seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples)
+        measured = None if settings.data is None else seismometer(settings.data, seed=settings.seed)
+    experiments = [laser] if measured is None else [laser, measured]
+    judges = [first, *(Judge(e.own, e.published, settings.schedule, settings.seed) for e in experiments)]
+    recurrent = _recurrent(judges, settings, stages)
+    section_4 = simulation(settings, recurrent[0], stages)
+    sections_5 = [experiment(e, settings, rows, stages) for e, rows in zip(experiments, recurrent[1:], strict=True)]
+    whole = full_range(settings, stages) if settings.full_range else None
+    with stages("Error against sampling rate") as progress:
+        rates = tuple(error_by_rate(settings.rates_hz, seed=settings.seed, progress=progress))
+    with stages("Error against noise") as progress:
+        noise = error_by_noise(first.own, settings.levels, settings.draws, seed=settings.seed, progress=progress)
+    return Reproduction(
+        settings,
+        section_4,
+        sections_5[0],
+        sections_5[1] if len(sections_5) > 1 else None,
+        whole,
+        rates,
+        noise,
+        time.perf_counter() - begin,
+    )
+
+
+def _recurrent(judges: Sequence[Judge], settings: Settings, stages: Stages) -> list[list[MethodResult]]:
+    """GRU and LSTM for every set of data, side by side where there are processes for it."""
+    tasks = [(judge, kind) for judge in judges for kind in KINDS]
+    done: list[MethodResult] = []
+    with stages(f"Training {len(tasks)} networks without physics (GRU, LSTM)") as progress:
+        rows = Parallel(n_jobs=min(settings.jobs, len(tasks)), return_as="generator")(
+            delayed(recurrent_task)(judge, kind) for judge, kind in tasks
+        )
+        for row in cast("Iterable[MethodResult]", rows):
+            done.append(row)
+            progress(len(done), len(tasks), float("nan") if row.metrics is None else row.metrics.mse)
+    return [done[i : i + len(KINDS)] for i in range(0, len(done), len(KINDS))]
+
+
+def _section(section: Section) -> dict[str, Any]:
+    data = section.published
+    return {
+        "title": section.title,
+        "simulated": section.simulated,
+        "sha256": data.sha256,
+        "test_records": [data.calibration.records[i].name for i in data.test],
+        "outliers": data.outliers,
+        "methods": [
+            {
+                "name": row.name,
+                "weights": row.weights,
+                "metrics": None if row.metrics is None else asdict(row.metrics),
+                "parameters": row.parameters,
+                "epochs": row.epochs,
+                "converged": row.converged,
+            }
+            for row in section.rows
+        ],
+        "deviations_percent": {
+            name: {"mean": d.mean, "largest": d.largest, "at_peak": d.at_peak} for name, d in section.deviations.items()
+        },
+    }

@@ -1,0 +1,158 @@
+"""Sections 4 and 5: all methods on the simulated data, on the simulated interferometer, and on the measured records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.estimators import LeastSquares
+from vibrident.identification import identify
+from vibrident.models import parse
+from vibrident.network.recurrent import Kind
+from vibrident.paper import dataset as section_4
+from vibrident.paper import methods
+from vibrident.paper.dataset import SENSOR, Dataset
+from vibrident.paper.experiment import Experiment
+from vibrident.paper.methods import CLOSED, Judge, MethodResult
+from vibrident.paper.metrics import CurveDeviation, curve_deviation, deviation_at_points
+from vibrident.paper.settings import Settings, Stages
+from vibrident.paper.unrolled import Activation, plain_model
+from vibrident.records import FloatArray
+
+#: The band of the paper's sines with 21 records, and with 41.
+BAND_HZ, FULL_BAND_HZ = (10.0, 1000.0), (0.1, 1000.0)
+#: Networks with physics in section 4: name, discretisation, hidden layer.
+TRAINED: tuple[tuple[str, str, Activation], ...] = (
+    (methods.PUBLISHED, "euler", "linear"),
+    (methods.TANH, "euler", "tanh"),
+    (methods.EXACT_ADAM, "bandlimited", "linear"),
+)
+#: Methods of section 5, in the order of its table, after those trained by Adam.
+IN_EXPERIMENT = (methods.EXACT, methods.PLAIN, methods.WEIGHTED, methods.LIKELIHOOD)
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """All methods on one set of data.
+
+    Attributes:
+        title: what the data are.
+        simulated: True where a computer made them.
+        published: the data as the paper prepares them.
+        rows: one a method.
+        deviations: of each method's curve, by its name: from the true curve in section 4, from the interferometer's
+            points in section 5.
+        points: frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4.
+        truth: true parameters, where they are known.
+        band_hz: lowest and highest frequency.
+    """
+
+    title: str
+    simulated: bool
+    published: Dataset
+    rows: tuple[MethodResult, ...]
+    deviations: dict[str, CurveDeviation]
+    points: tuple[FloatArray, FloatArray]
+    truth: dict[str, float] | None
+    band_hz: tuple[float, float]
+
+    def row(self, name: str) -> MethodResult:
+        """The row of that name."""
+        return next(row for row in self.rows if row.name == name)
+
+
+def simulation(settings: Settings, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
+    """Section 4: every method on the paper's simulated records."""
+    judge = judge_of(simulated_data(settings), settings)
+    near = _first_look(judge)
+    rows = list(recurrent)
+    for name, discretisation, activation in TRAINED:
+        with stages(f"Training {name}") as progress:
+            rows.append(methods.unrolled_network(judge, name, near, discretisation, activation, progress))
+    with stages("Training the PINN") as progress:
+        network_of_time = methods.pinn(judge, near, progress)
+    with stages("Identifying"):
+        closed = [method(judge) for method in CLOSED.values()]
+    rows += [closed[0], network_of_time, *closed[1:]]
+    truth = dict(SENSOR.parameters)
+    deviations = _from_truth(rows, truth, BAND_HZ)
+    none = np.empty(0)
+    return Section(
+        "simulation of section 4", True, judge.published, tuple(rows), deviations, (none, none), truth, BAND_HZ
+    )
+
+
+def full_range(settings: Settings, stages: Stages) -> Section:
+    """The 41 records from 0.1 Hz on, by the methods that can take records of different sampling rates."""
+    with stages("Simulating 0.1 to 1000 Hz"):
+        data = section_4.section_4(
+            seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples, full_range=True
+        )
+    judge = judge_of(data, settings)
+    with stages("Identifying from 0.1 to 1000 Hz"):
+        rows = [CLOSED[name](judge) for name in IN_EXPERIMENT]
+    truth = dict(SENSOR.parameters)
+    deviations = _from_truth(rows, truth, FULL_BAND_HZ)
+    none = np.empty(0)
+    title = "full range of section 4"
+    return Section(title, True, data, tuple(rows), deviations, (none, none), truth, FULL_BAND_HZ)
+
+
+def experiment(data: Experiment, settings: Settings, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
+    """Section 5: the same protocol, the interferometer's points as reference."""
+    judge = Judge(data.own, data.published, settings.schedule, settings.seed)
+    near = _first_look(judge)
+    kind = "simulated" if data.simulated else "measured"
+    rows = list(recurrent)
+    with stages(f"Training {methods.PUBLISHED} ({kind})") as progress:
+        rows.append(methods.unrolled_network(judge, methods.PUBLISHED, near, "euler", "linear", progress))
+    with stages(f"Identifying ({kind})"):
+        rows += [CLOSED[name](judge) for name in IN_EXPERIMENT]
+        points = _interferometer(data)
+    core = plain_model(data.own.calibration.model)
+    deviations = {
+        row.name: deviation_at_points(core, row.parameters, *points) for row in rows if row.parameters is not None
+    }
+    band = (float(points[0].min()), float(points[0].max()))
+    return Section(data.title, data.simulated, data.published, tuple(rows), deviations, points, data.truth, band)
+
+
+def simulated_data(settings: Settings) -> Dataset:
+    """The data of section 4."""
+    return section_4.section_4(seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples)
+
+
+def judge_of(data: Dataset, settings: Settings) -> Judge:
+    """Judge of data whose reference is an acceleration."""
+    return Judge(data, data, settings.schedule, settings.seed)
+
+
+def recurrent_task(judge: Judge, kind: Kind) -> MethodResult:
+    """GRU or LSTM as a task for another process."""
+    return methods.recurrent(judge, kind)
+
+
+def _first_look(judge: Judge) -> dict[str, float]:
+    """Parameters near the sensor's, from which training starts at a distance; the same for every network."""
+    result = identify(judge.own.training_calibration, None, LeastSquares())
+    core = parse(judge.own.calibration.model).core
+    return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
+
+
+def _from_truth(
+    rows: Sequence[MethodResult], truth: dict[str, float], band_hz: tuple[float, float]
+) -> dict[str, CurveDeviation]:
+    model = parse(SENSOR.model)
+    return {row.name: curve_deviation(model, row.parameters, truth, band_hz) for row in rows if row.parameters}
+
+
+def _interferometer(data: Experiment) -> tuple[FloatArray, FloatArray]:
+    """What reference and response say at each frequency, without any model: V per m/s² (or per unit of drive)."""
+    measured = identify(data.own.calibration, None, "ml").measured
+    frequency = np.array(measured.frequency_hz)
+    magnitude = np.array(measured.magnitude, dtype=float)
+    if data.own.calibration.quantity == "velocity":
+        magnitude = magnitude / (2.0 * np.pi * frequency)
+    return frequency, magnitude

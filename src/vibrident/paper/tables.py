@@ -1,0 +1,286 @@
+"""The paper's tables 1 to 5 with our figures beside its own, and the tables that it lacks; numbers become text here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.discretize import method
+from vibrident.models import parse
+from vibrident.models.state_space import realise, state_scaling
+from vibrident.network import weight_table
+from vibrident.paper import claims, methods, published
+from vibrident.paper.black_box import HIDDEN
+from vibrident.paper.dataset import SENSOR
+from vibrident.paper.metrics import CurveDeviation, Metrics
+from vibrident.paper.reproduction import Reproduction
+from vibrident.paper.sections import Section
+from vibrident.paper.studies import DISCRETISATIONS, PARAMETERS
+from vibrident.records import STANDARD_GRAVITY
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the page.
+
+    Attributes:
+        name: short name, for the marks in a document.
+        title: what stands above it.
+        head: names of the columns.
+        rows: cells as text, one list a row.
+        note: what stands below it.
+    """
+
+    name: str
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+def all_tables(run: Reproduction) -> list[Table]:
+    """Every table that the run has numbers for, in the order of the page."""
+    tables = [
+        the_run(run),
+        weights(run),
+        sensor(),
+        hyper_parameters(run),
+        prediction("table4", "Table 4. Prediction of the response, simulation", run.simulation, published.TABLE_4),
+        identified("table4-sensor", "Identified sensor and curve, simulation", run.simulation),
+        prediction(
+            "table5", "Table 5. Prediction, **simulated** interferometer", run.interferometer, published.TABLE_5
+        ),
+        identified("table5-sensor", "Identified sensor and curve, **simulated** interferometer", run.interferometer),
+    ]
+    if run.seismometer is not None:
+        title = "**measured** seismometer"
+        tables += [
+            prediction("table5-measured", f"Table 5. Prediction, {title}", run.seismometer, published.TABLE_5),
+            identified("table5-measured-sensor", f"Identified sensor and curve, {title}", run.seismometer),
+        ]
+    if run.full_range is not None:
+        tables += [
+            prediction("full-range", "Simulation from 0.1 to 1000 Hz, 41 records", run.full_range, {}),
+            identified("full-range-sensor", "Identified sensor and curve, 0.1 to 1000 Hz", run.full_range),
+        ]
+    return [*tables, rates(run), noise(run), *verdicts(run)]
+
+
+def the_run(run: Reproduction) -> Table:
+    """What was run."""
+    s, data = run.settings, run.simulation.published
+    rows = [
+        ("seed", str(s.seed)),
+        ("records", f"{len(data.calibration.records)} of {s.samples} samples at {s.rate_hz / 1e3:g} kHz"),
+        ("test records", ", ".join(data.calibration.records[i].name for i in data.test)),
+        ("SHA-256 of the records", data.sha256[:16] + " …"),
+        ("outliers found", str(data.outliers)),
+        (
+            "scale: a normalised 1 is",
+            f"excitation {data.reference.unit:.4g} m/s², response {data.response.unit:.4g} V",
+        ),
+        (
+            "shift that min–max would add",
+            f"excitation {data.reference.shift:.2g}, response {data.response.shift:.2g} (normalised)",
+        ),
+        ("trained", s.schedule.rule),
+        ("time of the whole run", f"{run.seconds / 60:.1f} min, {s.jobs} processes"),
+    ]
+    trial = " **A trial: networks are not trained to the end, figures are not for quoting.**" if s.trial else ""
+    return Table("run", "The run", ("", ""), tuple(rows), trial.strip())
+
+
+def weights(run: Reproduction) -> Table:
+    """Table 1 with numbers: the weights of Table 2's sensor, in the paper's states V and V̇."""
+    interval = 1.0 / run.settings.rate_hz
+    system = realise(parse(SENSOR.model).rational(SENSOR.parameters))
+    layers = {"W1": "B_d", "W2": "C_d", "W3": "A_d", "W4": "D_d"}
+    by_name = {}
+    for name in ("euler", "zoh"):
+        step = method(name).weights(system, interval, 0.0, 1)
+        by_name[name] = weight_table(step, np.asarray(state_scaling(system)))
+    rows = [
+        (
+            name,
+            entry["layer"],
+            letter,
+            entry["meaning"],
+            _matrix(entry["value"]),
+            _matrix(by_name["zoh"][name]["value"]),
+        )
+        for (name, letter), entry in zip(layers.items(), by_name["euler"].values(), strict=True)
+    ]
+    note = (
+        "In the paper's equation (8) and Table 1 the expressions of W2 and W3 stand in each other's place: C_d is the "
+        "hidden → output weight and A_d the feedback. The exact column is for a held input; the band-limited step has "
+        "the same W3 and W2 and one column of W1 and W4 for each input neuron."
+    )
+    head = ("weight", "layer", "eq. 7", "is", f"Euler at {run.settings.rate_hz / 1e3:g} kHz", "exact (held input)")
+    return Table("table1", "Table 1. Weights and physics", head, tuple(rows), note)
+
+
+def _matrix(value: object) -> str:
+    array = np.atleast_2d(np.asarray(value, dtype=float))
+    if array.shape[1] == 1:
+        array = array.T
+    return "[" + "; ".join(", ".join(f"{x:.5g}" for x in row) for row in array) + "]"
+
+
+def sensor() -> Table:
+    """Table 2, checked against equation (3)."""
+    natural = 2.0 * np.pi * SENSOR.parameters["natural_frequency"]
+    resonance = 2.0 * np.pi * published.RESONANCE_HZ
+    # mV/g over m/s² per g is mV/(m/s²); per mm of displacement in place of m: 1e-3.
+    gain = published.SENSITIVITY_MV_PER_G / STANDARD_GRAVITY * 1e-3
+    rows = (
+        ("resonance frequency f0", "630 Hz", "630 Hz", ""),
+        ("reference sensitivity S0", "1020 mV/g", f"{gain:.6g} V/(m/s²)", ""),
+        ("damping ratio δ", "0.182", "0.182", ""),
+        ("natural angular frequency ωn", "4.10e3 rad/s", f"{natural:.5g} rad/s", "ωr/√(1 − 2δ²)"),
+        ("conversion coefficient K", "1.63e6 mV/mm", f"{gain * natural**2:.4g} mV/mm", "S0 ωn²: equation (3)"),
+        ("", "", f"{gain * resonance**2:.4g} mV/mm", "S0 ωr²: what the paper prints"),
+    )
+    return Table("table2", "Table 2. The sensor", ("", "paper", "computed", "by"), rows)
+
+
+def hyper_parameters(run: Reproduction) -> Table:
+    """Table 3 beside what is used here."""
+    rule = run.settings.schedule
+    ours = {
+        "learning rate": (f"{rule.learning_rate:g}",) * 3,
+        "batch size": (f"{rule.batch}",) * 3,
+        "activation": ("linear (tanh as an option)", "tanh", "tanh"),
+        "bias": ("none",) * 3,
+        "hidden": ("2 (V, V̇)", str(HIDDEN), str(HIDDEN)),
+    }
+    rows = [(name, *paper, *ours[name]) for name, *paper in published.HYPER_PARAMETERS]
+    head = ("", "IPNN, paper", "LSTM, paper", "GRU, paper", "IPNN, here", "LSTM, here", "GRU, here")
+    note = (
+        "The paper's text gives the IPNN two hidden neurons, its Table 3 one hidden layer. A batch of 36 is of "
+        "windows: 512 samples run in, 512 scored. GRU and LSTM compute in float32, all else in float64."
+    )
+    return Table("table3", "Table 3. Hyper-parameters", head, tuple(rows), note)
+
+
+def prediction(name: str, title: str, section: Section, printed: dict[str, published.Row]) -> Table:
+    """Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
+    rows = []
+    for label, row in printed.items():
+        numbers = (row.rmse, row.mae, row.mse, row.r2, row.rpd)
+        rows.append((f"*{label}, paper*", *(f"*{value:g}*" for value in numbers), "", "", ""))
+    least = section.row(methods.EXACT).seconds
+    for row in section.rows:
+        epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
+        cells = ("no stable sensor", "–", "–", "–", "–") if row.metrics is None else _metrics(row.metrics)
+        rows.append((row.name, *cells, str(row.weights), epochs, f"{row.seconds / least:.2g}"))
+    note = (
+        "Normalised units: 1 is the largest excursion in the training records. Time: of fitting, compilation included, "
+        f"over that of {methods.EXACT}. Methods that give a sensor predict by the exact network of that sensor, "
+        "the networks under Adam by themselves."
+    )
+    head = ("method", "RMSE", "MAE", "MSE", "R²", "RPD", "weights", "epochs", "time")
+    return Table(name, title, head, tuple(rows), note)
+
+
+def _metrics(m: Metrics) -> tuple[str, ...]:
+    return (f"{m.rmse:.6g}", f"{m.mae:.6g}", f"{m.mse:.6g}", f"{m.r2:.12g}", f"{m.rpd:.6g}")
+
+
+def identified(name: str, title: str, section: Section) -> Table:
+    """Parameters of every method that has them, and how far its curve is from the reference."""
+    rows = []
+    for row in section.rows:
+        if row.parameters is None:
+            continue
+        if section.truth is None:
+            cells = [f"{row.parameters[p]:.6g}" for p in PARAMETERS]
+        else:
+            cells = [_percent(100.0 * (row.parameters[p] / section.truth[p] - 1.0)) for p in PARAMETERS]
+        delay = row.parameters.get("delay")
+        rows.append(
+            (row.name, *cells, "" if delay is None else f"{1e6 * delay:.4g}", *_curve(section.deviations[row.name]))
+        )
+    unit = "" if section.truth is None else " error in %"
+    reference = "the interferometer's points" if section.points[0].size else "the true curve"
+    head = ("method", f"S0{unit}", f"fn{unit}", f"δ{unit}", "delay in µs", "mean in %", "largest in %", "at f0 in %")
+    note = f"Last three columns: relative deviation of the curve from {reference}, {_band(section)}. " + _printed(
+        section
+    )
+    return Table(name, title, head, tuple(rows), note)
+
+
+def _curve(deviation: CurveDeviation) -> tuple[str, str, str]:
+    peak = "" if deviation.at_peak is None else _percent(deviation.at_peak)
+    return f"{deviation.mean:.3g}", f"{deviation.largest:.3g}", peak
+
+
+def _percent(value: float) -> str:
+    return f"{value:+.3g}"
+
+
+def _band(section: Section) -> str:
+    return f"{section.band_hz[0]:g} to {section.band_hz[1]:g} Hz"
+
+
+def _printed(section: Section) -> str:
+    said = published.EXPERIMENT if section.points[0].size else published.SIMULATION
+    words = [f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items()]
+    return "Paper: " + "; ".join(words) + "."
+
+
+def rates(run: Reproduction) -> Table:
+    """Curve deviation, and Euler's parameter errors, against sampling rate."""
+    rows = []
+    for rate in sorted({p.rate_hz for p in run.rates}):
+        at = {p.discretisation: p for p in run.rates if p.rate_hz == rate}
+        errors, peak = at["euler"].errors, at["euler"].peak_percent
+        euler = ["–", "–", "–"]
+        if errors is not None and peak is not None:
+            named = ("resonance_frequency", "damping_ratio")
+            euler = [_percent(100.0 * errors[name]) if name in errors else "–" for name in named] + [_percent(peak)]
+        means = [at[name].mean_percent for name in DISCRETISATIONS]
+        rows.append((f"{rate / 1e3:g}", *euler, *("–" if m is None else f"{m:.2g}" for m in means)))
+    head = (
+        "rate in kHz",
+        "Euler: f0 in %",
+        "δ in %",
+        "curve at f0 in %",
+        *(f"{n}: mean in %" for n in DISCRETISATIONS),
+    )
+    note = (
+        "Optimum of the plain mean squared error, noise-free exact responses, the same motion at every rate. Euler is "
+        "unstable below 2 δ/ωn, here 11.3 kHz."
+    )
+    return Table("rates", "Error against sampling rate", head, tuple(rows), note)
+
+
+def noise(run: Reproduction) -> Table:
+    """RMS errors over the bound."""
+    study = run.noise
+    rows = []
+    for level in sorted({p.level for p in study.points}):
+        least = study.bound.deviations(level)
+        rows.append((f"{100 * level:g} %", "Cramér–Rao bound", *(f"{least[p]:.2e}" for p in PARAMETERS), "–"))
+        for point in (p for p in study.points if p.level == level):
+            over = study.over_bound(point.method, level)
+            cells = [f"{point.rms_error[p]:.2e} ({over[p]:.3g} ×)" for p in PARAMETERS]
+            rows.append(("", point.method, *cells, f"{point.mean_percent:.2g}"))
+    head = ("noise", "method", "S0", "fn", "δ", "curve, mean in %")
+    note = (
+        f"Root-mean-square relative error over {study.draws} draws of white response noise, relative to each record's "
+        "rms; in brackets over the bound's standard deviation. GRU and LSTM have no parameters to compare."
+    )
+    return Table("noise", "Error against noise", head, tuple(rows), note)
+
+
+def verdicts(run: Reproduction) -> list[Table]:
+    """The paper's claims and our own."""
+    tables = []
+    for name, title, made in (
+        ("claims", "The paper's claims", claims.of_the_paper(run)),
+        ("own", "Our own", claims.of_our_own(run)),
+    ):
+        rows = tuple((c.claim, c.found, c.verdict, c.reason) for c in made)
+        tables.append(Table(name, title, ("claim", "here", "reproduced" if name == "claims" else "met", "why"), rows))
+    return tables
