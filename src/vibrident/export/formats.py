@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from vibrident.export import c_source, csv_file, fmu, python_source, sacpz, stationxml
+from vibrident.export import c_source, csv_file, dcc, fmu, python_source, sacpz, stationxml
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
 
@@ -34,5 +34,6 @@ FORMATS: Mapping[str, Format] = MappingProxyType(
         "sacpz": Format("SAC poles and zeros", sacpz.write),
         "c": Format("C99 for firmware", c_source.write),
         "fmu": Format("FMI 2.0 co-simulation unit", fmu.write),
+        "dcc": Format("digital calibration certificate", dcc.write),
     }
 )

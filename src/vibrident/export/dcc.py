@@ -1,0 +1,185 @@
+"""Digital calibration certificate (PTB's DCC, schema 3.2.1) with D-SI numbers (schema 2.1.0).
+
+What a certificate must state and the result does not know is asked for, not invented: the calibration file's
+[certificate] section holds it, and the country code is an option. Numbers are those of the result, all digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from vibrident import __version__
+from vibrident.errors import InputError
+from vibrident.export.dcc_results import measurement
+from vibrident.export.dcc_schema import validate
+from vibrident.export.dcc_tree import DCC, SI, Tree, cleaned, identified
+from vibrident.export.options import Options
+from vibrident.export.sensor import Sensor
+from vibrident.report.coverage import coverage
+from vibrident.result import Result
+
+VERSION = "3.2.1"
+_LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
+#: Keys of [certificate] without which there is no certificate.
+_NEEDED = ("number", "laboratory", "customer", "date_of_calibration")
+
+
+def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME.dcc.xml``.
+
+    Raises:
+        InputError: the result lacks what a certificate must state, a unit has no form in D-SI, the schema refuses
+            the certificate, or a library is missing.
+    """
+    _check(sensor.result, options)
+    tree = Tree(options.language)
+    root = _certificate(tree, sensor.result, options)
+    text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    if options.schema is not None:
+        validate(text, options.schema)
+    path = folder / f"{options.name}.dcc.xml"
+    path.write_bytes(text)
+    return [path]
+
+
+def _check(result: Result, options: Options) -> None:
+    missing = [f"[certificate] {key}" for key in _NEEDED if not result.certificate.get(key)]
+    if not (result.certificate.get("approved_by") or result.certificate.get("operator")):
+        missing.append("[certificate] approved_by or operator")
+    missing += [f"[sensor] {key}" for key in ("serial_number",) if not result.sensor.get(key)]
+    if missing:
+        raise InputError(
+            "The result lacks what a calibration certificate must state.",
+            expected="in the calibration file: " + ", ".join(missing),
+            found="nothing there when the sensor was identified",
+            where="result.json, certificate and sensor",
+            remedy="add it to the calibration file and identify again",
+        )
+    for name, value, length in (("--country", options.country, 2), ("--language", options.language, 2)):
+        kind = "upper" if name == "--country" else "lower"
+        if value is None or len(value) != length or not value.isascii() or value != getattr(value, kind)():
+            raise InputError(
+                "The certificate needs the country of the laboratory." if value is None else "The code is none.",
+                expected="two capitals (ISO 3166-1), such as DE" if kind == "upper" else "two letters (ISO 639-1): en",
+                found=repr(value),
+                where=name,
+                remedy=f"give {name}",
+            )
+
+
+def _certificate(tree: Tree, result: Result, options: Options) -> Any:
+    names = {"dcc": DCC, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
+    root = tree.etree.Element(f"{{{DCC}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
+    root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
+    root.append(_administration(tree, result, options))
+    root.append(tree.make("measurementResults", measurement(tree, result)))
+    return root
+
+
+def _administration(tree: Tree, result: Result, options: Options) -> Any:
+    stated, named = result.certificate, result.sensor
+    make, text = tree.make, tree.text
+    made = make("identification", make("issuer", text="manufacturer"), identified(tree, named["serial_number"]))
+    made.append(text("name", "serial number"))
+    date = str(stated["date_of_calibration"])
+    place = str(stated.get("place", "laboratory")).strip().lower()
+    number = make(
+        "identification",
+        make("issuer", text="calibrationLaboratory"),
+        identified(tree, stated["number"]),
+        text("name", "certificate number"),
+    )
+    order = stated.get("order_number")
+    core = make(
+        "coreData",
+        make("countryCodeISO3166_1", text=options.country),
+        make("usedLangCodeISO639_1", text=options.language),
+        make("mandatoryLangCodeISO639_1", text=options.language),
+        make("uniqueIdentifier", text=cleaned(f"{stated['laboratory']} {stated['number']}")),
+        make(
+            "identifications",
+            number,
+            order
+            and make(
+                "identification", make("issuer", text="customer"), identified(tree, order), text("name", "order number")
+            ),
+        ),
+        make("receiptDate", text=str(stated["date_of_receipt"])) if stated.get("date_of_receipt") else None,
+        make("beginPerformanceDate", text=date),
+        make("endPerformanceDate", text=date),
+        make("performanceLocation", text="laboratory" if place == "laboratory" else "other"),
+        make("issueDate", text=str(stated["date_of_issue"])) if stated.get("date_of_issue") else None,
+    )
+    maker, kind = named.get("manufacturer"), named.get("type")
+    item = make(
+        "item",
+        text("name", kind or "vibration sensor"),
+        make("manufacturer", text("name", maker)) if maker else None,
+        make("model", text=cleaned(kind)) if kind else None,
+        make("identifications", made),
+    )
+    persons = [(stated.get("approved_by"), "approved by"), (stated.get("operator"), "operator")]
+    signed = [(name, role) for name, role in persons if name]
+    return make(
+        "administrativeData",
+        make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=__version__))),
+        core,
+        make("items", item),
+        make(
+            "calibrationLaboratory",
+            make("calibrationLaboratoryCode", text=cleaned(stated["accreditation"]))
+            if stated.get("accreditation")
+            else None,
+            _contact(tree, "contact", stated["laboratory"], stated.get("laboratory_address"), options.country),
+        ),
+        make(
+            "respPersons",
+            *(
+                make(
+                    "respPerson",
+                    make("person", text("name", str(name))),
+                    make("role", text=role),
+                    make("mainSigner", text="true" if k == 0 else "false"),
+                )
+                for k, (name, role) in enumerate(signed)
+            ),
+        ),
+        _contact(tree, "customer", stated["customer"], stated.get("customer_address"), None),
+        make("statements", *(_statement(tree, title, *lines) for title, lines in _statements(result))),
+    )
+
+
+def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str | None) -> Any:
+    lines = [line for line in str(address or "address not stated").splitlines() if line.strip()]
+    code = tree.make("countryCode", text=country) if country else None
+    return tree.make(tag, tree.text("name", name), tree.make("location", code, tree.text("further", *lines)))
+
+
+def _statement(tree: Tree, title: str, *lines: str) -> Any:
+    return tree.make("statement", tree.text("name", title), tree.text("declaration", *lines))
+
+
+def _statements(result: Result) -> Iterable[tuple[str, Sequence[str]]]:
+    """What must be known to read the numbers, and what the laboratory stated."""
+    yield (
+        "sign convention",
+        [
+            "Sensitivity for e^(+j w t): the phase is that of the response minus that of the reference, so lag "
+            "is negative. A positive delay means that the response comes later, a factor e^(-j w delay). "
+            "Gains are signed.",
+        ],
+    )
+    covered = result.settings.get("uncertainty_covers")
+    lines = [coverage(result).text] + ([f"Uncertainties cover: {covered}."] if covered else [])
+    yield "uncertainty", lines
+    verdict = "describes" if result.fit.adequate else "does not describe"
+    yield "adequacy", [f"The model {verdict} the data within their uncertainties."]
+    for warning in result.warnings:
+        yield f"warning: {warning.code}", [warning.message]
+    for key in ("traceability", "condition", "mounting", "direction", "amplitude", "conditioning", "place"):
+        if result.certificate.get(key):
+            yield key, [str(result.certificate[key])]
+    for remark in result.certificate.get("remarks", ()):
+        yield "remark", [str(remark)]

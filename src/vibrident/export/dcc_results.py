@@ -1,0 +1,213 @@
+"""The measurement part of a certificate: methods, equipment, conditions, and the numbers of the result in D-SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vibrident.export.dcc_tree import Tree, cleaned, identified, numeral
+from vibrident.export.dcc_units import d_si
+from vibrident.report.coverage import coverage
+from vibrident.result import Curve, Parameter, Result
+
+
+def measurement(tree: Tree, result: Result) -> Any:
+    """The one measurement result of a calibration.
+
+    Raises:
+        InputError: a unit has no form in D-SI.
+    """
+    make, text = tree.make, tree.text
+    stated = result.certificate
+    methods = [
+        make(
+            "usedMethod",
+            text("name", f"model {result.model}, estimator {result.estimator}"),
+            text("description", "identification of a parametric model of the sensor from its calibration data"),
+        )
+    ]
+    if stated.get("procedure"):
+        methods.insert(
+            0, make("usedMethod", text("name", "calibration procedure"), text("description", stated["procedure"]))
+        )
+    equipment = [_equipment(tree, entry) for entry in stated.get("instruments", ())]
+    conditions = [
+        _condition(tree, stated, *entry) for entry in _CONDITIONS if stated.get(f"{entry[1]}_{entry[2]}") is not None
+    ]
+    results = [
+        _result(
+            tree,
+            "parameters",
+            "Parameters of the model",
+            [_parameter(tree, result, *p) for p in result.parameters.items()],
+        ),
+    ]
+    if result.correlation.names:
+        results.append(
+            _result(tree, "correlation", "Correlation of the estimated parameters", [_correlation(tree, result)])
+        )
+    for key, title, curve in (
+        ("response", "Complex sensitivity of the model", result.response),
+        ("measured", "Complex sensitivity as measured", result.measured),
+    ):
+        if curve.frequency_hz:
+            results.append(_result(tree, key, title, [_curve(tree, result, curve)]))
+    return make(
+        "measurementResult",
+        text("name", "Sensitivity of a vibration sensor"),
+        make("usedMethods", *methods),
+        make("usedSoftware", make("software", text("name", "vibrident"), make("release", text=_release(result)))),
+        make("measuringEquipments", *equipment) if equipment else None,
+        make("influenceConditions", *conditions) if conditions else None,
+        make("results", *results),
+    )
+
+
+def _release(result: Result) -> str:
+    return cleaned(result.provenance.get("vibrident") or "not stated")
+
+
+_CONDITIONS = (
+    ("Temperature", "temperature", "c", r"\degreecelsius"),
+    ("Relative humidity", "relative_humidity", "percent", r"\percent"),
+    ("Air pressure", "air_pressure", "hpa", r"\hecto\pascal"),
+)
+
+
+def _condition(tree: Tree, stated: Mapping[str, Any], title: str, key: str, suffix: str, unit: str) -> Any:
+    expanded = stated.get(f"{key}_uncertainty_{suffix}")  # stated with k = 2
+    real = _real(tree, float(stated[f"{key}_{suffix}"]), unit, _expanded(tree, expanded, 0.95))
+    quantity = tree.make("quantity", tree.text("name", title), real)
+    return tree.make("influenceCondition", tree.text("name", title), tree.make("data", quantity))
+
+
+def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
+    make, text = tree.make, tree.text
+    notes = [f"{key.replace('_', ' ')}: {entry[key]}" for key in ("certificate", "calibrated_until") if entry.get(key)]
+    serial = entry.get("serial_number")
+    return make(
+        "measuringEquipment",
+        text("name", entry["name"]),
+        text("description", *notes) if notes else None,
+        make("manufacturer", text("name", entry["manufacturer"])) if entry.get("manufacturer") else None,
+        make("model", text=cleaned(entry["type"])) if entry.get("type") else None,
+        make("identifications", make("identification", make("issuer", text="manufacturer"), identified(tree, serial)))
+        if serial
+        else None,
+    )
+
+
+def _result(tree: Tree, key: str, title: str, data: Sequence[Any]) -> Any:
+    return tree.make("result", tree.text("name", title), tree.make("data", *data), id=key)
+
+
+def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
+    low, high = p.interval_95
+    u = p.standard_uncertainty
+    if u is not None and low is not None and high is not None:
+        spread = tree.make(
+            "si:coverageInterval",
+            tree.make("si:standardUnc", text=numeral(u)),
+            tree.make("si:intervalMin", text=numeral(low)),
+            tree.make("si:intervalMax", text=numeral(high)),
+            tree.make("si:coverageProbability", text="0.95"),
+        )
+    else:
+        spread = _expanded(tree, None if u is None else 2.0 * u, coverage(result).probability)
+    notes = [name.replace("_", " ") + (", derived from the estimated ones" if p.derived else "")]
+    notes += [] if p.identifiable else ["not determined by the data"]
+    notes += [] if u is not None else ["uncertainty not stated"]
+    real = _real(tree, p.value, d_si(p.unit), spread, name)
+    return tree.make("quantity", tree.text("name", name), tree.text("description", *notes), real)
+
+
+def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = None) -> Any:
+    return tree.make(
+        "si:real",
+        tree.make("si:label", text=label) if label else None,
+        tree.make("si:value", text=numeral(value)),
+        tree.make("si:unit", text=unit),
+        spread,
+    )
+
+
+def _expanded(tree: Tree, expanded: float | None, probability: float) -> Any:
+    """U with k = 2, or nothing where it is not stated."""
+    if expanded is None:
+        return None
+    return tree.make(
+        "si:expandedUnc",
+        tree.make("si:uncertainty", text=numeral(float(expanded))),
+        tree.make("si:coverageFactor", text="2.0"),
+        tree.make("si:coverageProbability", text=_probability(probability)),
+    )
+
+
+def _correlation(tree: Tree, result: Result) -> Any:
+    rows = [
+        _list(tree, name, row, r"\one")
+        for name, row in zip(result.correlation.names, result.correlation.matrix, strict=True)
+    ]
+    order = "columns in the order of the rows: " + ", ".join(result.correlation.names)
+    return tree.make("list", tree.text("name", "Correlation matrix"), tree.text("description", order), *rows)
+
+
+def _curve(tree: Tree, result: Result, curve: Curve) -> Any:
+    """Frequency, magnitude and phase as lists; where a point lacks its phase, the phase is left out."""
+    quantity = result.reference.get("quantity", "acceleration")
+    unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
+    probability = coverage(result).probability
+    points = zip(curve.frequency_hz, curve.magnitude, strict=True)
+    whole = [k for k, point in enumerate(points) if None not in point]
+
+    def at(values: Sequence[float | None]) -> list[float | None]:
+        return [values[k] for k in whole]
+
+    phase = at(curve.phase_deg)
+    parts = [
+        _list(tree, "Frequency", at(curve.frequency_hz), d_si("Hz")),
+        _list(tree, "Magnitude", at(curve.magnitude), unit, at(curve.magnitude_uncertainty), probability),
+    ]
+    if None not in phase:
+        spread = at(curve.phase_deg_uncertainty)
+        parts.append(_list(tree, "Phase, lag negative", phase, d_si("deg"), spread, probability))
+    about = tree.text("description", f"response per {quantity}")
+    return tree.make("list", tree.text("name", "Sensitivity over frequency"), about, *parts)
+
+
+def _list(
+    tree: Tree,
+    title: str,
+    values: Sequence[float | None],
+    unit: str,
+    u: Sequence[float | None] = (),
+    probability: float = 0.95,
+) -> Any:
+    """A list with one unit; expanded uncertainties (k = 2) where every point has one."""
+    spread = None
+    if u and None not in u:
+        spread = tree.make(
+            "si:expandedUncXMLList",
+            tree.make("si:uncertaintyXMLList", text=_joined(u, 2.0)),
+            tree.make("si:coverageFactorXMLList", text="2.0"),
+            tree.make("si:coverageProbabilityXMLList", text=_probability(probability)),
+        )
+    return tree.make(
+        "quantity",
+        tree.text("name", title),
+        tree.make(
+            "si:realListXMLList",
+            tree.make("si:valueXMLList", text=_joined(values)),
+            tree.make("si:unitXMLList", text=unit),
+            spread,
+        ),
+    )
+
+
+def _joined(values: Sequence[float | None], factor: float = 1.0) -> str:
+    return " ".join(numeral(factor * value) for value in values if value is not None)
+
+
+def _probability(value: float) -> str:
+    """Without an exponent, as D-SI wants it."""
+    return f"{value:.6f}".rstrip("0")

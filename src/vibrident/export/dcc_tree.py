@@ -1,0 +1,44 @@
+"""Elements of a certificate: both namespaces, texts in one language, numbers with all their digits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vibrident.export.missing import library
+
+DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
+
+
+class Tree:
+    """Elements of both namespaces, in one language."""
+
+    def __init__(self, language: str) -> None:
+        self.etree = library("lxml.etree", "dcc")
+        self.language = language
+
+    def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
+        """An element; ``si:`` before a tag puts it there, else it is DCC's."""
+        space, _, name = tag.rpartition(":")
+        element = self.etree.Element(f"{{{SI if space == 'si' else DCC}}}{name}", **attributes)
+        element.text = text
+        element.extend([child for child in children if child is not None])
+        return element
+
+    def text(self, tag: str, *lines: str) -> Any:
+        """Text in the certificate's language, one ``content`` a line."""
+        return self.make(tag, *(self.make("content", text=cleaned(line), lang=self.language) for line in lines))
+
+
+def identified(tree: Tree, text: object) -> Any:
+    """The ``value`` of an identification."""
+    return tree.make("value", text=cleaned(text))
+
+
+def numeral(value: float) -> str:
+    """The shortest text that reads back to the same number."""
+    return repr(float(value))
+
+
+def cleaned(text: object) -> str:
+    """One line without control characters, never empty."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split()) or "not stated"

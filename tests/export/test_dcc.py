@@ -1,0 +1,300 @@
+"""The certificate's structure (DCC 3.2.1, D-SI 2.1.0), its numbers against the result, its units against dsiUnits."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from lxml import etree
+from results import CASES, PAPER, case, paper, result
+
+from vibrident.errors import InputError
+from vibrident.export import export
+from vibrident.export.dcc_units import d_si
+from vibrident.result import ResultWarning
+
+pytestmark = [
+    # dsiUnits takes the beginning of \percent, and what it writes itself, for its deprecated \per.
+    pytest.mark.filterwarnings("ignore:The dsi string contains the token"),
+    pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning"),
+]
+SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+CERTIFICATE = {
+    "number": "2025-0815",
+    "laboratory": "Laboratory for <Vibration>",
+    "laboratory_address": "Road 1\n12345 Town",
+    "accreditation": "D-K-00000-01-00",
+    "customer": "Customer & Co.",
+    "order_number": "A 7",
+    "date_of_receipt": "2025-11-01",
+    "date_of_calibration": "2025-11-13",
+    "date_of_issue": "2025-11-14",
+    "temperature_c": 23.1,
+    "temperature_uncertainty_c": 0.5,
+    "relative_humidity_percent": 45.0,
+    "air_pressure_hpa": 1013.2,
+    "procedure": "ISO 16063-11, method 3",
+    "traceability": "to the SI",
+    "instruments": ({"name": "interferometer", "serial_number": "17", "certificate": "PTB 1"}, {"name": "amplifier"}),
+    "operator": "A. Operator",
+    "approved_by": "B. Head",
+    "remarks": ("one", "two"),
+}
+#: Children of each element in their order, from the schema's sequences; ? optional, * any number, + at least one.
+#: administrativeData is an xs:all and locations are choices: their order is free.
+ORDER = {
+    "dcc:digitalCalibrationCertificate": "dcc:administrativeData dcc:measurementResults",
+    "dcc:administrativeData": "dcc:dccSoftware dcc:coreData dcc:items dcc:calibrationLaboratory dcc:respPersons "
+    "dcc:customer dcc:statements?",
+    "dcc:dccSoftware": "dcc:software+",
+    "dcc:usedSoftware": "dcc:software+",
+    "dcc:software": "dcc:name dcc:release dcc:type? dcc:description?",
+    "dcc:coreData": "dcc:countryCodeISO3166_1 dcc:usedLangCodeISO639_1+ dcc:mandatoryLangCodeISO639_1+ "
+    "dcc:uniqueIdentifier dcc:identifications? dcc:receiptDate? dcc:beginPerformanceDate dcc:endPerformanceDate "
+    "dcc:performanceLocation dcc:issueDate?",
+    "dcc:items": "dcc:name? dcc:item+",
+    "dcc:item": "dcc:name dcc:description? dcc:manufacturer? dcc:model? dcc:identifications",
+    "dcc:identifications": "dcc:identification+",
+    "dcc:identification": "dcc:issuer dcc:value dcc:name?",
+    "dcc:manufacturer": "dcc:name dcc:location?",
+    "dcc:person": "dcc:name dcc:location?",
+    "dcc:calibrationLaboratory": "dcc:calibrationLaboratoryCode? dcc:contact",
+    "dcc:contact": "dcc:name dcc:location",
+    "dcc:customer": "dcc:name dcc:location",
+    "dcc:location": "dcc:countryCode? dcc:further",
+    "dcc:respPersons": "dcc:respPerson+",
+    "dcc:respPerson": "dcc:person dcc:description? dcc:role? dcc:mainSigner?",
+    "dcc:statements": "dcc:statement+",
+    "dcc:statement": "dcc:name? dcc:description? dcc:declaration?",
+    "dcc:measurementResults": "dcc:measurementResult+",
+    "dcc:measurementResult": "dcc:name dcc:description? dcc:usedMethods? dcc:usedSoftware? dcc:measuringEquipments? "
+    "dcc:influenceConditions? dcc:results",
+    "dcc:usedMethods": "dcc:usedMethod+",
+    "dcc:usedMethod": "dcc:name dcc:description? dcc:norm*",
+    "dcc:measuringEquipments": "dcc:measuringEquipment+",
+    "dcc:measuringEquipment": "dcc:name dcc:description? dcc:manufacturer? dcc:model? dcc:identifications?",
+    "dcc:influenceConditions": "dcc:influenceCondition+",
+    "dcc:influenceCondition": "dcc:name dcc:description? dcc:status? dcc:data",
+    "dcc:results": "dcc:result+",
+    "dcc:result": "dcc:name dcc:description? dcc:data",
+    "dcc:data": "dcc:quantity* dcc:list*",
+    "dcc:list": "dcc:name? dcc:description? dcc:quantity+",
+    "dcc:quantity": "dcc:name? dcc:description? si:real? si:realListXMLList?",
+    "si:real": "si:label? si:value si:unit si:expandedUnc? si:coverageInterval?",
+    "si:expandedUnc": "si:uncertainty si:coverageFactor si:coverageProbability",
+    "si:coverageInterval": "si:standardUnc si:intervalMin si:intervalMax si:coverageProbability",
+    "si:realListXMLList": "si:valueXMLList si:unitXMLList si:expandedUncXMLList?",
+    "si:expandedUncXMLList": "si:uncertaintyXMLList si:coverageFactorXMLList si:coverageProbabilityXMLList",
+    **dict.fromkeys(("dcc:name", "dcc:description", "dcc:declaration", "dcc:further"), "dcc:content+"),
+}
+DECIMAL = re.compile(r"[-+]?((\d*\.\d+)|(\d+\.\d*)|(\d+\.?))([Ee][-+]?\d+)?")
+PATTERNS = {
+    "countryCodeISO3166_1": r"[A-Z]{2}",
+    "countryCode": r"[A-Z]{2}",
+    "usedLangCodeISO639_1": r"[a-z]{2}",
+    "mandatoryLangCodeISO639_1": r"[a-z]{2}",
+    "performanceLocation": "laboratory|customer|laboratoryBranch|customerBranch|other",
+    "issuer": "manufacturer|calibrationLaboratory|customer|owner|other",
+    "beginPerformanceDate": r"\d{4}-\d\d-\d\d",
+    "coverageFactor": r"[1-9]\d*\.\d*",
+    "coverageFactorXMLList": r"[1-9]\d*\.\d*",
+    "coverageProbability": r"(0(\.\d*)?)|(1(\.0*)?)",
+    "coverageProbabilityXMLList": r"(0(\.\d*)?)|(1(\.0*)?)",
+    **dict.fromkeys(("uniqueIdentifier", "release", "model", "role"), r"\S+(\s+\S+)*"),
+}
+
+
+def certified(made):
+    return replace(made, certificate=CERTIFICATE)
+
+
+def short(element):
+    name = etree.QName(element)
+    return {v: k for k, v in SPACES.items()}[name.namespace] + ":" + name.localname
+
+
+def written(made, folder, **more):
+    (path,) = export(made, "dcc", folder, country="DE", **more)
+    return etree.parse(str(path)).getroot()
+
+
+def check_structure(root):
+    for element in root.iter(etree.Element):
+        name, children = short(element), " ".join(short(child) for child in element)
+        local = name.split(":")[1]
+        if len(element):
+            order = [(part.rstrip("?*+"), part[-1] if part[-1] in "?*+" else "") for part in ORDER[name].split()]
+            pattern = "".join(rf"({child} ){mark}" for child, mark in order)
+            assert re.fullmatch(pattern, children + " "), (name, children)
+        elif local in PATTERNS:
+            assert re.fullmatch(PATTERNS[local], element.text), (name, element.text)
+        elif name.startswith("si:") and "unit" not in local and local != "label":
+            assert all(DECIMAL.fullmatch(part) for part in element.text.split()), (name, element.text)
+            assert element.text.split()
+
+
+def real(root, label):
+    return root.xpath(f"//si:real[si:label='{label}']", namespaces=SPACES)[0]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_structure_units_and_numbers(name, tmp_path):
+    from dsi_unit import DsiUnit
+
+    made = certified(case(name))
+    root = written(made, tmp_path)
+    check_structure(root)
+    for unit in root.xpath("//si:unit | //si:unitXMLList", namespaces=SPACES):
+        assert DsiUnit(unit.text).valid
+    for key, p in made.parameters.items():
+        found = real(root, key)
+        assert float(found.findtext("si:value", namespaces=SPACES)) == p.value
+        if p.interval_95[0] is not None:
+            numbers = [float(e.text) for e in found.find("si:coverageInterval", SPACES)]
+            assert numbers == [p.standard_uncertainty, *p.interval_95, 0.95]
+        else:
+            numbers = [float(e.text) for e in found.find("si:expandedUnc", SPACES)]
+            assert numbers[:2] == [2 * p.standard_uncertainty, 2.0]
+    for key, curve in (("response", made.response), ("measured", made.measured)):
+        lists = root.xpath(f"//dcc:result[@id='{key}']//si:valueXMLList", namespaces=SPACES)
+        spreads = root.xpath(f"//dcc:result[@id='{key}']//si:uncertaintyXMLList", namespaces=SPACES)
+        for found, wanted in zip(lists, (curve.frequency_hz, curve.magnitude, curve.phase_deg), strict=True):
+            assert tuple(map(float, found.text.split())) == wanted
+        for found, wanted in zip(spreads, (curve.magnitude_uncertainty, curve.phase_deg_uncertainty), strict=True):
+            assert list(map(float, found.text.split())) == [2 * u for u in wanted]
+    rows = root.xpath("//dcc:result[@id='correlation']//si:valueXMLList", namespaces=SPACES)
+    assert tuple(tuple(map(float, row.text.split())) for row in rows) == made.correlation.matrix
+
+
+def test_what_the_laboratory_states_is_there(tmp_path):
+    made = replace(certified(paper()), warnings=(ResultWarning("drift", "The channel drifts."),))
+    root = written(made, tmp_path)
+    text = " ".join(root.itertext())
+    for part in (
+        *("Laboratory for <Vibration>", "12345 Town", "Customer & Co.", "D-K-00000-01-00", "2025-11-14", "B. Head"),
+        *(
+            "ISO 16063-11, method 3",
+            "interferometer",
+            "PTB 1",
+            "to the SI",
+            "The channel drifts.",
+            "4711 */",
+            "Brüel & Søn",
+        ),
+    ):
+        assert part in text
+    temperature = root.xpath("//dcc:influenceCondition[1]//si:real", namespaces=SPACES)[0]
+    assert [e.text for e in temperature.iter() if not len(e)] == ["23.1", r"\degreecelsius", "0.5", "2.0", "0.95"]
+    assert root.get("schemaVersion") == "3.2.1"
+
+
+def test_what_is_not_stated_is_left_out_not_invented(tmp_path):
+    few = {key: CERTIFICATE[key] for key in ("number", "laboratory", "customer", "date_of_calibration", "operator")}
+    made = replace(paper(), certificate=few)
+    blank = {
+        name: replace(p, standard_uncertainty=None, interval_95=(None, None)) for name, p in made.parameters.items()
+    }
+    nothing = replace(
+        made.measured,
+        phase_deg=(None,) * 25,
+        phase_deg_uncertainty=(None,) * 25,
+        magnitude_uncertainty=(None,) * 25,
+    )
+    root = written(replace(made, parameters=blank, measured=nothing), tmp_path)
+    check_structure(root)
+    assert not root.xpath("//dcc:influenceConditions | //dcc:measuringEquipments", namespaces=SPACES)
+    assert not root.xpath("//si:coverageInterval | //si:expandedUnc", namespaces=SPACES)
+    assert len(root.xpath("//dcc:result[@id='measured']//si:valueXMLList", namespaces=SPACES)) == 2
+    assert "uncertainty not stated" in " ".join(root.itertext())
+
+
+def test_a_nonlinear_sensor_is_certified_all_the_same(tmp_path):
+    made = certified(result("accelerometer+cubic", {**PAPER, "cubic_stiffness": 0.02}))
+    root = written(made, tmp_path)
+    unit = real(root, "cubic_stiffness").findtext("si:unit", namespaces=SPACES)
+    assert unit == r"\volt\tothe{-2}"
+    for form in ("c", "stationxml", "scipy", "fmu"):
+        with pytest.raises(InputError, match="linear sensors only"):
+            export(made, form, tmp_path, rate_hz=51200.0)
+    (path,) = export(made, "scipy", tmp_path, without=["cubic"])
+    assert "small signals only" in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "size"),
+    [
+        ("V/(m/s^2)", r"\volt\metre\tothe{-1}\second\tothe{2}", 1.0),
+        ("V/(m/s)", r"\volt\metre\tothe{-1}\second", 1.0),
+        ("mV/(m/s²)", r"\milli\volt\metre\tothe{-1}\second\tothe{2}", 1e-3),
+        ("pC/((A) s^2)", r"\pico\coulomb\ampere\tothe{-1}\second\tothe{-2}", 1e-12),
+        ("1/V^2", r"\volt\tothe{-2}", None),
+        ("rad/s", r"\radian\second\tothe{-1}", None),
+        ("(count)/(m/s^2)", r"\metre\tothe{-1}\second\tothe{2}", None),
+        ("1", r"\one", None),
+        ("V*s/m", r"\volt\second\metre\tothe{-1}", None),
+    ],
+)
+def test_units_in_d_si(unit, wanted, size):
+    from dsi_unit import DsiUnit
+
+    assert d_si(unit) == wanted
+    if size is not None and "pico" not in wanted:
+        base = DsiUnit(wanted.replace(r"\milli", ""))
+        assert base.get_scale_factor(DsiUnit(wanted)) == pytest.approx(size)
+
+
+@pytest.mark.parametrize("unit", ["V/(m/s^2", "widget", "V^x", "m/s)", "g"])
+def test_units_without_a_form_in_d_si_are_refused(unit):
+    with pytest.raises(InputError, match="no form in D-SI"):
+        d_si(unit)
+
+
+def test_a_certificate_without_its_statements_is_refused(tmp_path):
+    with pytest.raises(InputError) as caught:
+        export(paper(), "dcc", tmp_path, country="DE")
+    for key in ("number", "laboratory", "customer", "date_of_calibration", "approved_by"):
+        assert key in caught.value.expected
+    with pytest.raises(InputError, match="country"):
+        export(certified(paper()), "dcc", tmp_path)
+    with pytest.raises(InputError, match="code is none"):
+        export(certified(paper()), "dcc", tmp_path, country="Germany")
+    assert not list(tmp_path.iterdir())
+
+
+SI_XSD = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" targetNamespace="https://ptb.de/si"
+  elementFormDefault="qualified"><xs:element name="real"><xs:complexType><xs:sequence>
+  <xs:any processContents="skip" minOccurs="0" maxOccurs="unbounded"/></xs:sequence></xs:complexType></xs:element>
+</xs:schema>"""
+DCC_XSD = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" xmlns:si="https://ptb.de/si"
+  targetNamespace="https://ptb.de/dcc" elementFormDefault="qualified">
+  <xs:import namespace="https://ptb.de/si" schemaLocation="https://ptb.de/si/v2.1.0/SI_Format.xsd"/>
+  <xs:element name="digitalCalibrationCertificate"><xs:complexType><xs:sequence>
+  <xs:element name="administrativeData" type="xs:anyType"/><xs:element name="{}" type="xs:anyType"/>
+  </xs:sequence><xs:attribute name="schemaVersion" type="xs:string" use="required"/>
+  <xs:anyAttribute processContents="skip"/></xs:complexType></xs:element>
+  <xs:element name="use"><xs:complexType><xs:sequence><xs:element ref="si:real"/></xs:sequence>
+  </xs:complexType></xs:element>
+</xs:schema>"""
+
+
+def test_the_users_schema_decides(tmp_path):
+    """A schema that takes the certificate, one that does not, one whose import is missing, and one that is none."""
+    folder, out = tmp_path / "xsd", tmp_path / "out"
+    folder.mkdir()
+    schema = folder / "dcc.xsd"
+    schema.write_text(DCC_XSD.format("measurementResults"))
+    with pytest.raises(InputError, match="schema cannot be used"):
+        written(certified(paper()), out, schema=schema)
+    (folder / "SI_Format.xsd").write_text(SI_XSD)
+    written(certified(paper()), out, schema=schema)
+    (out / "sensor.dcc.xml").unlink()
+    schema.write_text(DCC_XSD.format("somethingElse"))
+    with pytest.raises(InputError, match="schema refuses the certificate"):
+        written(certified(paper()), out, schema=schema)
+    schema.write_text("no schema")
+    with pytest.raises(InputError, match="schema cannot be used"):
+        written(certified(paper()), out, schema=schema)
+    with pytest.raises(InputError, match="schema cannot be used"):
+        written(certified(paper()), out, schema=folder / "absent.xsd")
+    assert not list(out.iterdir())
