@@ -23,6 +23,8 @@ Figure = dict[str, Any]
 MOST_POINTS = 800
 #: Samples of all records together that are drawn, and periods of a sine; what is left out is said.
 MOST_SAMPLES, PERIODS = 12_000, 6.0
+#: Records that can be chosen from; of more, these many spread over frequency.
+MOST_RECORDS = 60
 _BAND = "rgba(86, 180, 233, 0.40)"
 
 
@@ -238,6 +240,7 @@ def signals(result: Result) -> list[tuple[str, Figure]]:
     """Name and chart of each record: measured and predicted response, and the residual."""
     frequencies = record_frequencies(result)
     ordered = sorted(result.signals, key=lambda signal: frequencies.get(signal.record, 0.0))
+    ordered = [ordered[i] for i in spread(len(ordered), MOST_RECORDS)]
     most = max(50, MOST_SAMPLES // max(len(ordered), 1))
     found = []
     for signal in ordered:

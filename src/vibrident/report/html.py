@@ -17,7 +17,7 @@ from vibrident.result import Result
 #: Rows of the table of measured points in a page, where they are folded away.
 MOST_ROWS = 800
 #: Data files listed in a page; the result lists them all.
-MOST_FILES = 200
+MOST_FILES = 100
 
 
 def report_html(result: Result) -> str:
@@ -145,6 +145,8 @@ def _deviation(made: Page, result: Result) -> list[str]:
 def _signals(made: Page, result: Result) -> str:
     found = figures.signals(result)
     caption = "Measured and predicted response of a part of the record, and the residual on a scale of its own."
+    if len(found) < len(result.signals):
+        caption += f" {len(found)} of {len(result.signals)} records can be chosen."
     return made.figure("signals", [chart for _, chart in found], caption, [name for name, _ in found])
 
 

@@ -1,0 +1,276 @@
+"""The HTML report: one file of at most 6 MB that asks for nothing, whose every number is the result's."""
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+from plotly.offline import get_plotlyjs
+from printed import NUMBER, assert_rounded, factor_to, later, stated
+from sample_results import SAMPLES, dense_points, pickup, table2, troubled
+
+from vibrident import report
+from vibrident.errors import InputError
+from vibrident.report import words
+from vibrident.report.figures import MOST_POINTS
+from vibrident.report.residual_tests import residual_tests
+from vibrident.result import Fit, Result
+
+LIMIT = 6_000_000
+BASE = table2()
+
+
+class Reader(HTMLParser):
+    """Tables as lists of rows of cells, text, and whatever points outside."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.tables, self.outside, self.words, self.open, self.figures = [], [], [], [], {}
+        start, end = page.index("<script>"), page.rindex("</script>", 0, page.rindex("<script>"))
+        self.feed(page[:start] + page[end + len("</script>") :])  # plotly's own script is long and of no interest
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "link", "br"):
+            self.open.append(tag)
+        named = dict(attrs)
+        self.outside += [
+            value for key, value in attrs if key in ("src", "href", "action", "srcset") and value[0] != "#"
+        ]
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+        self.data_id = named.get("id") if tag == "script" else None
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "script" in self.open:
+            if self.data_id == "figures":
+                self.figures = json.loads(data)
+        elif "style" not in self.open:
+            self.words.append(data)
+            if (self.open and "td" in self.open) or "th" in self.open:
+                self.tables[-1][-1][-1] += data
+
+    def table(self, *header: str):
+        return next(t[1:] for t in self.tables if t and t[0][: len(header)] == list(header))
+
+
+def read(result) -> Reader:
+    return Reader(report.content(result, "html").decode())
+
+
+@cache
+def sample_page(name: str) -> bytes:
+    return report.content(SAMPLES[name](), "html")
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_one_file_that_needs_nothing_from_outside(sample):
+    page = sample_page(sample)
+    assert len(page) <= LIMIT
+    found = Reader(page.decode())
+    assert found.open == []  # every tag is closed
+    assert set(found.outside) <= {"data:,"}
+    head = page[: page.index(b"</head>")].decode()
+    assert "default-src 'none'" in head
+    assert "connect-src 'none'" in head
+    css = head[head.index("<style>") :]
+    assert "url(" not in css
+    assert "@import" not in css
+
+
+def test_the_script_is_plotlys_own():
+    page = report.content(table2(), "html").decode()
+    assert get_plotlyjs()[:5000] in page
+    assert get_plotlyjs()[-5000:].replace("</script", "<\\/script") in page
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_every_figure_is_one_that_plotly_knows(sample):
+    for figure in Reader(sample_page(sample).decode()).figures.values():
+        for one in figure if isinstance(figure, list) else [figure]:
+            go.Figure(one)  # refuses what is no property of a figure
+
+
+def test_every_parameter_in_the_table_is_the_results():
+    result = table2()
+    rows = {row[0]: row for row in read(result).table("parameter", "symbol", "value")}
+    for name, parameter in result.parameters.items():
+        _, _, value, u, k, expanded, unit, interval, _ = rows[words.parameter_name(name).words]
+        factor = factor_to("" if unit == "1" else unit, parameter.unit)
+        assert_rounded(value, parameter.value, factor)
+        assert_rounded(u, parameter.standard_uncertainty, factor)
+        assert_rounded(expanded, 2 * parameter.standard_uncertainty, factor)
+        assert k == "2"
+        for text, limit in zip(interval.split(" … "), parameter.interval_95, strict=True):
+            assert_rounded(text, limit, factor)
+
+
+def test_every_measured_point_in_the_table_is_the_results():
+    result = table2()
+    measured = result.measured
+    rows = read(result).table("frequency / Hz", "nominal / Hz")
+    for i, row in enumerate(rows):
+        frequency, _, magnitude, expanded, deviation, phase, phase_u, shift, record = row
+        assert_rounded(frequency, measured.frequency_hz[i])
+        assert_rounded(magnitude, measured.magnitude[i], 1e3)
+        assert_rounded(expanded, 2 * measured.magnitude_uncertainty[i], 1e3)
+        assert_rounded(deviation.removesuffix(" %"), measured.deviation_percent[i])
+        assert_rounded(phase, measured.phase_deg[i])
+        assert_rounded(phase_u, 2 * measured.phase_deg_uncertainty[i])
+        assert_rounded(shift, measured.deviation_phase_deg[i])
+        assert record == measured.record[i]
+    assert len(rows) == len(measured.frequency_hz)
+
+
+def test_what_is_drawn_is_the_results():
+    result = table2()
+    drawn = {(t.get("name"), t.get("yaxis")): t for t in read(result).figures["sensitivity"]["data"]}
+    model, points = drawn["model", "y"], drawn["measured, U (k = 2)", "y"]
+    np.testing.assert_allclose(model["x"], result.response.frequency_hz, rtol=1e-8)
+    np.testing.assert_allclose(model["y"], np.multiply(result.response.magnitude, 1e3), rtol=1e-8)
+    np.testing.assert_allclose(points["y"], np.multiply(result.measured.magnitude, 1e3), rtol=1e-8)
+    bars = np.multiply(result.measured.magnitude_uncertainty, 2e3)
+    np.testing.assert_allclose(points["error_y"]["array"], bars, rtol=1e-8)
+    upper, lower = (t for t in read(result).figures["sensitivity"]["data"][:2])
+    width = np.subtract(upper["y"], lower["y"]) / 2
+    np.testing.assert_allclose(width, np.multiply(result.response.magnitude_uncertainty, 2e3), rtol=1e-4)
+    phase = np.array(drawn["model", "y2"]["y"])
+    np.testing.assert_allclose((phase - result.response.phase_deg + 180) % 360, 180, atol=1e-6)
+    assert np.all(np.abs(np.diff(phase)) < 180)
+
+
+def test_the_labels_of_the_points_state_value_and_uncertainty():
+    result = table2()
+    points = next(t for t in read(result).figures["sensitivity"]["data"] if str(t.get("name")).startswith("measured"))
+    for i, label in enumerate(points["text"]):
+        frequency, value, u = re.fullmatch(rf"({NUMBER}) Hz: ({NUMBER}) ± ({NUMBER}) mV/\(m/s²\)", label).groups()
+        assert_rounded(frequency, result.measured.frequency_hz[i])
+        assert_rounded(value, result.measured.magnitude[i], 1e3)
+        assert_rounded(u, 2 * result.measured.magnitude_uncertainty[i], 1e3)
+
+
+def test_crowds_are_thinned_and_it_is_said():
+    page = read(dense_points())
+    points = next(t for t in page.figures["deviation"]["data"] if str(t.get("name")).startswith("model −"))
+    assert len(points["x"]) == MOST_POINTS
+    assert f"{MOST_POINTS} of 4000 measured points are drawn" in "".join(page.words)
+
+
+def test_the_largest_result_stays_below_the_limit():
+    result = dense_points(6000)
+    record = "a_rather_long_name_of_a_record_" * 3
+    measured = replace(result.measured, record=tuple(f"{record}{i}" for i in range(6000)))
+    first = table2().signals[0]
+    signals = tuple(replace(first, record=f"{record}{i}") for i in range(300))
+    files = [{"file": f"{record}{i}.csv", "sha256": f"{i:064x}", "history": ["x" * 200]} for i in range(1000)]
+    result = replace(result, measured=measured, signals=signals, provenance={"files": files})
+    assert len(report.content(result, "html")) <= LIMIT
+
+
+def test_text_of_others_stays_text():
+    hostile = '<script>alert(1)</script> & "x" </style> e^{jωt}'
+    made = replace(
+        stated(pickup()), sensor={"type": hostile}, settings={hostile: [{hostile: 1}]}, provenance={"files": [hostile]}
+    )
+    page = report.content(made, "html").decode()
+    assert "<script>alert" not in page
+    assert Reader(page).open == []
+    assert hostile.replace("^{", "").replace("}", "") in "".join(Reader(page).words)
+
+
+def test_warnings_settings_and_budget_are_said():
+    budget = [
+        {"contribution": "reference", "u_percent": 0.1, "share": 0.4},
+        {"contribution": "noise", "u_percent": 0.2, "share": 0.6},
+    ]
+    page = read(replace(troubled(), settings={"uncertainty_budget": budget, "deep": {"one": {"two": [1.5, None]}}}))
+    text = " ".join("".join(page.words).split())
+    for warning in troubled().warnings:
+        assert warning.message in text
+        assert words.explain(warning.code).meaning in text
+    assert page.table("contribution", "u percent", "share") == [["reference", "0.1", "0.4"], ["noise", "0.2", "0.6"]]
+    assert "two: 1.5, –" in text
+
+
+def test_a_page_from_json_is_the_same():
+    result = stated()
+    assert report.content(Result.from_dict(json.loads(result.to_json())), "html") == report.content(result, "html")
+
+
+def outcomes(deviation_in_u, chi2=1.0):
+    """Outcome of each test of the magnitude for these deviations, in the order of frequency."""
+    deviation_in_u = np.asarray(deviation_in_u, dtype=float)
+    n = len(deviation_in_u)
+    measured = replace(
+        BASE.measured,
+        frequency_hz=tuple(np.arange(1.0, n + 1)),
+        magnitude=(2.0,) * n,
+        magnitude_uncertainty=(0.02,) * n,
+        deviation_percent=tuple(deviation_in_u),
+        phase_deg=(None,) * n,
+        phase_deg_uncertainty=(None,) * n,
+        deviation_phase_deg=(None,) * n,
+        record=("a",) * n,
+    )
+    fit = Fit(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, chi2, 2 * n - 3, chi2 < 2)
+    table = residual_tests(replace(BASE, measured=measured, fit=fit))
+    return {row[0].removeprefix("magnitude: "): row[3] for row in table.rows}
+
+
+def test_residual_tests_see_what_they_are_for():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=40)
+    assert set(outcomes(noise).values()) == {"passed"}
+    assert outcomes(noise, chi2=3.0)["χ²/ν of all points"] == "failed"
+    spike = noise.copy()
+    spike[7] = 6.0
+    assert outcomes(spike)["largest deviation"] == "failed"
+    trend = outcomes(np.linspace(-1.5, 1.5, 40) + 0.1 * noise)
+    assert (trend["runs of one sign"], trend["correlation of neighbours"]) == ("failed", "failed")
+    assert trend["largest deviation"] == "passed"
+    assert outcomes(2.5 * noise)["points within U"] == "failed"
+    assert list(outcomes(noise[:7])) == ["χ²/ν of all points"]
+
+
+def test_residual_tests_fail_of_noise_as_rarely_as_they_say():
+    rng = np.random.default_rng(1)
+    failed = {}
+    for _ in range(400):
+        for name, outcome in outcomes(rng.normal(size=60)).items():
+            failed[name] = failed.get(name, 0) + (outcome == "failed")
+    assert max(failed.values()) <= 13  # 4 expected of 400; more with probability 1e-4
+
+
+def test_several_results_in_one_page():
+    results = [later(1, 1.0, "2021-03-01"), later(2, 1.001, "2023-03-01"), later(3, 1.01, "2025-03-01")]
+    page = report.content(results, "html", ["a", "b", "c"])
+    assert len(page) <= LIMIT
+    found = Reader(page.decode())
+    assert found.open == []
+    for figure in found.figures.values():
+        go.Figure(figure)
+    change = found.figures["drift1"]["data"][0]
+    assert change["x"] == ["2021-03-01", "2023-03-01", "2025-03-01"]
+    np.testing.assert_allclose(change["y"], [0.0, 0.1, 1.0], atol=1e-6)
+    curves = [t for t in found.figures["curves"]["data"] if t.get("yaxis") == "y2"]
+    np.testing.assert_allclose(curves[2]["y"], 1.0, atol=1e-6)
+
+
+def test_without_plotly_the_remedy_is_named(monkeypatch):
+    from vibrident.report import page
+
+    page._plotly.cache_clear()
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"vibrident\[report\]"):
+        report.content(table2(), "html")
+    page._plotly.cache_clear()
