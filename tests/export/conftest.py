@@ -1,4 +1,4 @@
-"""Make ``results`` importable under every import mode of pytest."""
+"""Make ``export_results`` importable under every import mode of pytest."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from lxml import etree
-from results import CASES, PAPER, case, paper, result
+from export_results import CASES, PAPER, case, paper, result
 
 from vibrident.errors import InputError
 from vibrident.export import export
