@@ -6,8 +6,8 @@ import re
 from dataclasses import replace
 
 import pytest
-from lxml import etree
 from export_results import CASES, PAPER, case, paper, result
+from lxml import etree
 
 from vibrident.errors import InputError
 from vibrident.export import export
