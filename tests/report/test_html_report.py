@@ -159,6 +159,16 @@ def test_the_labels_of_the_points_state_value_and_uncertainty():
         assert_rounded(u, 2 * result.measured.magnitude_uncertainty[i], 1e3)
 
 
+def test_a_choice_of_records_only_where_there_is_one():
+    """The page's script looks for a choice wherever a list of figures stands."""
+    for sample in SAMPLES:
+        page = sample_page(sample).decode()
+        chosen = page.count("<option>")
+        lists = [f for f in Reader(page).figures.values() if isinstance(f, list)]
+        assert chosen == sum(len(figures) for figures in lists)
+        assert page.count("<select") == len(lists)
+
+
 def test_crowds_are_thinned_and_it_is_said():
     page = read(dense_points())
     points = next(t for t in page.figures["deviation"]["data"] if str(t.get("name")).startswith("model −"))

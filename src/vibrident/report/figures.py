@@ -21,6 +21,8 @@ from vibrident.result import Curve, MeasuredCurve, Result, Signal
 Figure = dict[str, Any]
 #: Measured points drawn; more are thinned evenly, and the caption says so.
 MOST_POINTS = 800
+#: Points beyond which they have no bars.
+CROWD = 150
 #: Samples of all records together that are drawn, and periods of a sine; what is left out is said.
 MOST_SAMPLES, PERIODS = 12_000, 6.0
 #: Records that can be chosen from; of more, these many spread over frequency.
@@ -80,8 +82,19 @@ def _band(x: FloatArray, low: FloatArray, high: FloatArray, **place: Any) -> lis
 
 
 def bars(half: FloatArray) -> dict[str, Any]:
-    """Bars of these half lengths."""
-    return {"type": "data", "array": listed(half), "thickness": 1.2, "width": 3, "visible": bool(half.size)}
+    """Bars of these half lengths; not drawn for a crowd of points, where they would hide everything else."""
+    return {"type": "data", "array": listed(half), "thickness": 1.2, "width": 3, "visible": 0 < half.size <= CROWD}
+
+
+def _limits(x: FloatArray, half: FloatArray, place: str) -> list[Any]:
+    """Lines at ±U, which take the place of a crowd's bars."""
+    if x.size <= CROWD or not np.isfinite(half).any():
+        return []
+    order = np.argsort(x)
+    look = {"mode": "lines", "line": {"color": "#000000", "width": 1.2, "dash": "dash"}, "hoverinfo": "skip"}
+    line = {"x": listed(x[order]), "name": "measured, U (k = 2)", "yaxis": place, **look}
+    upper = {**line, "y": listed(half[order]), "showlegend": place == "y"}
+    return [upper, {**line, "y": listed(-half[order]), "showlegend": False}]
 
 
 def _u(curve: Curve, quantity: str) -> FloatArray:
@@ -225,6 +238,7 @@ def deviation(result: Result) -> Figure | None:
                 "yaxis": place,
             }
         )
+        data += _limits(frequency[chosen], half[chosen], place)
     several = len(panels) > 1
     zero = {"zeroline": True, "zerolinecolor": "#444444"}
     layout = {

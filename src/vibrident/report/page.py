@@ -49,7 +49,7 @@ class Page:
         """A chart with its caption, or a choice of charts; nothing where there is no content."""
         if not content:
             return ""
-        self.figures[name] = content
+        self.figures[name] = content[0] if isinstance(content, list) and len(content) == 1 else content
         options = "".join(f"<option>{text(choice)}</option>" for choice in choices)
         chosen = f'<select aria-label="record">{options}</select>' if len(choices) > 1 else ""
         label = escape(caption, quote=True)
@@ -149,7 +149,9 @@ def table(content: Table | None) -> str:
 
 
 def _cell(kind: str, content: str, number: bool) -> str:
-    return f"<{kind}{' class=n' if number else ''}>{formulas(text(content))}</{kind}>"
+    word = " " not in content and len(content) <= 24  # a date, say, which browsers break at its hyphens
+    mark = " class=n" if number else " class=w" if word else ""
+    return f"<{kind}{mark}>{formulas(text(content))}</{kind}>"
 
 
 def pairs(rows: Iterable[tuple[str, str | None]]) -> str:
