@@ -32,7 +32,6 @@ def export(
     name: str = "sensor",
     schema: str | os.PathLike[str] | None = None,
     country: str | None = None,
-    language: str = "en",
     channel: str | None = None,
 ) -> list[Path]:
     """Write a result in another program's form.
@@ -47,7 +46,6 @@ def export(
         name: of the files, and of what is defined in them.
         schema: XSD to validate ``dcc`` against.
         country: ISO 3166-1 code of the laboratory's country, for ``dcc``.
-        language: ISO 639-1 code of the texts, for ``dcc``.
         channel: NET.STA.LOC.CHA for ``stationxml`` and ``sacpz``.
 
     Returns:
@@ -67,7 +65,7 @@ def export(
         )
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
-    options = Options(rate_hz, band, tuple(without), name, xsd, country, language, channel)
+    options = Options(rate_hz, band, tuple(without), name, xsd, country, channel)
     sensor = sensor_of(result, band).without(options.without)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)

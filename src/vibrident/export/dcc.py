@@ -14,7 +14,7 @@ from vibrident import __version__
 from vibrident.errors import InputError
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_schema import validate
-from vibrident.export.dcc_tree import DCC, SI, Tree, cleaned, identified
+from vibrident.export.dcc_tree import DCC, LANGUAGE, SI, Tree, cleaned, identified
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
 from vibrident.report.coverage import coverage
@@ -22,6 +22,8 @@ from vibrident.result import Result
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
+#: The role of who signs; an operator alone is responsible, but no signer unless it is said.
+_SIGNER = "approved by"
 #: Keys of [certificate] without which there is no certificate.
 _NEEDED = ("number", "laboratory", "customer", "date_of_calibration")
 
@@ -34,7 +36,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
             the certificate, or a library is missing.
     """
     _check(sensor.result, options)
-    tree = Tree(options.language)
+    tree = Tree()
     root = _certificate(tree, sensor.result, options)
     text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if options.schema is not None:
@@ -57,16 +59,15 @@ def _check(result: Result, options: Options) -> None:
             where="result.json, certificate and sensor",
             remedy="add it to the calibration file and identify again",
         )
-    for name, value, length in (("--country", options.country, 2), ("--language", options.language, 2)):
-        kind = "upper" if name == "--country" else "lower"
-        if value is None or len(value) != length or not value.isascii() or value != getattr(value, kind)():
-            raise InputError(
-                "The certificate needs the country of the laboratory." if value is None else "The code is none.",
-                expected="two capitals (ISO 3166-1), such as DE" if kind == "upper" else "two letters (ISO 639-1): en",
-                found=repr(value),
-                where=name,
-                remedy=f"give {name}",
-            )
+    country = options.country
+    if country is None or len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
+        raise InputError(
+            "The certificate needs the country of the laboratory.",
+            expected="two capitals (ISO 3166-1), such as DE",
+            found=repr(country),
+            where="--country",
+            remedy="give --country",
+        )
 
 
 def _certificate(tree: Tree, result: Result, options: Options) -> Any:
@@ -95,8 +96,8 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
     core = make(
         "coreData",
         make("countryCodeISO3166_1", text=options.country),
-        make("usedLangCodeISO639_1", text=options.language),
-        make("mandatoryLangCodeISO639_1", text=options.language),
+        make("usedLangCodeISO639_1", text=LANGUAGE),
+        make("mandatoryLangCodeISO639_1", text=LANGUAGE),
         make("uniqueIdentifier", text=cleaned(f"{stated['laboratory']} {stated['number']}")),
         make(
             "identifications",
@@ -120,7 +121,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make("model", text=cleaned(kind)) if kind else None,
         make("identifications", made),
     )
-    persons = [(stated.get("approved_by"), "approved by"), (stated.get("operator"), "operator")]
+    persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
     signed = [(name, role) for name, role in persons if name]
     return make(
         "administrativeData",
@@ -141,9 +142,9 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
                     "respPerson",
                     make("person", text("name", str(name))),
                     make("role", text=role),
-                    make("mainSigner", text="true" if k == 0 else "false"),
+                    make("mainSigner", text="true") if role == _SIGNER else None,
                 )
-                for k, (name, role) in enumerate(signed)
+                for name, role in signed
             ),
         ),
         _contact(tree, "customer", stated["customer"], stated.get("customer_address"), None),

@@ -1,4 +1,4 @@
-"""Elements of a certificate: both namespaces, texts in one language, numbers with all their digits."""
+"""Elements of a certificate: both namespaces, texts in English, numbers with all their digits."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from typing import Any
 
 from vibrident.export.missing import library
 
+#: Of every text that is written here, by ISO 639-1.
+LANGUAGE = "en"
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 
 
 class Tree:
-    """Elements of both namespaces, in one language."""
+    """Elements of both namespaces."""
 
-    def __init__(self, language: str) -> None:
+    def __init__(self) -> None:
         self.etree = library("lxml.etree", "dcc")
-        self.language = language
 
     def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
         """An element; ``si:`` before a tag puts it there, else it is DCC's."""
@@ -25,8 +26,8 @@ class Tree:
         return element
 
     def text(self, tag: str, *lines: str) -> Any:
-        """Text in the certificate's language, one ``content`` a line."""
-        return self.make(tag, *(self.make("content", text=cleaned(line), lang=self.language) for line in lines))
+        """Text in English, one ``content`` a line."""
+        return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
 
 
 def identified(tree: Tree, text: object) -> Any:

@@ -23,7 +23,6 @@ class Options:
         name: of files, and of what is defined in them.
         schema: XSD to validate a certificate against.
         country: ISO 3166-1 code of the calibration laboratory, for a certificate.
-        language: ISO 639-1 code of the certificate's texts.
         channel: NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX).
     """
 
@@ -33,7 +32,6 @@ class Options:
     name: str = "sensor"
     schema: Path | None = None
     country: str | None = None
-    language: str = "en"
     channel: str | None = None
 
     def __post_init__(self) -> None:

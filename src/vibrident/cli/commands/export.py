@@ -48,7 +48,6 @@ def export(
     country: Annotated[
         str | None, typer.Option("--country", metavar="XX", help="dcc: ISO 3166-1 code of the laboratory's country.")
     ] = None,
-    language: Annotated[str, typer.Option("--language", metavar="xx", help="dcc: ISO 639-1 code of the texts.")] = "en",
     channel: Annotated[
         str | None,
         typer.Option("--channel", metavar="NET.STA.LOC.CHA", help="stationxml, sacpz: codes of the channel."),
@@ -74,7 +73,6 @@ def export(
             name=name,
             schema=schema,
             country=country,
-            language=language,
             channel=channel,
         )
     out().print(terminal.written_lines(output.files))
