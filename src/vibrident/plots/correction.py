@@ -77,7 +77,7 @@ def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str
     upper.plot(*envelope(time, a), color=style.BLACK, lw=1.0, label="restored")
     _limits(upper, a)
     band = correction.band
-    heading = f"{style.shortened(record.name, 28)} · {_hertz(band.low_hz)} to {_hertz(band.high_hz)} Hz"
+    heading = f"{style.shortened(record.name, 28)} · {_range(band.low_hz, band.high_hz)}"
     if correction.peak is not None:
         heading += f"\npeak {correction.peak.value:.5g}, u = {correction.peak.standard_uncertainty:.2g}"
     upper.set_title(heading, fontsize=8)
@@ -98,8 +98,9 @@ def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str
     upper.tick_params(labelbottom=False)
 
 
-def _hertz(value: float) -> str:
-    return f"{value:.4g}"
+def _range(low_hz: float, high_hz: float) -> str:
+    scale = scaled("Hz", high_hz)
+    return f"{low_hz * scale.factor:.3g} to {high_hz * scale.factor:.4g} {scale.unit}"
 
 
 def _limits(axes: object, a: FloatArray) -> None:
