@@ -22,13 +22,16 @@ PIP_INSTALL = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test lint format bench clean
+.PHONY: help demo reproduce test lint format bench clean
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(CORE)  ## simulated calibration, identification and report, into demo/
 	$(BIN)/vibrident demo --out demo
+
+reproduce: $(CORE)  ## the paper's tables and figures beside ours, into reproduction/ (up to 20 minutes)
+	$(BIN)/vibrident reproduce --out reproduction
 
 test: $(DEV)  ## all tests
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(CI),--durations=10) $(PYTEST_ARGS)
@@ -55,7 +58,7 @@ bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 	@touch $@
 
 clean:  ## remove what make and the tools have made
-	rm -rf $(CORE) $(DEV) .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo
+	rm -rf $(CORE) $(DEV) .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { \

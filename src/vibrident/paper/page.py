@@ -17,8 +17,8 @@ from vibrident.paper.tables import Table, all_tables
 TITLE = "An IPNN-Based Parameter Identification Method for a Vibration Sensor Sensitivity Model, reproduced"
 _SOURCE = (
     "Li, Liu, Cai, Yao, Pan, Yang. Mathematics 2025, 13(22), 3609. Every table and figure of the paper from this "
-    "package, the paper's numbers in italics beside ours; docs/paper.md explains them. The paper's data "
-    "are not public: section 5 is rerun on a simulated interferometer, and on measured records of another sensor where they are at "
+    "package, the paper's numbers in italics beside ours; docs/paper.md explains them. The paper's data are private: "
+    "section 5 is rerun on a simulated interferometer, and on measured records of another sensor where they are at "
     "hand; each table says which."
 )
 _STYLE = (

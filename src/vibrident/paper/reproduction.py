@@ -117,7 +117,7 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     sections_5 = [experiment(e, settings, rows, stages) for e, rows in zip(experiments, recurrent[1:], strict=True)]
     whole = full_range(settings, stages) if settings.full_range else None
     with stages("Error against sampling rate") as progress:
-        rates = tuple(error_by_rate(settings.rates_hz, seed=settings.seed, progress=progress))
+        found = error_by_rate(settings.rates_hz, settings.discretisations, seed=settings.seed, progress=progress)
     with stages("Error against noise") as progress:
         noise = error_by_noise(first.own, settings.levels, settings.draws, seed=settings.seed, progress=progress)
     return Reproduction(
@@ -126,7 +126,7 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
         sections_5[0],
         sections_5[1] if len(sections_5) > 1 else None,
         whole,
-        rates,
+        tuple(found),
         noise,
         time.perf_counter() - begin,
     )

@@ -20,6 +20,7 @@ class Settings:
         rate_hz: sampling rate of sections 4 and 5; the paper does not state its own.
         samples: of every record.
         schedule: of everything trained by Adam.
+        discretisations: of the study of sampling rates, Euler's among them.
         rates_hz: of the study of sampling rates.
         levels: of response noise in the study of noise, as fractions of each record's rms; 0.01 must be among them.
         draws: realisations at each level.
@@ -33,6 +34,7 @@ class Settings:
     rate_hz: float = 51200.0
     samples: int = 16000
     schedule: Schedule = field(default_factory=Schedule)
+    discretisations: tuple[str, ...] = ("euler", "zoh", "foh", "tustin", "bandlimited")
     rates_hz: tuple[float, ...] = (12800.0, 25600.0, 51200.0, 102400.0, 204800.0, 409600.0, 1024000.0)
     levels: tuple[float, ...] = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
     draws: int = 12

@@ -22,7 +22,6 @@ from vibrident.records import Calibration
 from vibrident.simulation import simulate, with_noise
 
 BAND_HZ = (10.0, 1000.0)
-DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
 #: Motions of the study of rates: the same at every rate, so the excitation's noise ends below what the lowest shows.
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
 RATE_DURATION_S, RATE_NOISE_HZ = 0.16, 4000.0
@@ -50,8 +49,10 @@ class RatePoint:
     peak_percent: float | None
 
 
-def error_by_rate(rates_hz: Sequence[float], *, seed: int, progress: Progress | None = None) -> list[RatePoint]:
-    """Optimum of the plain mean squared error for every discretisation, on the same exact motion at every rate."""
+def error_by_rate(
+    rates_hz: Sequence[float], discretisations: Sequence[str], *, seed: int, progress: Progress | None = None
+) -> list[RatePoint]:
+    """Optimum of the plain mean squared error for each discretisation, on the same exact motion at every rate."""
     points = []
     for rate in rates_hz:
         calibration = simulate(
@@ -64,10 +65,10 @@ def error_by_rate(rates_hz: Sequence[float], *, seed: int, progress: Progress | 
             excitation_noise_band_hz=(0.0, RATE_NOISE_HZ),
             seed=seed,
         )
-        for name in DISCRETISATIONS:
+        for name in discretisations:
             points.append(_at_rate(calibration, name, rate))
             if progress is not None:
-                progress(len(points), len(rates_hz) * len(DISCRETISATIONS), points[-1].mean_percent or np.nan)
+                progress(len(points), len(rates_hz) * len(discretisations), points[-1].mean_percent or np.nan)
     return points
 
 
