@@ -17,7 +17,7 @@ from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import BAND_HZ, Section
-from vibrident.paper.studies import DISCRETISATIONS, NOISE_METHODS, PARAMETERS
+from vibrident.paper.studies import NOISE_METHODS, PARAMETERS
 from vibrident.paper.unrolled import plain_model
 from vibrident.plots import style
 from vibrident.records import FloatArray
@@ -158,7 +158,7 @@ def _unit(section: Section) -> str:
 def by_rate(run: Reproduction) -> Figure:
     """Parameter error against sampling rate for every discretisation."""
     lines: dict[str, list[tuple[str, list[float], list[float]]]] = {panel: [] for panel in _PANELS}
-    for discretisation in DISCRETISATIONS:
+    for discretisation in run.settings.discretisations:
         points = [p for p in run.rates if p.discretisation == discretisation and p.errors is not None]
         rates = [p.rate_hz for p in points]
         for name in PARAMETERS:

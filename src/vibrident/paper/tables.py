@@ -16,7 +16,7 @@ from vibrident.paper.dataset import SENSOR
 from vibrident.paper.metrics import CurveDeviation, Metrics
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import Section
-from vibrident.paper.studies import DISCRETISATIONS, PARAMETERS
+from vibrident.paper.studies import PARAMETERS
 from vibrident.records import STANDARD_GRAVITY
 
 
@@ -239,14 +239,14 @@ def rates(run: Reproduction) -> Table:
         if errors is not None and peak is not None:
             named = ("resonance_frequency", "damping_ratio")
             euler = [_percent(100.0 * errors[name]) if name in errors else "–" for name in named] + [_percent(peak)]
-        means = [at[name].mean_percent for name in DISCRETISATIONS]
+        means = [at[name].mean_percent for name in run.settings.discretisations]
         rows.append((f"{rate / 1e3:g}", *euler, *("–" if m is None else f"{m:.2g}" for m in means)))
     head = (
         "rate in kHz",
         "Euler: f0 in %",
         "δ in %",
         "curve at f0 in %",
-        *(f"{n}: mean in %" for n in DISCRETISATIONS),
+        *(f"{n}: mean in %" for n in run.settings.discretisations),
     )
     note = (
         "Optimum of the plain mean squared error, noise-free exact responses, the same motion at every rate. Euler is "
