@@ -35,6 +35,7 @@ LAYERS = (
     "estimators",
     "uncertainty",
     "assemble",
+    "scrutiny",
     "identification",
     "prediction",
     "correction",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from vibrident.errors import InputError
 from vibrident.estimators import Estimate
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.measure import MeasuredResponse
+from vibrident.measure.overtones import Overtone, audible, overtones
 from vibrident.network import weight_table
 from vibrident.problem import Evidence, TimeProblem
 from vibrident.problem.frequency_domain import response_residual
@@ -44,6 +45,9 @@ class Judgement:
         scatter: standard deviation of the weighted residuals where no uncertainty was stated, else None.
         signals: excerpts for pictures.
         weights: the network's weights as the paper's Table 1.
+        tones: of the sine records, cleaned; None without sines.
+        points: what the adequacy is made of, those of the tones first.
+        overtones: records in whose response the sensor adds harmonics.
     """
 
     adequacy: Adequacy
@@ -53,6 +57,9 @@ class Judgement:
     scatter: float | None = None
     signals: tuple[Signal, ...] = ()
     weights: dict[str, Any] = field(default_factory=dict)
+    tones: MeasuredResponse | None = None
+    points: tuple[Points, ...] = ()
+    overtones: tuple[Overtone, ...] = ()
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
@@ -64,6 +71,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
     points: list[Points] = []
+    tones = None
     if evidence.tones is not None:
         tones = estimate.tones or _tones(evidence, estimate, values)
         names = [r.name for r in evidence.records]
@@ -71,8 +79,15 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
     predicted, weights = _predict(evidence, estimate)
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
-    points += band_points([evidence.records[i] for i in others], [predicted[i] for i in others], response)
+    noise = estimate.settings.get("reference_noise", ())
+    points += band_points(
+        [evidence.records[i] for i in others],
+        [predicted[i] for i in others],
+        response,
+        [noise[i] for i in others] if noise else (),
+    )
     adequacy = assess(points, len(estimate.z))
+    added = () if tones is None else audible(overtones(evidence.records, tones, predicted))
     birge = _birge(estimate, evidence, points, adequacy)
     chi2 = adequacy.chi2_reduced or 0.0
     worst = _worst(points, response)
@@ -80,8 +95,11 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
         f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
     )
+    if added and adequacy.adequate:
+        adequacy = replace(adequacy, adequate=False)
+        text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
     signals = _excerpts(evidence, predicted)
-    return Judgement(adequacy, text, birge, predicted, None, signals, weights)
+    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), added)
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:

@@ -17,10 +17,12 @@ from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_re
 from vibrident.errors import ModelError
 from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
 from vibrident.estimators.optimise import Progress, silent
+from vibrident.measure.drift import without_drift
 from vibrident.models import SensorModel, parse
 from vibrident.problem import Evidence
 from vibrident.records import Calibration
 from vibrident.result import Result, ResultWarning, Training
+from vibrident.scrutiny import second_thoughts
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
 from vibrident.uncertainty.curve import frequencies
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
@@ -70,10 +72,15 @@ def identify(
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    estimate = chosen.fit(evidence, progress)
-    judgement = judge_table(evidence, estimate) if calibration.table else judge_records(evidence, estimate)
+    estimate, judgement = _fitted(evidence, chosen, progress)
+    records, drifts = without_drift(evidence.records, judgement.predicted)
+    if drifts:
+        evidence = evidence.with_records(records)
+        estimate, judgement = _fitted(evidence, chosen, progress)
     covariance, freedom, scope = _scaled(evidence, estimate, judgement, uncertainty)
     weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
+    warnings += [ResultWarning(finding.code, finding.message) for finding in drifts]
+    more = [*second_thoughts(evidence, estimate, judgement, covariance), *_learned(estimate)]
     covariance = with_reference(covariance, estimate.z, sensor_model, calibration.reference_standard_uncertainty)
     settings = {
         **estimate.settings,
@@ -99,7 +106,7 @@ def identify(
         fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
         response=response,
         measured=measured_curve(estimate, judgement.adequacy, calibration.quantity),
-        warnings=_warnings(evidence, sensor_model, table, judgement, warnings, scope),
+        warnings=_warnings(evidence, sensor_model, table, judgement, [*warnings, *more], scope),
         sensor=dict(calibration.sensor),
         reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
         response_unit=calibration.response_unit,
@@ -109,6 +116,12 @@ def identify(
         certificate=dict(calibration.certificate),
     )
     return replace(result, settings={**result.settings, "time_s": time.perf_counter() - begin})
+
+
+def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
+    estimate = estimator.fit(evidence, progress)
+    judge = judge_table if evidence.calibration.table else judge_records
+    return estimate, judge(evidence, estimate)
 
 
 def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
@@ -168,6 +181,18 @@ def _warnings(
         )
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)
+
+
+def _learned(estimate: Estimate) -> list[ResultWarning]:
+    """What a learned residual takes on itself is not explained by the model."""
+    residual = estimate.settings.get("residual_network", {})
+    if not residual.get("kept"):
+        return []
+    text = (
+        f"The model alone does not explain the data: a learned residual carries {100 * residual['share']:.2g} % of the "
+        "response (settings, residual_network). Parameters and curve are the model's own."
+    )
+    return [ResultWarning("lack_of_fit", text)]
 
 
 def _training(estimate: Estimate) -> Training:

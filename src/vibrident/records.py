@@ -175,6 +175,10 @@ class Record:
         provenance = self.provenance.then(f"{int(np.sum(bad & self.mask))} samples left out: {reason}")
         return replace(self, valid=self.mask & ~bad, provenance=provenance)
 
+    def with_response(self, response: FloatArray, reason: str) -> Record:
+        """Return the record with another response, shape (samples,), and what was done to it."""
+        return replace(self, response=response, provenance=self.provenance.then(reason))
+
 
 def _check_channel(label: str, values: FloatArray, shape: tuple[int, ...], where: str) -> None:
     if values.ndim != 1 or values.shape != shape:

@@ -21,6 +21,7 @@ from vibrident.estimators.free import train_free
 from vibrident.estimators.harmonic_start import with_harmonic_start
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
+from vibrident.estimators.reference_noise import reference_noise
 from vibrident.estimators.start import find_start
 from vibrident.network.readback import Reading
 from vibrident.problem import Coordinates, Evidence, TimeProblem
@@ -115,6 +116,15 @@ class Ipnn:
                 "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, equations=total
             )
         predicted = tuple(problem.by_record(normal.response))
+        if evidence.model.is_linear:
+            found = reference_noise(problem, normal, noise, coordinates, z)
+            deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+            names = evidence.model.parameter_names
+            settings["reference_noise_doubt"] = dict(zip(names, (found.doubt / deviation).tolist(), strict=True))
+            if np.any(found.deviation > 0):
+                settings["reference_noise"] = found.deviation.tolist()
+                settings["reference_noise_bias"] = dict(zip(names, (found.bias / deviation).tolist(), strict=True))
+                z = z - found.bias
         return Estimate(
             "ipnn",
             coordinates,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,10 @@ LINES_IN_BAND = 6
 BANDS_PER_OCTAVE = 12
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
+#: … and where at least this part of the response is coherent with it, unless that leaves fewer bands than this.
+LEAST_COHERENCE, FEWEST_BANDS = 0.4, 6
+#: A band of which noise of the reference makes up more than this part of the prediction says nothing of the model.
+MOST_SHARED = 0.3
 
 
 def measure_bands(records: Sequence[Record]) -> MeasuredResponse | None:
@@ -45,10 +50,15 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
     window = window * mask
     signals = np.stack([np.asarray(record.reference), record.response], axis=1)
     signals = signals - signals[mask].mean(axis=0)
-    spectrum = np.asarray(fft.rfft(signals * window[:, None], axis=0)) * 2.0 / np.sum(window)
+    spectrum = np.asarray(fft.rfft(signals * window[:, None], axis=0), dtype=complex) * 2.0 / np.sum(window)
     edges = band_edges(n, rate).astype(int)
     power = np.array([np.mean(np.abs(spectrum[a:b, 0]) ** 2) for a, b in itertools.pairwise(edges)])
-    keep = np.flatnonzero(power > LEAST_POWER * power.max())
+    coherence = np.array([_coherence(spectrum[a:b]) for a, b in itertools.pairwise(edges)])
+    excited = power > LEAST_POWER * power.max()
+    # What of the reference does not show in the response is its own noise, beyond the excitation's band.
+    keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
+    if keep.size < FEWEST_BANDS:
+        keep = np.flatnonzero(excited)
     if power.max() == 0 or keep.size == 0:
         return None
     width = int(np.max(edges[keep + 1] - edges[keep]))
@@ -70,8 +80,15 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
     return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
 
 
+def _coherence(spectrum: NDArray[Any]) -> float:
+    """|Σ Y X*|²/(Σ|X|² Σ|Y|²) over the lines of a band, columns X and Y."""
+    total = np.sum(np.abs(spectrum) ** 2, axis=0)
+    cross = np.abs(np.sum(spectrum[:, 1] * np.conj(spectrum[:, 0]))) ** 2
+    return float(cross / (total[0] * total[1])) if np.all(total > 0) else 0.0
+
+
 def coherent_remainder(
-    record: Record, predicted: FloatArray
+    record: Record, predicted: FloatArray, through: FloatArray | None = None
 ) -> tuple[FloatArray, NDArray[np.complex128], FloatArray, FloatArray] | None:
     """What of a time residual is coherent with the predicted response, by narrow bands.
 
@@ -81,6 +98,9 @@ def coherent_remainder(
     Args:
         record: measured response.
         predicted: shape (samples,), NaN where there is none.
+        through: variance, a sample, of noise of the reference that the sensor did not feel, after the model's |H|², at
+            the spectral lines of the record, shape (samples // 2 + 1,). Such noise is in E and in Ŷ, with opposite
+            signs; it is allowed for, and bands that hold little else are left out.
 
     Returns:
         Frequencies, ρ, standard deviation of the real part of ρ, degrees of freedom; each of shape (bands,). None
@@ -102,8 +122,11 @@ def coherent_remainder(
         total = float(np.sum(power[1, a:b]))
         if total <= LEAST_POWER * strongest * (b - a):
             continue
-        rho = np.sum(spectra[0, a:b] * np.conj(spectra[1, a:b])) / total
-        rest = float(np.sum(np.abs(spectra[0, a:b] - rho * spectra[1, a:b]) ** 2))
+        shared = 0.0 if through is None else float(used.sum() * np.sum(through[a:b]))
+        if shared > MOST_SHARED * total:
+            continue
+        rho = (np.sum(spectra[0, a:b] * np.conj(spectra[1, a:b])) + shared) / total
+        rest = float(np.sum(np.abs(spectra[0, a:b] - (rho if shared == 0.0 else 0.0) * spectra[1, a:b]) ** 2))
         freedom = 2.0 * max((b - a) * float(np.mean(used)) - 1.0, 1.0)
         floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
         variance = max(rest / (b - a - 1.0) / total / 2.0, floor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -43,7 +44,17 @@ class Evidence:
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
-        records, findings = screen(calibration.records)
+        return cls._measured(calibration, model, *screen(calibration.records))
+
+    def with_records(self, records: tuple[Record, ...]) -> Evidence:
+        """The same with records that were worked on; measured anew."""
+        more = self.findings
+        return dataclasses.replace(self._measured(self.calibration, self.model, records, ()), findings=more)
+
+    @classmethod
+    def _measured(
+        cls, calibration: Calibration, model: SensorModel, records: tuple[Record, ...], findings: tuple[Finding, ...]
+    ) -> Evidence:
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
         others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
         tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None

@@ -7,7 +7,7 @@ with the predicted response, against the part that is not. The model is rejected
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,21 +67,32 @@ def tone_points(
     return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
 
 
-def band_points(records: Sequence[Record], predicted: Sequence[FloatArray], response: object) -> list[Points]:
+def band_points(
+    records: Sequence[Record],
+    predicted: Sequence[FloatArray],
+    response: Callable[[FloatArray], ComplexArray],
+    reference_noise: Sequence[float] = (),
+) -> list[Points]:
     """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
 
     Args:
         records: the records.
         predicted: predicted response of each, NaN where there is none.
         response: function from frequencies to the model's complex sensitivity.
+        reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel.
     """
     points = []
-    for record, series in zip(records, predicted, strict=True):
-        found = coherent_remainder(record, series)
+    for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
+        through = None
+        if len(reference_noise) and reference_noise[index] > 0:
+            lines = np.arange(record.samples // 2 + 1) * record.sampling_rate_hz / record.samples
+            lines[0] = lines[1]  # a reference in velocity has no response at zero
+            through = (reference_noise[index] * np.abs(response(lines))) ** 2
+        found = coherent_remainder(record, series, through)
         if found is None:
             continue
         frequency, remainder, deviation, freedom = found
-        model = response(frequency)  # type: ignore[operator]
+        model = response(frequency)
         squares = np.abs(remainder) ** 2 / deviation**2
         relative = deviation / np.abs(1.0 + remainder)
         names = (record.name,) * len(frequency)

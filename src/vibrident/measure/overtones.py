@@ -1,0 +1,101 @@
+"""Harmonics that the sensor adds: what a linear sensor's prediction leaves at the multiples of a tone.
+
+The shaker's own distortion is in the reference, passes through the model and is gone from the residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.special import gammaincc
+
+from vibrident.measure.response import MeasuredResponse
+from vibrident.records import FloatArray, Record
+
+HIGHEST = 5
+#: Harmonics count above this part of the fundamental, and where noise alone would be as strong less often than this in
+#: all records together.
+LEAST, CHANCE = 3e-3, 1e-4
+#: Spectral lines on either side of a harmonic that tell its noise: from the first to the last of these.
+NOISE_LINES = (3, 12)
+
+
+@dataclass(frozen=True)
+class Overtone:
+    """Harmonics of one record's residual.
+
+    Attributes:
+        record: its name.
+        frequency_hz: of the tone.
+        ratio: their rms over the response's fundamental.
+        strongest: order of the strongest.
+        probability: that noise alone is as strong.
+    """
+
+    record: str
+    frequency_hz: float
+    ratio: float
+    strongest: int
+    probability: float
+
+
+def audible(found: Sequence[Overtone]) -> tuple[Overtone, ...]:
+    """Those that are beyond doubt and large enough to matter, the strongest first."""
+    least = CHANCE / max(len(found), 1)
+    kept = [tone for tone in found if tone.ratio > LEAST and tone.probability < least]
+    return tuple(sorted(kept, key=lambda tone: -tone.ratio))
+
+
+def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]) -> list[Overtone]:
+    """Harmonics two to five of what each sine record has beyond its prediction.
+
+    Args:
+        records: all records; ``tones.record`` counts in them.
+        tones: of the sine records.
+        predicted: response predicted for each record, NaN where there is none.
+    """
+    found = []
+    for index, frequency, response in zip(tones.record, tones.frequency_hz, tones.response, strict=True):
+        record, series = records[int(index)], predicted[int(index)]
+        used = record.mask & np.isfinite(series)
+        highest = min(HIGHEST, int(0.4 * record.sampling_rate_hz / frequency))
+        periods = frequency * used.sum() / record.sampling_rate_hz
+        if highest < 2 or used.sum() < 64 or periods < 2.0 * NOISE_LINES[0]:
+            continue
+        residual = np.where(used, record.response - series, 0.0)
+        amplitude, variance = _harmonics(residual, used, float(frequency), record.sampling_rate_hz, highest)
+        power = np.abs(amplitude[1:]) ** 2
+        # Σ|A|²/(2 s²) over h harmonics is Γ(h, 1) for noise alone; s² comes from a few lines, so allow for its spread.
+        statistic = float(np.sum(power / (2.0 * variance[1:]))) / (1.0 + 2.0 / (NOISE_LINES[1] - NOISE_LINES[0]))
+        size = float(np.sqrt(np.sum(power)) / abs(response))
+        order = int(np.argmax(power)) + 2
+        chance = float(gammaincc(highest - 1, statistic))
+        found.append(Overtone(record.name, float(frequency), size, order, chance))
+    return found
+
+
+def _harmonics(
+    residual: FloatArray, used: np.ndarray, frequency: float, rate: float, highest: int
+) -> tuple[np.ndarray, FloatArray]:
+    """Complex amplitudes of harmonics 1…highest, and the variance of their real parts from lines beside them."""
+    n = residual.shape[0]
+    times = np.arange(n) / rate
+    orders = np.arange(1, highest + 1)
+    angle = 2.0 * np.pi * frequency * np.outer(orders, times)
+    rows = np.concatenate([np.cos(angle), np.sin(angle), np.ones((1, n))]) * used
+    found, *_ = np.linalg.lstsq(rows @ rows.T, rows @ residual, rcond=1e-12)
+    amplitude = found[:highest] - 1j * found[highest : 2 * highest]
+    left = (residual - found @ rows) * used
+    window = np.hanning(n)
+    power = np.abs(np.asarray(fft.rfft(left * window))) ** 2 * 2.0 / (np.sum(window**2) * max(int(used.sum()), 1))
+    variance = np.empty(highest)
+    first, last = NOISE_LINES
+    offsets = np.concatenate([np.arange(-last, -first + 1), np.arange(first, last + 1)])
+    for h in orders:
+        lines = round(h * frequency * n / rate) + offsets
+        lines = lines[(lines > 0) & (lines < power.shape[0])]
+        variance[h - 1] = np.mean(power[lines]) if lines.size else np.inf
+    return amplitude, np.maximum(variance, 1e-300)

@@ -1,0 +1,156 @@
+"""Second thoughts about a fit: the doubts that show only once a model is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+
+from vibrident.assemble import Judgement
+from vibrident.errors import VibridentError
+from vibrident.estimators import Estimate
+from vibrident.estimators.start import find_start
+from vibrident.models import SensorModel
+from vibrident.problem import Evidence, FrequencyProblem
+from vibrident.records import FloatArray, Quantity
+from vibrident.result import ResultWarning
+from vibrident.uncertainty.agreement import estimators_disagree
+from vibrident.uncertainty.amplitude import amplitude_dependence
+from vibrident.uncertainty.band import band_sensitive
+from vibrident.uncertainty.linearised import Linearised
+
+#: Another reading of the data is proposed where it fits this many times better, and well.
+BETTER, WELL = 10.0, 4.0
+#: Correction of a bias by noise of the reference that is itself in doubt by more than this many standard
+#: uncertainties.
+DOUBTED_BIAS = 0.5
+
+
+def second_thoughts(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+) -> list[ResultWarning]:
+    """Warnings ``nonlinear``, ``band_sensitive``, ``estimators_disagree``, ``reference_noise``, ``units_suspect``.
+
+    Args:
+        evidence: the data.
+        estimate: the fit.
+        judgement: what the estimate says of the data.
+        covariance: of the coordinates, as stated, shape (p, p).
+    """
+    warnings = list(_nonlinear(evidence, estimate, judgement))
+    warnings += _moving(evidence, estimate, judgement, covariance)
+    warnings += _reference_noise(estimate)
+    if not judgement.adequacy.adequate:
+        warnings += _misread(evidence)
+    return warnings
+
+
+def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
+    if judgement.overtones:
+        worst = judgement.overtones[0]
+        others = len(judgement.overtones) - 1
+        more = f", and in {others} more record{'s' if others > 1 else ''}" if others else ""
+        text = (
+            f"{worst.record}: the sensor adds {100 * worst.ratio:.2g} % of harmonics to {worst.frequency_hz:.4g} Hz, "
+            f"most at {worst.strongest} times that{more}; a linear sensor adds none."
+        )
+        yield ResultWarning("nonlinear", text)
+    tones = judgement.tones
+    if tones is None or not evidence.model.is_linear:
+        return
+    points = judgement.points[0]
+    linear = Linearised.of_points(
+        estimate.coordinates, estimate.z, evidence.quantity, points.frequency_hz, points.measured,
+        points.relative_deviation,
+    )  # fmt: skip
+    values = estimate.coordinates.values(estimate.z)
+    model = np.asarray(evidence.model.frequency_response(values, points.frequency_hz, "acceleration"))
+    found = amplitude_dependence(linear, model, tones.response, points.relative_deviation)
+    if found is not None:
+        text = (
+            f"The response depends on the amplitude, as with a spring that is not linear: up to "
+            f"{100 * found.largest:.2g} % at the tones ({found.sigma:.1f} standard deviations)."
+        )
+        yield ResultWarning("nonlinear", text)
+
+
+def _moving(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+) -> list[ResultWarning]:
+    """Parameters that another part of the data, or another estimator, would move."""
+    if not evidence.model.is_linear:
+        return []  # a transfer function says nothing of what makes it nonlinear
+    coordinates, z, quantity = estimate.coordinates, estimate.z, evidence.quantity
+    adequacy = judgement.adequacy
+    if evidence.calibration.table is not None:
+        problem = evidence.first_look
+        assert problem is not None
+        linear = Linearised.of_table(coordinates, z, problem)
+        factor = judgement.scatter**2 if judgement.scatter is not None else judgement.birge**2
+        return band_sensitive(linear, coordinates, z, factor)
+    linear = Linearised.of_points(
+        coordinates, z, quantity, adequacy.frequency_hz, adequacy.measured, adequacy.relative_deviation
+    )
+    warnings = band_sensitive(linear, coordinates, z, max(adequacy.chi2_reduced or 1.0, 1.0))
+    if judgement.tones is not None and estimate.estimator != "ml":
+        part = judgement.points[0]
+        tones = Linearised.of_points(
+            coordinates, z, quantity, part.frequency_hz, part.measured, part.relative_deviation
+        )
+        warnings += estimators_disagree(tones, coordinates, z, covariance, estimate.estimator)
+    return warnings
+
+
+def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
+    doubt = estimate.settings.get("reference_noise_doubt", {})
+    suspects = {name: size for name, size in doubt.items() if size > DOUBTED_BIAS}
+    if not suspects:
+        return []
+    name = max(suspects, key=lambda key: suspects[key])
+    text = (
+        "Noise of the reference that the sensor did not feel cannot be told from noise of the response here; it may "
+        f"have moved {name} by up to {suspects[name]:.1f} standard uncertainties."
+    )
+    return [ResultWarning("reference_noise", text)]
+
+
+def _misread(evidence: Evidence) -> list[ResultWarning]:
+    """A reading of the same data in other units, where it fits far better."""
+    problem = evidence.first_look
+    if problem is None:
+        return []
+    declared = _cost(problem, evidence.model)
+    for text, other in _readings(problem):
+        cost = _cost(other, evidence.model)
+        if cost * BETTER < declared and cost < WELL:
+            return [ResultWarning("units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g}).")]
+    return []
+
+
+def _cost(problem: FrequencyProblem, model: SensorModel) -> float:
+    """Cost of the best start for each degree of freedom, deviations below one per cent not believed."""
+    try:
+        start = find_start(problem, model)
+    except VibridentError:
+        return float("inf")
+    return start.costs[-1] / max(start.equations - len(start.values), 1)
+
+
+def _readings(problem: FrequencyProblem) -> Iterator[tuple[str, FrequencyProblem]]:
+    """The same data with phase in the other unit, of the other sign, or of another reference quantity."""
+    if problem.polar and problem.has_phase:
+        frequency, magnitude, phase, magnitude_u, phase_u = problem.data
+        for text, factor in (
+            ('The phases fit far better as degrees: is phase_unit "rad" right?', np.pi / 180.0),
+            ('The phases fit far better as radians: is phase_unit "deg" right?', 180.0 / np.pi),
+        ):
+            yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, factor * phase_u))
+        text = "The phases fit far better with the other sign: here a lag is negative"
+        yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
+    if problem.quantity != "drive":
+        for quantity in get_args(Quantity):
+            if quantity not in (problem.quantity, "drive"):
+                text = f"The data fit far better with a reference in {quantity}: is its quantity right?"
+                yield text, replace(problem, quantity=quantity)

@@ -1,0 +1,63 @@
+"""Does the response depend on the amplitude? The score test of a cubic stiffness at the fundamentals.
+
+A spring force with the term k3 V³ changes the response to a sine of response amplitude |V| by
+ΔH/H = −(3/4) k3 |V|² H/S0 to first order (describing function; Nayfeh & Mook 1979, sec. 2.3). What of this the
+parameters cannot imitate is looked for in the deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.measure.response import ComplexArray
+from vibrident.records import FloatArray
+from vibrident.uncertainty.linearised import Linearised
+
+#: It counts beyond this many standard deviations, above this relative size, where it explains this part of χ².
+SIGNIFICANT, LEAST, EXPLAINED = 4.5, 1e-3, 0.5
+
+
+@dataclass(frozen=True)
+class AmplitudeDependence:
+    """An effect found.
+
+    Attributes:
+        largest: its largest relative size at any tone.
+        sigma: its size in standard deviations.
+    """
+
+    largest: float
+    sigma: float
+
+
+def amplitude_dependence(
+    linear: Linearised, model: ComplexArray, response: ComplexArray, relative_deviation: FloatArray
+) -> AmplitudeDependence | None:
+    """The effect, where it is beyond doubt.
+
+    Args:
+        linear: the tones, linearised at the estimate.
+        model: the model's sensitivity at the tones, shape (n,).
+        response: measured amplitudes, shape (n,).
+        relative_deviation: of the measured sensitivity's real part, shape (n,).
+    """
+    count, parameters = len(model), linear.matrix.shape[1]
+    if 2 * count < parameters + 4:
+        return None
+    effect = np.abs(response) ** 2 * model
+    effect /= np.max(np.abs(effect))
+    column = np.concatenate([(effect / relative_deviation).real, (effect / relative_deviation).imag])
+    basis, _ = np.linalg.qr(linear.matrix)
+    free = column - basis @ (basis.T @ column)
+    rest = linear.rest - basis @ (basis.T @ linear.rest)
+    power = float(free @ free)
+    if power <= 1e-12 * float(column @ column):
+        return None
+    amount = float(free @ rest) / power
+    explained = amount**2 * power
+    sigma = np.sqrt(explained)
+    if sigma < SIGNIFICANT or abs(amount) < LEAST or explained < EXPLAINED * float(rest @ rest):
+        return None
+    return AmplitudeDependence(abs(amount), float(sigma))

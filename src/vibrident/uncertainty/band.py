@@ -1,0 +1,63 @@
+"""Does a parameter move when the band is cut? A model that is right says the same with any part of its data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.problem import Coordinates
+from vibrident.records import FloatArray
+from vibrident.result import ResultWarning
+from vibrident.uncertainty.linearised import Linearised
+
+#: Part of the frequencies that is cut off, at either end.
+CUT = 1.0 / 3.0
+#: A shift counts beyond this many of its standard deviations …
+SIGNIFICANT = 4.5
+#: … of which none is believed to be below this part of the parameter's own.
+LEAST = 0.1
+#: Shifts of the coordinates (relative, nearly) below this are of no use to anybody.
+IRRELEVANT = 1e-4
+
+
+def band_sensitive(
+    linear: Linearised, coordinates: Coordinates, z: FloatArray, variance_factor: float
+) -> list[ResultWarning]:
+    """A warning for each parameter that the lower or the upper two thirds of the frequencies would move.
+
+    For efficient estimates the variance of the shift is that of the part less that of the whole (Hausman 1978).
+
+    Args:
+        linear: the fit, linearised at ``z``.
+        coordinates: the map from z to parameters.
+        z: the estimate, shape (p,).
+        variance_factor: by which the deviations exceed their stated variance, at least one.
+    """
+    frequencies = np.unique(linear.frequency_hz)
+    if len(frequencies) < 6:
+        return []
+    whole, whole_covariance = linear.solve()
+    low, high = np.quantile(frequencies, [CUT, 1.0 - CUT])
+    worst: dict[int, tuple[float, str]] = {}
+    for keep, label in (
+        (linear.frequency_hz <= high, f"without the frequencies above {high:.4g} Hz"),
+        (linear.frequency_hz >= low, f"without the frequencies below {low:.4g} Hz"),
+    ):
+        if keep.sum() < len(z) + 3:
+            continue
+        part, covariance = linear.solve(keep)
+        shift = part - whole
+        own = np.diag(whole_covariance)
+        spread = np.sqrt(variance_factor * np.maximum(np.diag(covariance) - own, LEAST**2 * own))
+        for index in np.flatnonzero(np.abs(shift) > np.maximum(SIGNIFICANT * spread, IRRELEVANT)):
+            size = float(abs(shift[index]) / spread[index])
+            if size > worst.get(int(index), (0.0, ""))[0]:
+                worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, size))
+    return [ResultWarning("band_sensitive", text) for _, text in worst.values()]
+
+
+def _sentence(coordinates: Coordinates, z: FloatArray, shift: FloatArray, index: int, label: str, size: float) -> str:
+    spec = coordinates.model.parameters[index]
+    moved = np.array(z)
+    moved[index] += shift[index]
+    before, after = coordinates.values(z)[spec.name], coordinates.values(moved)[spec.name]
+    return f"{spec.name} would be about {after:.5g} instead of {before:.5g} {label}: {size:.1f} standard uncertainties."

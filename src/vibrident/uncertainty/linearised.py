@@ -1,0 +1,92 @@
+"""The fit at the excited frequencies, linearised around an estimate: what a part of the data would say.
+
+With H the model and M the measured response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z. Solving for dz with all points,
+or some, shows where an estimate would move without fitting again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.measure.response import ComplexArray
+from vibrident.problem import Coordinates
+from vibrident.problem.frequency_domain import FrequencyProblem
+from vibrident.records import BoolArray, FloatArray, Quantity
+
+#: Step of the central differences in coordinates near one.
+STEP = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Weighted rows ``matrix @ dz ≈ rest``, two a point (magnitude, phase), or one where there is no phase.
+
+    Attributes:
+        frequency_hz: of each row, shape (m,).
+        matrix: shape (m, p), in standard deviations.
+        rest: what the measurement has beyond the model, in standard deviations, shape (m,).
+    """
+
+    frequency_hz: FloatArray
+    matrix: FloatArray
+    rest: FloatArray
+
+    @classmethod
+    def of_points(
+        cls,
+        coordinates: Coordinates,
+        z: FloatArray,
+        quantity: Quantity,
+        frequency_hz: FloatArray,
+        measured: ComplexArray,
+        relative_deviation: FloatArray,
+    ) -> Linearised:
+        """Rows of complex points with the relative standard deviation of their real part, each of shape (n,)."""
+        response, slopes = log_slopes(coordinates, z, quantity, frequency_hz)
+        ratio = measured / response - 1.0
+        scaled = slopes / relative_deviation[:, None]
+        rest = ratio / relative_deviation
+        return cls(
+            np.concatenate([frequency_hz, frequency_hz]),
+            np.concatenate([scaled.real, scaled.imag]),
+            np.concatenate([rest.real, rest.imag]),
+        )
+
+    @classmethod
+    def of_table(cls, coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem) -> Linearised:
+        """Rows of a table's magnitudes, and of its phases where it has them."""
+        frequency, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)
+        response, slopes = log_slopes(coordinates, z, problem.quantity, frequency)
+        size = np.abs(response)
+        matrix = [slopes.real * (size / magnitude_u)[:, None]]
+        rest = [(magnitude - size) / magnitude_u]
+        if problem.has_phase:
+            matrix.append(slopes.imag / phase_u[:, None])
+            rest.append(np.angle(np.exp(1j * phase) / (response / size)) / phase_u)
+        return cls(np.tile(frequency, len(matrix)), np.concatenate(matrix), np.concatenate(rest))
+
+    def solve(self, keep: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Shift dz that the rows ask for, shape (p,), and its covariance, shape (p, p)."""
+        matrix, rest = (self.matrix, self.rest) if keep is None else (self.matrix[keep], self.rest[keep])
+        covariance = inverse_normal(matrix.T @ matrix)
+        return covariance @ (matrix.T @ rest), covariance
+
+
+def log_slopes(
+    coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency_hz: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Model response, shape (n,), and ∂ log H/∂z by central differences, shape (n, p)."""
+
+    def response(at: FloatArray) -> ComplexArray:
+        return np.asarray(coordinates.model.frequency_response(coordinates.values(at), frequency_hz, quantity))
+
+    middle = response(z)
+    slopes = np.empty((len(frequency_hz), len(z)), dtype=complex)
+    for index in range(len(z)):
+        step = np.zeros(len(z))
+        step[index] = STEP
+        slopes[:, index] = (response(z + step) - response(z - step)) / (2.0 * STEP * middle)
+    return middle, slopes
