@@ -1,7 +1,8 @@
 """The response that a result foretells for the motion of other records, and how well it meets the response measured
 there.
 
-The network runs with the result's parameters and, where the result was trained with one, its discretisation. What
+The network runs with the result's parameters, the discretisation it was trained with, and its learned residual where
+it has one. What
 belongs to a record and not to the sensor, the state at its first sample and its offset, is fitted to the record's own
 response; a record of n samples has n − 3 left to judge the prediction by.
 """
@@ -16,6 +17,7 @@ import numpy as np
 
 from vibrident.discretize import method
 from vibrident.errors import InputError
+from vibrident.estimators.residual_network import saved_model
 from vibrident.measure import Finding, screen
 from vibrident.models import SensorModel, parse
 from vibrident.problem import Coordinates, TimeProblem
@@ -85,7 +87,7 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     """Predict the response of a calibration's records.
 
     Args:
-        result: of an identification; its model and estimated parameters are used.
+        result: of an identification; its model, estimated parameters and learned residual are used.
         calibration: records of the same kind of sensor; its own model name is not used.
 
     Raises:
@@ -96,6 +98,8 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     _check_units(result, calibration)
     records, findings = screen(calibration.records)
     name = str(result.settings.get("discretisation") or "bandlimited")
+    model, learned = saved_model(model, result.settings)
+    values |= learned
     problem = TimeProblem.build(records, model, method(name), calibration.quantity, values)
     coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
     predicted = problem.predict(coordinates, coordinates.first)

@@ -21,6 +21,7 @@ class EstimatorOptions:
     steps: int | None = None
     learning_rate: float | None = None
     weighting: str | None = None
+    residual: bool | None = None
 
     def given(self) -> dict[str, Any]:
         """Name and value of those given."""
@@ -34,6 +35,7 @@ _OWNER = {
     "steps": "ipnn",
     "learning_rate": "ipnn",
     "weighting": "lsm",
+    "residual": "ipnn",
 }
 
 
@@ -69,6 +71,10 @@ def estimator(name: str, options: EstimatorOptions) -> EstimatorName | Estimator
     given = options.given()
     if not given:
         return name  # type: ignore[return-value]
+    if given.pop("residual", False):
+        from vibrident.estimators.residual_network import ResidualIpnn
+
+        return ResidualIpnn(physics=Ipnn(**given))
     return Ipnn(**given) if name == "ipnn" else LeastSquares(**given)
 
 

@@ -67,12 +67,15 @@ def accuracy(rate_times_step: float) -> tuple[int, tuple[int, int]]:
     return nodes, (min(max(rounds[0], FEWEST_ROUNDS), MOST_ROUNDS), max(rounds[1], FEWEST_ROUNDS))
 
 
-def forced_weights(method: Method, core: Rational, ts: Any, fraction: Any, terms: int, nodes: int) -> ForcedWeights:
+def forced_weights(
+    method: Method, blocks: tuple[Rational, ...], ts: Any, fraction: Any, terms: int, nodes: int
+) -> ForcedWeights:
     """Weights of one step.
 
     Args:
         method: ``bandlimited``, ``foh`` or ``zoh``.
-        core: second order, its numerator of at most second degree.
+        blocks: the core, which the force acts on, and what stands beside it; each of second order, its numerator of at
+            most second degree.
         ts: sampling interval, s.
         fraction: where in the step the output is read.
         terms: inputs a step.
@@ -89,44 +92,51 @@ def forced_weights(method: Method, core: Rational, ts: Any, fraction: Any, terms
             where="discretisation",
             remedy="leave the discretisation at its default",
         )
-    a, b, direct, scale = _observer(core)
-    n, q, m = 2, terms, nodes
+    n, q, m = 2 * len(blocks), terms, nodes
     places, transform = _collocation(m)
-    generator = _generator(a * (scale * ts), b * (scale * ts), scale * ts, q, m)
+    a, b, direct = jnp.zeros((n, n)), jnp.zeros(n), []
+    for index, block in enumerate(blocks):
+        rows = slice(2 * index, 2 * index + 2)
+        part_a, part_b, part_direct = _observer(block, ts)
+        a, b = a.at[rows, rows].set(part_a), b.at[rows].set(part_b)
+        direct.append(part_direct)
+    generator = _generator(a, b, blocks[0].angular_scale * ts, q, m)
     fractions = jnp.concatenate([jnp.asarray(places), jnp.stack([jnp.asarray(fraction, dtype=float), jnp.ones(())])])
     steps = jax.vmap(lambda x: expm(generator * x))(fractions)
-    start = jnp.asarray((-1.0) ** np.arange(q))
-    rows = steps[:, 0, :].at[:, n : n + q].add(direct * (start @ steps[:, n : n + q, n : n + q]))  # V at each place
-    read, whole = rows[m], steps[m + 1]
+    at_places = jnp.asarray((-1.0) ** np.arange(q)) @ steps[:, n : n + q, n : n + q]  # the input there
+    seen = steps[:, 0, :].at[:, n : n + q].add(direct[0] * at_places)  # V of the core
+    read = jnp.sum(steps[m, 0:n:2, :], axis=0).at[n : n + q].add(sum(direct) * at_places[m])
+    whole = steps[m + 1]
     linear = Weights(whole[:n, :n], whole[:n, n : n + q], read[:n], read[n : n + q])
     return ForcedWeights(
         linear,
         whole[:n, n + q :] @ transform,
         read[n + q :] @ transform,
-        rows[:m, :n],
-        rows[:m, n : n + q],
-        rows[:m, n + q :] @ transform,
+        seen[:m, :n],
+        seen[:m, n : n + q],
+        seen[:m, n + q :] @ transform,
     )
 
 
-def _observer(core: Rational) -> tuple[Any, Any, Any, Any]:
-    """A, b and direct part of the core in observer form, in scaled time, and the scale (rad/s)."""
-    w = core.angular_scale
-    a0, a1 = core.denominator[0] / w**2, core.denominator[1] / w
-    beta = [core.gain * c * w ** (k - 2) for k, c in enumerate(core.numerator)] + [0.0] * (3 - len(core.numerator))
+def _observer(block: Rational, ts: Any) -> tuple[Any, Any, Any]:
+    """A Ts, b Ts and direct part of a block in observer form, its states in units of its response."""
+    w = block.angular_scale
+    a0, a1 = block.denominator[0] / w**2, block.denominator[1] / w
+    beta = [block.gain * c * w ** (k - 2) for k, c in enumerate(block.numerator)] + [0.0] * (3 - len(block.numerator))
     a = jnp.stack([jnp.stack([-a1, jnp.ones(())]), jnp.stack([-a0, jnp.zeros(())])])
     b = jnp.stack([jnp.asarray(beta[1] - a1 * beta[2], dtype=float), jnp.asarray(beta[0] - a0 * beta[2], dtype=float)])
-    return a, b, beta[2], w
+    return a * (w * ts), b * (w * ts), beta[2]
 
 
 def _generator(a: Any, b: Any, force: Any, q: int, m: int) -> Any:
     """[[A, b g(0)ᵀ, e₂ g(0)ᵀ], [0, F, 0], [0, 0, F]]: state, input and force over one step together."""
+    n = b.shape[0]
     signs = (-1.0) ** np.arange(max(q, m))
-    pull = jnp.stack([jnp.zeros(m), force * signs[:m]])
+    pull = jnp.zeros((n, m)).at[1].set(force * signs[:m])
     top = jnp.concatenate([a, b[:, None] * signs[:q], pull], axis=1)
-    below = np.zeros((q + m, 2 + q + m))
-    below[:q, 2 : 2 + q] = legendre_shift(q)
-    below[q:, 2 + q :] = legendre_shift(m)
+    below = np.zeros((q + m, n + q + m))
+    below[:q, n : n + q] = legendre_shift(q)
+    below[q:, n + q :] = legendre_shift(m)
     return jnp.concatenate([top, jnp.asarray(below)])
 
 

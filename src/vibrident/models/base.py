@@ -35,14 +35,14 @@ class ParameterSpec:
         kind: how the optimiser sees it. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
             by its logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at
             zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear;
-            ``inverse_square``: linear, in units of one over the response's size squared.
+            ``inverse``, ``inverse_square``: linear, in units of one over the response's size, or over its square.
         guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
         guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``.
     """
 
     name: str
     unit: str
-    kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse_square"]
+    kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse", "inverse_square"]
     guesses: tuple[float, ...] = ()
     guess_at: Literal["lowest", "highest", "period", "one"] = "one"
 
@@ -87,7 +87,8 @@ class AddOn:
 
     ``rational`` changes the core's transfer function; ``factor`` multiplies its frequency response where that is not
     rational, given s = jω. ``force`` makes the sensor nonlinear: given the core's response V it is F in
-    V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V).
+    V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V). ``beside`` is what a ``rational`` adds in parallel to the core, which such
+    a force does not see.
     """
 
     name: str
@@ -97,6 +98,7 @@ class AddOn:
     delay: Callable[[Parameters], Any] | None = None
     factor: Callable[[Parameters, Any], Any] | None = None
     force: Callable[[Parameters, Any], Any] | None = None
+    beside: Callable[[Parameters, Rational], Rational] | None = None
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,13 @@ class SensorModel:
             if self.is_linear
             else SensorModel("+".join([self.core.name, *(a.name for a in kept)]), self.core, kept)
         )
+
+    def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
+        """The core, and what stands beside it, from the reference quantity to their shares of the response."""
+        core = self.core.rational(parameters)
+        parts = [core, *(addon.beside(parameters, core) for addon in self.add_ons if addon.beside is not None)]
+        zeros = (0.0,) * DERIVATIVES[quantity]
+        return tuple(Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale) for r in parts)
 
     def force(self, parameters: Parameters, response: Any) -> Any:
         """F(V) of all add-ons, in the shape of ``response``, the core's response V."""

@@ -8,6 +8,7 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 | duration | start · e^z | positive, and scale-free |
 | time | z · unit | linear, any sign |
 | ratio | z | linear, any sign |
+| inverse | z / response_size | linear, any sign |
 | inverse_square | z / response_size² | linear, any sign; a cubic term's share of the force |
 """
 
@@ -71,7 +72,8 @@ class Coordinates:
         pairs = zip(kinds, np.asarray(self.start), strict=True)
         unit = float(self.time_unit_s)
         steps = {"gain": 1.0, "log": 0.0, "duration": 0.0}
-        scale = {"time": 1.0 / unit, "inverse_square": float(self.response_size) ** 2}
+        size = float(self.response_size)
+        scale = {"time": 1.0 / unit, "inverse": size, "inverse_square": size**2}
         return np.array([steps.get(kind, v * scale.get(kind, 1.0)) for kind, v in pairs])
 
     def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
@@ -88,6 +90,8 @@ class Coordinates:
                 values[spec.name] = xp.clip(start * xp.exp(z[index]), 1.0 / (BAND_MARGIN * high), 1.0 / low)
             elif spec.kind == "ratio":
                 values[spec.name] = z[index]
+            elif spec.kind == "inverse":
+                values[spec.name] = z[index] / self.response_size
             elif spec.kind == "inverse_square":
                 values[spec.name] = z[index] / self.response_size**2
             elif spec.kind == "positive":

@@ -136,8 +136,8 @@ class TimeProblem:
                 remedy="use longer records, or the estimator 'ml'",
             )
         lanes, first_lanes = _cut(pieces, records, rate, terms)
-        force = () if model.is_linear else accuracy(fastest * float(np.max(intervals)))
-        layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1), *force)
+        nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(fastest * float(np.max(intervals)))
+        layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1), nodes, rounds)
         owners = np.array([piece[0] for piece in pieces])
         placed = tuple((p[0], p[1], lane) for p, lane in zip(pieces, first_lanes, strict=True))
         return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, placed)
@@ -189,11 +189,11 @@ class TimeProblem:
 
 
 def _forced(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> ForcedWeights:
-    core = layout.model.linear.rational(parameters, layout.quantity)
+    blocks = layout.model.blocks(parameters, layout.quantity)
     late = layout.model.delay_s(parameters) - delay if layout.model.has_delay else 0.0
 
     def one(ts: Any, fraction: Any) -> ForcedWeights:
-        return forced_weights(layout.method, core, ts, fraction - late / ts, layout.terms, layout.nodes)
+        return forced_weights(layout.method, blocks, ts, fraction - late / ts, layout.terms, layout.nodes)
 
     return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
 

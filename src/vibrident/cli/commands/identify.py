@@ -67,6 +67,15 @@ _Weighting = Annotated[
         rich_help_panel=_DETAILS,
     ),
 ]
+_Residual = Annotated[
+    bool,
+    typer.Option(
+        "--residual",
+        help="ipnn: let a small network beside the physics learn what it leaves; kept only where it foretells "
+        "held-out data better.",
+        rich_help_panel=_DETAILS,
+    ),
+]
 
 
 def identify(
@@ -100,12 +109,13 @@ def identify(
     steps: _Steps = None,
     learning_rate: _LearningRate = None,
     weighting: _Weighting = None,
+    residual: _Residual = False,
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
 
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
     """
-    settings = EstimatorOptions(discretisation, optimiser, steps, learning_rate, weighting)
+    settings = EstimatorOptions(discretisation, optimiser, steps, learning_rate, weighting, residual or None)
     checked(estimator_name, settings, weights=weights)
     with written_whole(folder) as output:
         result = _identified(calibration, model, (estimator_name, settings), uncertainty, output.path, plots)
@@ -145,7 +155,18 @@ def _show(result: Any, files: list[Path], *, quiet: bool, weights: bool) -> None
             note(f"Warning ({warning.code}): {warning.message}")
     else:
         out().print(terminal.summary(result, files), crop=False)  # a path is never cut
+        if residual := result.settings.get("residual_network"):
+            out().print(_residual_line(residual), soft_wrap=True)
     if weights and result.weights:
         out().print(terminal.weights_table(result))
     elif weights:
         note(f"No weights: {result.estimator} trains no network; --estimator ipnn does.")
+
+
+def _residual_line(residual: dict[str, Any]) -> str:
+    if not residual["kept"]:
+        return f"Learned residual: none kept, share 0 ({residual['reason']})."
+    return (
+        f"Learned residual ({' and '.join(residual['structure'])}): {100 * residual['share']:.3g} % of the response; "
+        f"rmse {residual['rmse']:.3g}, of the physics alone {residual['rmse_of_physics_alone']:.3g}."
+    )
