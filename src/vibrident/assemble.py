@@ -153,7 +153,10 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
         return predicted, {}
     first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
     scale = evidence.model.rational(values, evidence.quantity).angular_scale
-    table = weight_table(first, scale ** np.arange(problem.layout.order))  # in the paper's states V, V̇
+    try:
+        table = weight_table(first, scale ** np.arange(problem.layout.order))  # in the paper's states V, V̇
+    except np.linalg.LinAlgError:  # a sensor that forgets its state within a sample has no W2 = C Φ⁻¹
+        return predicted, {}
     return predicted, {
         **table,
         "discretisation": name,

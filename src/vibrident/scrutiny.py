@@ -88,12 +88,11 @@ def _moving(
         problem = evidence.first_look
         assert problem is not None
         linear = Linearised.of_table(coordinates, z, problem)
-        factor = judgement.scatter**2 if judgement.scatter is not None else judgement.birge**2
-        return band_sensitive(linear, coordinates, z, factor)
+        return band_sensitive(linear, coordinates, z, covariance, (judgement.scatter or 1.0) ** 2)
     linear = Linearised.of_points(
         coordinates, z, quantity, adequacy.frequency_hz, adequacy.measured, adequacy.relative_deviation
     )
-    warnings = band_sensitive(linear, coordinates, z, max(adequacy.chi2_reduced or 1.0, 1.0))
+    warnings = band_sensitive(linear, coordinates, z, covariance)
     if judgement.tones is not None and estimate.estimator != "ml":
         part = judgement.points[0]
         tones = Linearised.of_points(

@@ -20,7 +20,7 @@ IRRELEVANT = 1e-4
 
 
 def band_sensitive(
-    linear: Linearised, coordinates: Coordinates, z: FloatArray, variance_factor: float
+    linear: Linearised, coordinates: Coordinates, z: FloatArray, covariance: FloatArray, variance_factor: float = 1.0
 ) -> list[ResultWarning]:
     """A warning for each parameter that the lower or the upper two thirds of the frequencies would move.
 
@@ -30,13 +30,15 @@ def band_sensitive(
         linear: the fit, linearised at ``z``.
         coordinates: the map from z to parameters.
         z: the estimate, shape (p,).
-        variance_factor: by which the deviations exceed their stated variance, at least one.
+        covariance: of z, as stated, shape (p, p); a shift within its standard uncertainty is covered.
+        variance_factor: of the rows, where no uncertainty was stated.
     """
     frequencies = np.unique(linear.frequency_hz)
     if len(frequencies) < 6:
         return []
     whole, whole_covariance = linear.solve()
     low, high = np.quantile(frequencies, [CUT, 1.0 - CUT])
+    stated = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     worst: dict[int, tuple[float, str]] = {}
     for keep, label in (
         (linear.frequency_hz <= high, f"without the frequencies above {high:.4g} Hz"),
@@ -44,11 +46,11 @@ def band_sensitive(
     ):
         if keep.sum() < len(z) + 3:
             continue
-        part, covariance = linear.solve(keep)
+        part, part_covariance = linear.solve(keep)
         shift = part - whole
         own = np.diag(whole_covariance)
-        spread = np.sqrt(variance_factor * np.maximum(np.diag(covariance) - own, LEAST**2 * own))
-        for index in np.flatnonzero(np.abs(shift) > np.maximum(SIGNIFICANT * spread, IRRELEVANT)):
+        spread = np.sqrt(variance_factor * np.maximum(np.diag(part_covariance) - own, LEAST**2 * own))
+        for index in np.flatnonzero(np.abs(shift) > np.maximum(np.maximum(SIGNIFICANT * spread, IRRELEVANT), stated)):
             size = float(abs(shift[index]) / spread[index])
             if size > worst.get(int(index), (0.0, ""))[0]:
                 worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, size))
