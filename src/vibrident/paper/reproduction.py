@@ -13,6 +13,7 @@ from joblib import Parallel, delayed
 from vibrident import __version__
 from vibrident.network.recurrent import Kind
 from vibrident.paper.experiment import interferometer, seismometer
+from vibrident.paper.learned_residual import Residual, learned_residuals
 from vibrident.paper.methods import Judge, MethodResult
 from vibrident.paper.sections import (
     Section,
@@ -41,6 +42,7 @@ class Reproduction:
         full_range: section 4 from 0.1 Hz; None unless asked for.
         rates: the study of sampling rates.
         noise: the study of noise.
+        residuals: the learned residual on sensors of known truth; empty where it was left out.
         seconds: of the whole.
     """
 
@@ -51,6 +53,7 @@ class Reproduction:
     full_range: Section | None
     rates: tuple[RatePoint, ...]
     noise: NoiseStudy
+    residuals: tuple[Residual, ...]
     seconds: float = field(compare=False)
 
     @property
@@ -86,6 +89,7 @@ class Reproduction:
                 }
                 for p in self.noise.points
             ],
+            "learned_residual": [asdict(residual) for residual in self.residuals],
             "run": {
                 "vibrident": __version__,
                 "python": platform.python_version(),
@@ -120,6 +124,10 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
         found = error_by_rate(settings.rates_hz, settings.discretisations, seed=settings.seed, progress=progress)
     with stages("Error against noise") as progress:
         noise = error_by_noise(first.own, settings.levels, settings.draws, seed=settings.seed, progress=progress)
+    residuals: list[Residual] = []
+    if settings.residual:
+        with stages("Learning what the physics leaves") as progress:
+            residuals = learned_residuals(seed=settings.seed, progress=progress)
     return Reproduction(
         settings,
         section_4,
@@ -128,6 +136,7 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
         whole,
         tuple(found),
         noise,
+        tuple(residuals),
         time.perf_counter() - begin,
     )
 

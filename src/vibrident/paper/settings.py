@@ -26,6 +26,7 @@ class Settings:
         draws: realisations at each level.
         full_range: also 41 records from 0.1 to 1000 Hz.
         data: folder of real calibrations; None leaves the measured experiment out.
+        residual: whether the learned residual is shown.
         jobs: processes for the networks without physics.
         trial: True where the figures are not for quoting.
     """
@@ -40,6 +41,7 @@ class Settings:
     draws: int = 12
     full_range: bool = False
     data: Path | None = None
+    residual: bool = True
     jobs: int = 1
     trial: bool = False
 
