@@ -11,6 +11,8 @@ where they stand in the spectrum.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import fft
 
@@ -24,7 +26,11 @@ SHARE, FEWEST, MOST, NEAREST = 1 / 256, 12, 200, 2
 
 
 def coloured_covariance(
-    problem: TimeProblem, normal: Normal, noise: FloatArray, floor: FloatArray
+    problem: TimeProblem,
+    normal: Normal,
+    noise: FloatArray,
+    floor: FloatArray,
+    shapes: Sequence[FloatArray | None] = (),
 ) -> tuple[FloatArray, float]:
     """Covariance of the parameters, shape (P, P), and the degrees of freedom behind it.
 
@@ -33,6 +39,8 @@ def coloured_covariance(
         normal: the normal equations at the optimum.
         noise: standard deviation by which each record was weighted, shape (records,).
         floor: standard deviation that no residual is believed to be below, shape (records,).
+        shapes: of each record's residual spectrum, where more is known of it than averages over lines can show; up to
+            a factor, shape (samples // 2 + 1,).
     """
     inverse = inverse_normal(np.asarray(normal.matrix))
     predicted = problem.by_record(normal.response)
@@ -46,7 +54,7 @@ def coloured_covariance(
         residual = np.where(used, (record.response - predicted[index]) / noise[index], 0.0)
         slopes = np.stack([np.where(used, column[index], 0.0) for column in columns])
         width = _width(record)
-        level = _level(residual, used, width)
+        level = _level(residual, used, width, shapes[index] if shapes else None)
         level = np.maximum(level, (floor[index] / noise[index]) ** 2)
         lines = np.asarray(fft.rfft(slopes, axis=1))
         twice = np.full(lines.shape[1], 2.0)
@@ -62,9 +70,10 @@ def _width(record: Record) -> int:
     return int(np.clip(record.samples * SHARE, FEWEST, MOST))
 
 
-def _level(residual: FloatArray, used: np.ndarray, width: int) -> FloatArray:
+def _level(residual: FloatArray, used: np.ndarray, width: int, shape: FloatArray | None) -> FloatArray:
     """Spectrum of the residual around each line of its real transform, one for white noise of unit variance."""
-    power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / float(used.sum())
+    whitened = np.ones(residual.shape[0] // 2 + 1) if shape is None else np.maximum(shape, 1e-9 * np.max(shape))
+    power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / float(used.sum()) / whitened
     padded = np.concatenate([power[width:0:-1], power, power[-2 : -width - 2 : -1]])
     total = np.concatenate([[0.0], np.cumsum(padded)])
 
@@ -72,4 +81,4 @@ def _level(residual: FloatArray, used: np.ndarray, width: int) -> FloatArray:
         centre = np.arange(power.size) + width
         return total[centre + reach + 1] - total[centre - reach]
 
-    return (windowed(width) - windowed(NEAREST)) / (2.0 * (width - NEAREST))
+    return whitened * (windowed(width) - windowed(NEAREST)) / (2.0 * (width - NEAREST))

@@ -107,7 +107,9 @@ class Ipnn:
         }
         if not evidence.model.is_linear:
             settings["response_curve"] = SMALL_SIGNAL
-        covariance, freedom = coloured_covariance(problem, normal, noise, _noise_floor(problem))
+        unfelt = reference_noise(problem, normal, noise, coordinates, z) if evidence.model.is_linear else None
+        shapes = () if unfelt is None else unfelt.spectra
+        covariance, freedom = coloured_covariance(problem, normal, noise, _noise_floor(problem), shapes)
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
             settings |= {"weights": "free", "reading": self.reading}
@@ -116,15 +118,14 @@ class Ipnn:
                 "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, equations=total
             )
         predicted = tuple(problem.by_record(normal.response))
-        if evidence.model.is_linear:
-            found = reference_noise(problem, normal, noise, coordinates, z)
+        if unfelt is not None:
             deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
             names = evidence.model.parameter_names
-            settings["reference_noise_doubt"] = dict(zip(names, (found.doubt / deviation).tolist(), strict=True))
-            if np.any(found.deviation > 0):
-                settings["reference_noise"] = found.deviation.tolist()
-                settings["reference_noise_bias"] = dict(zip(names, (found.bias / deviation).tolist(), strict=True))
-                z = z - found.bias
+            settings["reference_noise_doubt"] = dict(zip(names, (unfelt.doubt / deviation).tolist(), strict=True))
+            if np.any(unfelt.deviation > 0):
+                settings["reference_noise"] = unfelt.deviation.tolist()
+                settings["reference_noise_bias"] = dict(zip(names, (unfelt.bias / deviation).tolist(), strict=True))
+                z = z - unfelt.bias
         return Estimate(
             "ipnn",
             coordinates,

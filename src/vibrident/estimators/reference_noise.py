@@ -52,11 +52,14 @@ class ReferenceNoise:
             shape (records,).
         bias: of z, to be taken away, shape (p,).
         doubt: by how much that may be wrong, shape (p,).
+        spectra: shape of each record's residual spectrum at the lines of its real transform, where such noise is seen:
+            with a sharp resonance it cannot be read from averages over lines. None where it is not.
     """
 
     deviation: FloatArray
     bias: FloatArray
     doubt: FloatArray
+    spectra: tuple[FloatArray | None, ...]
 
 
 def reference_noise(
@@ -75,6 +78,7 @@ def reference_noise(
     quantity = problem.layout.quantity
     deviation = np.zeros(len(problem.records))
     seen: list[_Weight] = []
+    spectra: list[FloatArray | None] = [None] * len(problem.records)
     doubted: list[_Weight] = []
     for index, record in enumerate(problem.records):
         used = record.mask & np.isfinite(predicted[index])
@@ -83,17 +87,22 @@ def reference_noise(
         residual = np.where(used, (record.response - predicted[index]) / noise[index], 0.0)
         frequency, level, count = _spectrum(residual, used, record)
         through = np.abs(_response(coordinates, z, quantity, frequency)) ** 2
-        variance, spread = _passed(frequency, level, count, through)
+        variance, spread, rest = _passed(frequency, level, count, through)
         most, samples = float(np.min(level / through)), float(used.sum())
         sure = variance > SIGNIFICANT * spread
         if sure:
             deviation[index] = np.sqrt(variance) * noise[index]
+            lines = np.arange(1, record.samples // 2 + 1) * record.sampling_rate_hz / record.samples
+            shape = np.interp(lines, frequency, rest)
+            shape += variance * np.abs(_response(coordinates, z, quantity, lines)) ** 2
+            spectra[index] = np.concatenate([shape[:1], shape])
             seen.append(_Weight(samples * variance, _grid(record)))
         left = min(DOUBT * spread if sure else variance + DOUBT * spread, most)
         doubted.append(_Weight(samples * left, _grid(record)))
     matrix = np.asarray(normal.matrix)
     bias = _bias(matrix, seen, coordinates, z, quantity)
-    return ReferenceNoise(deviation, bias, np.abs(_bias(matrix, doubted, coordinates, z, quantity, rounds=1)))
+    doubt = np.abs(_bias(matrix, doubted, coordinates, z, quantity, rounds=1))
+    return ReferenceNoise(deviation, bias, doubt, tuple(spectra))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +172,10 @@ def _typical(power: FloatArray) -> float:
     return float(np.median(power) / np.log(2.0) if power.size >= FEW else np.mean(power))
 
 
-def _passed(frequency: FloatArray, level: FloatArray, count: FloatArray, through: FloatArray) -> tuple[float, float]:
-    """σx² (in squares of the record's weight) and its standard deviation, from a + c/f + σx²|H|² by likelihood.
+def _passed(
+    frequency: FloatArray, level: FloatArray, count: FloatArray, through: FloatArray
+) -> tuple[float, float, FloatArray]:
+    """σx² (in squares of the record's weight), its standard deviation, and a + c/f, by likelihood.
 
     Means of exponentially distributed lines; multiplicative updates keep the three levels positive (Févotte, Bertin &
     Durrieu 2009); the deviation is from Fisher's information.
@@ -182,7 +193,8 @@ def _passed(frequency: FloatArray, level: FloatArray, count: FloatArray, through
     free = amounts > 1e-6 * np.max(amounts)
     free[2] = True
     spread = np.sqrt(inverse_normal(information[np.ix_(free, free)])[-1, -1])
-    return float(amounts[2]) * size / scale, float(spread) * size / scale
+    rest = size * (amounts[:2] @ shapes[:2])
+    return float(amounts[2]) * size / scale, float(spread) * size / scale, rest
 
 
 def _response(coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency: FloatArray) -> ComplexArray:

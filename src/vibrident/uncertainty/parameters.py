@@ -84,7 +84,8 @@ def _interval(coordinates: Coordinates, z: FloatArray, index: int, half: float) 
     for sign in (-1.0, 1.0):
         moved = np.array(z)
         moved[index] += sign * half
-        ends.append(coordinates.values(moved)[name])
+        with np.errstate(over="ignore"):  # an interval without end stops at the range searched
+            ends.append(coordinates.values(moved)[name])
     return min(ends), max(ends)
 
 
