@@ -6,6 +6,7 @@ import pytest
 import scipy.io
 import soundfile
 
+from vibrident.io.columns import Clock
 from vibrident.io.hdf5_file import Hdf5File
 from vibrident.io.matlab_file import open_matlab_file
 from vibrident.io.readers import READERS, open_columns
@@ -154,7 +155,7 @@ def test_wav_full_scale_is_one(tmp_path, subtype, step):
     soundfile.write(path, np.column_stack([SIGNAL / 2, SIGNAL / 4]), 51200, subtype=subtype)
     source = WavFile(path)
 
-    assert source.rate_hz == 51200.0
+    assert source.clock(0) == Clock(51200.0)
     assert source.names == ("channel 1", "channel 2")
     second, first = source.load([source.position_of(2, "key"), source.position_of("channel 1", "key")])
     np.testing.assert_allclose(first, SIGNAL / 2, rtol=0, atol=step)
@@ -175,6 +176,6 @@ def test_wav_damage(tmp_path, refused):
 
 
 def test_unknown_ending_names_the_known_ones(tmp_path, refused):
-    error = refused(lambda: open_columns(tmp_path / "x.tdms"), found="'.tdms'", where="x.tdms")
+    error = refused(lambda: open_columns(tmp_path / "x.xlsx"), found="'.xlsx'", where="x.xlsx")
     assert all(ending in error.expected for ending in READERS)
     refused(lambda: open_columns(tmp_path / "x"), found="no ending")

@@ -5,12 +5,28 @@ from __future__ import annotations
 import difflib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from vibrident.errors import InputError
 from vibrident.records import FloatArray
 
 #: How many names a message lists before it says how many more there are.
 _NAMES_IN_MESSAGE = 12
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What a file states of a column's sampling.
+
+    Attributes:
+        rate_hz: samples per second.
+        rate_rounding: relative; how far the true rate may be from ``rate_hz`` by the digits that the file keeps.
+        start_ns: time of the first sample on the format's clock, in nanoseconds; None where the file states none.
+    """
+
+    rate_hz: float
+    rate_rounding: float = 1e-9
+    start_ns: int | None = None
 
 
 class ColumnFile(ABC):
@@ -35,9 +51,8 @@ class ColumnFile(ABC):
     def numbered(self) -> tuple[int, ...]:
         """Positions that the column numbers 1, 2, … stand for; empty where numbers have no clear meaning."""
 
-    @property
-    def rate_hz(self) -> float | None:
-        """Sampling rate that the file itself states, in samples per second; None where it states none."""
+    def clock(self, position: int) -> Clock | None:
+        """Return what the file itself states of this column's sampling; None where it states nothing."""
         return None
 
     @abstractmethod

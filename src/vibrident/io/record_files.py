@@ -13,6 +13,7 @@ from pathlib import Path
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.io.checksum import sha256
+from vibrident.io.clocks import SAME_RATE, agreed_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.finite import require_finite
 from vibrident.io.readers import open_columns
@@ -161,6 +162,8 @@ def _read_record(part: _Part, name: str, calibration: CalibrationFile, folder: P
     channels = _load(part, calibration, folder)
     response, reference = channels["response"], channels.get("reference")
     sampling = _sampling(part, calibration, channels)
+    if reference is not None:
+        require_same_start((response.source, response.position), (reference.source, reference.position))
     _check_frequency(part, sampling, response.source.file)
     kept = cut(response.values.size, sampling.rate_hz, entry.start_s, entry.stop_s, part.where)
     history = [response.step("response", to_response.scale, to_response.unit)]
@@ -168,6 +171,8 @@ def _read_record(part: _Part, name: str, calibration: CalibrationFile, folder: P
         history.append(reference.step("reference", to_reference.scale, reference_unit))
     if reference is not None and entry.reference_file is not None:
         history.append(f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}")
+    if sampling.note:
+        history.append(sampling.note)
     if kept != slice(0, response.values.size):
         history.append(f"cut: samples {kept.start + 1} to {kept.stop} of {response.values.size}")
     return Record(
@@ -210,7 +215,7 @@ def _load(part: _Part, calibration: CalibrationFile, folder: Path) -> dict[str, 
 def _sampling(part: _Part, calibration: CalibrationFile, channels: dict[str, _Channel]) -> Sampling:
     time = channels.get("time")
     if time is None:
-        return _stated_sampling(part, calibration, [channel.source for channel in channels.values()])
+        return _stated_sampling(part, calibration, [*channels.values()])
     require_finite(time.source, time.position, time.values, 0, "repair the time column, or give rate_hz")
     return sampling_from_times(time.values, lambda row: time.source.locate(time.position, row))
 
@@ -219,23 +224,12 @@ def _scaled(full_scale: float | None, scale: float) -> float | None:
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def _stated_sampling(part: _Part, calibration: CalibrationFile, sources: Sequence[ColumnFile]) -> Sampling:
+def _stated_sampling(part: _Part, calibration: CalibrationFile, channels: Sequence[_Channel]) -> Sampling:
     """Take the rate from the calibration file or from the data file; where both state one, they must agree."""
     entry = part.entry
     stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
-    for source in sources:
-        if source.rate_hz is None:
-            continue
-        if stated is not None and not math.isclose(stated, source.rate_hz, rel_tol=1e-9):
-            raise InputError(
-                "The sampling rate contradicts the file.",
-                expected=f"{source.rate_hz!r} samples per second, as {source.file} states",
-                found=f"{stated!r}",
-                where=f"{part.where}, for {part.file}",
-                remedy="remove or correct rate_hz",
-            )
-        stated = source.rate_hz
-    if stated is None:
+    agreed = agreed_rate(stated, [(c.source, c.position) for c in channels], part.where, part.file)
+    if agreed is None:
         raise InputError(
             "The sampling rate is not given.",
             expected="rate_hz or time_column",
@@ -243,7 +237,8 @@ def _stated_sampling(part: _Part, calibration: CalibrationFile, sources: Sequenc
             where=f"{part.where.split(', [[records]]')[0]}, [sampling]",
             remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
         )
-    return Sampling(stated, entry.start_time_s or 0.0)
+    note = f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {agreed.rate_rounding:.1g} (relative)"
+    return Sampling(agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
 
 
 def _check_frequency(part: _Part, sampling: Sampling, file: str) -> None:

@@ -19,10 +19,15 @@ _ROUNDING_SAMPLES = 1e-6
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampling rate, in samples per second, and time of the first sample on the file's clock, in s."""
+    """Sampling rate, in samples per second, and time of the first sample on the file's clock, in s.
+
+    Attributes:
+        note: for the history, where the rate's origin needs a word.
+    """
 
     rate_hz: float
     start_time_s: float
+    note: str = ""
 
 
 def sampling_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Sampling:

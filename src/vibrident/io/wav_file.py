@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.columns import Clock, ColumnFile, unreadable
 from vibrident.records import FloatArray
 
 _EXPECTED = "a WAV file"
@@ -48,10 +48,9 @@ class WavFile(ColumnFile):
         """Every channel has its number."""
         return tuple(range(self._channels))
 
-    @property
-    def rate_hz(self) -> float | None:
+    def clock(self, position: int) -> Clock:
         """Samples per second, from the file's header."""
-        return self._rate_hz
+        return Clock(self._rate_hz)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,).

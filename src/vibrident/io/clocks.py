@@ -1,0 +1,123 @@
+"""What a data file says of its own sampling, and how that agrees with the calibration file and with other channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from vibrident.errors import InputError
+from vibrident.io.columns import Clock, ColumnFile
+
+#: Rates closer than this, relatively, are the same.
+SAME_RATE = 1e-9
+#: Channels may begin this far apart, in sampling intervals; 1 % is a phase error of 0.7° at a fifth of the rate.
+_SAME_START = 0.01
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A sampling interval as a file keeps it.
+
+    Attributes:
+        stated_s: the number in the file, its shortest decimal form.
+        half_unit_s: half a unit of its last place: how far the interval meant may be from it.
+    """
+
+    stated_s: Decimal
+    half_unit_s: float
+
+    def clock(self, start_ns: int | None = None) -> Clock:
+        """Return the plainest rate that the file can mean.
+
+        A file that keeps 9.76562e-06 s was written at some rate from 102399.97 to 102400.08 Hz, and taking the
+        reciprocal of the digits would be wrong by 5e-7. Of all numbers within the rounding, that with the fewest digits
+        is taken, be it the rate in Hz or the interval in seconds; how far the rounding reaches goes with it.
+
+        Raises:
+            ValueError: the interval is not above 0.
+        """
+        stated = float(self.stated_s)
+        if not (math.isfinite(stated) and stated > 0):
+            raise ValueError(f"a sampling interval of {stated!r} s")
+        rounding = self.half_unit_s / stated
+        centre = 1.0 / stated
+        rate, digits = _plainest(centre, centre * rounding)
+        if len(self.stated_s.normalize().as_tuple().digits) < digits:
+            rate = centre
+        return Clock(rate, max(rounding, SAME_RATE), start_ns)
+
+
+def _plainest(centre: float, half_width: float) -> tuple[float, int]:
+    """The number with the fewest significant digits within half_width of centre, and how many those are."""
+    for digits in range(1, 17):
+        candidate = float(f"{centre:.{digits - 1}e}")
+        if abs(candidate - centre) <= half_width:
+            return candidate, digits
+    return centre, 17
+
+
+def agreed_rate(
+    stated_hz: float | None, channels: Sequence[tuple[ColumnFile, int]], where: str, file: str
+) -> Clock | None:
+    """Return the rate that the calibration file and the channels' files agree on; None where nobody states one.
+
+    Each is allowed the rounding of its own form, and the least rounded one is taken.
+
+    Args:
+        stated_hz: rate_hz of the calibration file, if any.
+        channels: file and position of each channel.
+        where: the entry, for messages.
+        file: the record's file, for messages.
+
+    Raises:
+        InputError: two of them contradict each other.
+    """
+    agreed = None if stated_hz is None else Clock(stated_hz, SAME_RATE)
+    whose = "the calibration file"
+    for source, position in channels:
+        clock = source.clock(position)
+        if clock is None:
+            continue
+        if agreed is None or clock.rate_rounding < agreed.rate_rounding:
+            finer, coarser = clock, agreed
+        else:
+            finer, coarser = agreed, clock
+        if coarser is not None and not math.isclose(finer.rate_hz, coarser.rate_hz, rel_tol=coarser.rate_rounding):
+            raise InputError(
+                "The sampling rate contradicts the file.",
+                expected=f"{clock.rate_hz!r} samples per second, as {source.file} states",
+                found=f"{agreed.rate_hz!r} in {whose}" if agreed is not None else "",
+                where=f"{where}, for {file}",
+                remedy="remove or correct rate_hz"
+                if stated_hz is not None
+                else "give both channels over the same samples",
+            )
+        if finer is clock:
+            whose = source.file
+        agreed = finer
+    return agreed
+
+
+def require_same_start(first: tuple[ColumnFile, int], second: tuple[ColumnFile, int]) -> None:
+    """Refuse two channels that begin at different times on the clock of their format: their phase would be wrong.
+
+    Raises:
+        InputError: they begin more than a hundredth of a sampling interval apart.
+    """
+    (one, at_one), (other, at_other) = first, second
+    clock, other_clock = one.clock(at_one), other.clock(at_other)
+    if type(one) is not type(other) or clock is None or other_clock is None:
+        return
+    if clock.start_ns is None or other_clock.start_ns is None:
+        return
+    apart_s = (other_clock.start_ns - clock.start_ns) * 1e-9
+    if abs(apart_s) * clock.rate_hz > _SAME_START:
+        raise InputError(
+            "The channels do not begin at the same time.",
+            expected=f"{other.names[at_other]!r} to begin with {one.names[at_one]!r}",
+            found=f"{apart_s:+.9g} s, or {apart_s * clock.rate_hz:+.3g} samples",
+            where=other.file,
+            remedy="export both channels over the same samples",
+        )
