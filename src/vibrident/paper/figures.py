@@ -194,6 +194,8 @@ def _four(
     x_of_bounds: Sequence[float] = (),
 ) -> Figure:
     """One panel for each parameter and one for the curve, relative errors on logarithmic axes."""
+    from matplotlib.ticker import FuncFormatter
+
     with style.styled():
         figure = style.new_figure(6.7, 6.2)
         panels = figure.subplots(2, 2, sharex=True).ravel()
@@ -208,11 +210,20 @@ def _four(
                 shown += drawn.tolist()
             axes.set_title(f"{title}, relative", loc="left")
             style.size_axis(axes, np.array(shown))
+            axes.yaxis.set_major_formatter(FuncFormatter(_power))
             style.frequency_axis(axes, np.array([value for _, x, _ in lines[panel] for value in x]), label=False)
         for axes in panels[2:]:
             axes.set_xlabel(label)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
         return figure
+
+
+def _power(value: float, _position: int | None) -> str:
+    """A power of ten; nothing at what stands between."""
+    exponent = np.log10(value)
+    if abs(exponent - round(exponent)) > 1e-6:
+        return ""
+    return "10" + str(round(exponent)).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
 
 
 PICTURES = (

@@ -67,7 +67,8 @@ def _of(name: str, seed: int) -> Residual:
     errors = [{p: found[p] / truth[p] - 1.0 for p in PHYSICS} for found in values]
     return Residual(
         name,
-        *(float(predict(result, others).rmse or 0.0) for result in (plain, whole)),
+        float(predict(plain, others).rmse or 0.0),
+        float(predict(whole, others).rmse or 0.0),
         float(whole.settings["residual_network"]["share"]),
         errors[0],
         errors[1],

@@ -225,7 +225,7 @@ def _percent(value: float) -> str:
 
 
 def _band(section: Section) -> str:
-    return f"{section.band_hz[0]:g} to {section.band_hz[1]:g} Hz"
+    return f"{section.band_hz[0]:.4g} to {section.band_hz[1]:.4g} Hz"
 
 
 def _printed(section: Section) -> str:
