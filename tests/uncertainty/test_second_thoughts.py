@@ -155,10 +155,10 @@ def test_noise_of_the_reference_is_read_and_its_bias_taken_away(excitation):
 
 
 def test_where_the_response_is_level_noise_of_the_reference_stays_in_doubt():
-    """Far below resonance |H|² has no shape: noise of either channel looks the same, and the result says so."""
+    """Well below resonance |H|² has hardly a shape: noise of either channel looks the same, and the result says so."""
     clean = simulate(
-        "paper", "random", frequencies_hz=[2.0, 60.0], samples=8000, sampling_rate_hz=200.0, start="rest", repeats=2,
+        "paper", "random", frequencies_hz=[5.0, 300.0], samples=8000, sampling_rate_hz=1000.0, start="rest", repeats=2,
         seed=3,
     )  # fmt: skip
-    result = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=1))
+    result = vibrident.identify(with_noise(clean, response_noise=0.1, seed=1))
     assert "reference_noise" in result.warning_codes

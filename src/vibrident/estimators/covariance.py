@@ -8,6 +8,8 @@ from vibrident.records import FloatArray
 
 #: Scaled eigenvalues below this are rounding: the direction is not determined at all.
 SMALLEST = 1e-12
+#: Information that counts as none: small enough to say so, large enough not to overflow.
+NONE = 1e-70
 
 
 def inverse_normal(matrix: FloatArray) -> FloatArray:
@@ -16,7 +18,7 @@ def inverse_normal(matrix: FloatArray) -> FloatArray:
     A direction without information gets a very large variance, where a pseudo-inverse would give it none: a parameter
     that the data cannot tell must not look certain.
     """
-    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    scale = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), NONE)
     values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
     return inverse / scale[:, None] / scale
