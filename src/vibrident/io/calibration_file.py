@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -14,7 +15,7 @@ from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.columns import unreadable
 from vibrident.io.schema_errors import schema_error
-from vibrident.records import Excitation, Quantity
+from vibrident.records import EffectKind, Excitation, Quantity, SystematicEffect
 
 
 def _column(value: int | str) -> int | str:
@@ -103,6 +104,22 @@ class TableSection(_Section):
     phase_unit: Literal["deg", "rad"] = "deg"
 
 
+class UncertaintyEntry(_Section):
+    """One [[uncertainty]] entry: a systematic contribution, common to all points."""
+
+    source: _Text
+    kind: EffectKind
+    standard_uncertainty: _NotNegative
+    frequency_hz: _Positive | None = None
+    degrees_of_freedom: _Positive | None = None
+
+    @property
+    def effect(self) -> SystematicEffect:
+        """The entry as the record of an effect."""
+        freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
+        return SystematicEffect(self.source, self.kind, self.standard_uncertainty, self.frequency_hz, freedom)
+
+
 class CalibrationFile(_Section):
     """A calibration file, checked; see docs for the meaning of each key."""
 
@@ -113,6 +130,9 @@ class CalibrationFile(_Section):
     records: list[RecordsEntry] = Field(default=[], description="one or more [[records]], in double brackets")
     table: TableSection | None = None
     certificate: CertificateSection = CertificateSection()
+    uncertainty: list[UncertaintyEntry] = Field(
+        default=[], description="one or more [[uncertainty]], in double brackets"
+    )
 
     @property
     def sensor_text(self) -> dict[str, str]:
@@ -133,6 +153,7 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     except ValidationError as error:
         raise schema_error(error, CalibrationFile, where) from None
     _check_sensor(calibration, where)
+    _check_uncertainty(calibration, where)
     _check_content(calibration, where)
     return calibration
 
@@ -184,6 +205,18 @@ def _check_sensor(calibration: CalibrationFile, where: str) -> None:
                 found=f"{key} = {value!r}"[:80],
                 where=f"{where}, [sensor] {key}",
                 remedy="write it as text",
+            )
+
+
+def _check_uncertainty(calibration: CalibrationFile, where: str) -> None:
+    for number, entry in enumerate(calibration.uncertainty, start=1):
+        if (entry.kind == "mounting") != (entry.frequency_hz is not None):
+            raise InputError(
+                "A mounting effect has a frequency, the others have none.",
+                expected='frequency_hz with kind = "mounting" alone',
+                found=f"kind = {entry.kind!r}, frequency_hz = {entry.frequency_hz!r}",
+                where=f"{where}, [[uncertainty]] entry {number}",
+                remedy="give the frequency at which the mounting's standard uncertainty holds, or remove it",
             )
 
 

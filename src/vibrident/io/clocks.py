@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from decimal import Decimal
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.columns import Clock, ColumnFile
+from vibrident.io.sampling import sampling_from_times
+from vibrident.records import FloatArray
 
 #: Rates closer than this, relatively, are the same.
 SAME_RATE = 1e-9
@@ -16,46 +18,60 @@ SAME_RATE = 1e-9
 _SAME_START = 0.01
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A sampling interval as a file keeps it.
+def plainest_clock(interval_s: float, half_unit_s: float, start_ns: int | None = None) -> Clock:
+    """Return the clock of a file that keeps its sampling interval to a few digits: the plainest rate it can mean.
 
-    Attributes:
-        stated_s: the number in the file, its shortest decimal form.
-        half_unit_s: half a unit of its last place: how far the interval meant may be from it.
+    A file that keeps 9.76562e-06 s was written at some rate from 102399.99 to 102400.11 Hz, and taking the reciprocal
+    of the digits would be wrong by 5e-7. Of all numbers within the rounding, that with the fewest digits is taken, be
+    it the rate in Hz or the interval in seconds; how far the rounding reaches goes with it.
+
+    Args:
+        interval_s: the interval in the file, s.
+        half_unit_s: half a unit of its last place: how far the interval meant may be from it, s.
+        start_ns: see Clock.
+
+    Raises:
+        ValueError: the interval is not above 0.
     """
+    if not (math.isfinite(interval_s) and interval_s > 0):
+        raise ValueError(f"a sampling interval of {interval_s!r} s")
 
-    stated_s: Decimal
-    half_unit_s: float
+    def possible(candidate_s: float) -> bool:
+        return abs(candidate_s - interval_s) <= half_unit_s * (1 + 1e-9)  # 9.765625e-06 lies on the very edge
 
-    def clock(self, start_ns: int | None = None) -> Clock:
-        """Return the plainest rate that the file can mean.
-
-        A file that keeps 9.76562e-06 s was written at some rate from 102399.97 to 102400.08 Hz, and taking the
-        reciprocal of the digits would be wrong by 5e-7. Of all numbers within the rounding, that with the fewest digits
-        is taken, be it the rate in Hz or the interval in seconds; how far the rounding reaches goes with it.
-
-        Raises:
-            ValueError: the interval is not above 0.
-        """
-        stated = float(self.stated_s)
-        if not (math.isfinite(stated) and stated > 0):
-            raise ValueError(f"a sampling interval of {stated!r} s")
-        rounding = self.half_unit_s / stated
-        centre = 1.0 / stated
-        rate, digits = _plainest(centre, centre * rounding)
-        if len(self.stated_s.normalize().as_tuple().digits) < digits:
-            rate = centre
-        return Clock(rate, max(rounding, SAME_RATE), start_ns)
+    rate, digits = _plainest(1.0 / interval_s, lambda candidate_hz: possible(1.0 / candidate_hz))
+    interval, digits_of_interval = _plainest(interval_s, possible)
+    rounding = 2 * half_unit_s / interval_s  # from one end to the other
+    return Clock(1.0 / interval if digits_of_interval < digits else rate, max(rounding, SAME_RATE), start_ns)
 
 
-def _plainest(centre: float, half_width: float) -> tuple[float, int]:
-    """The number with the fewest significant digits within half_width of centre, and how many those are."""
+def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock | None:
+    """Return the clock of samples with a time each: the rate by regression; None of fewer than two samples.
+
+    Its rounding is a bound: rounded times turn the line by three worst deviations over its length at most.
+
+    Args:
+        times_s: shape (samples,), s.
+        locate: words for where a time stands, by its index.
+
+    Raises:
+        InputError: the times are not evenly spaced; see sampling_from_times.
+    """
+    if times_s.size < 2:
+        return None
+    rate_hz = sampling_from_times(times_s, locate).rate_hz
+    deviation = times_s - times_s[0] - np.arange(times_s.size) / rate_hz
+    worst_s = float(np.max(np.abs(deviation - deviation.mean())))
+    return Clock(rate_hz, max(3 * worst_s * rate_hz / times_s.size, SAME_RATE), round(float(times_s[0]) * 1e9))
+
+
+def _plainest(value: float, possible: Callable[[float], bool]) -> tuple[float, int]:
+    """Return the possible number with the fewest significant digits, and how many those are."""
     for digits in range(1, 17):
-        candidate = float(f"{centre:.{digits - 1}e}")
-        if abs(candidate - centre) <= half_width:
+        candidate = float(f"{value:.{digits - 1}e}")
+        if possible(candidate):
             return candidate, digits
-    return centre, 17
+    return value, 17
 
 
 def agreed_rate(

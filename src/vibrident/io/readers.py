@@ -11,6 +11,11 @@ from vibrident.io.columns import ColumnFile
 from vibrident.io.csv_file import CsvFile
 from vibrident.io.hdf5_file import Hdf5File
 from vibrident.io.matlab_file import open_matlab_file
+from vibrident.io.mdf_file import MdfFile
+from vibrident.io.parquet_file import ParquetFile
+from vibrident.io.seismic_file import MiniSeedFile, SacFile
+from vibrident.io.tdms_file import TdmsFile
+from vibrident.io.uff_file import UffFile
 from vibrident.io.wav_file import WavFile
 
 READERS: Mapping[str, Callable[[Path], ColumnFile]] = MappingProxyType(
@@ -25,6 +30,16 @@ READERS: Mapping[str, Callable[[Path], ColumnFile]] = MappingProxyType(
         ".hdf": Hdf5File,
         ".mat": open_matlab_file,
         ".wav": WavFile,
+        ".tdms": TdmsFile,
+        ".uff": UffFile,
+        ".unv": UffFile,
+        ".mseed": MiniSeedFile,
+        ".miniseed": MiniSeedFile,
+        ".sac": SacFile,
+        ".mf4": MdfFile,
+        ".mdf": MdfFile,
+        ".parquet": ParquetFile,
+        ".pq": ParquetFile,
     }
 )
 

@@ -40,4 +40,5 @@ def read(path: str | os.PathLike[str]) -> Calibration:
         sensor=document.sensor_text,
         source=where,
         certificate=document.certificate.stated(),
+        effects=tuple(entry.effect for entry in document.uncertainty),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.toml_text import toml_section
-from vibrident.records import Calibration, FloatArray, Record, ResponseTable
+from vibrident.records import Calibration, FloatArray, Record, ResponseTable, SystematicEffect
 
 CALIBRATION_FILE = "calibration.toml"
 _UNSAFE = re.compile(r"[^\w.+-]+")
@@ -148,9 +149,23 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
         sections.append(_table_section(calibration.table, files[0]))
     else:
         sections += _record_sections(calibration, files, reference, response)
+    sections += [toml_section("[[uncertainty]]", _effect(effect)) for effect in calibration.effects]
     if calibration.certificate:
         sections.append(toml_section("[certificate]", calibration.certificate))
     return "\n".join(sections)
+
+
+def _effect(effect: SystematicEffect) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "source": effect.source,
+        "kind": effect.kind,
+        "standard_uncertainty": effect.standard_uncertainty,
+    }
+    if effect.frequency_hz is not None:
+        entry["frequency_hz"] = effect.frequency_hz
+    if math.isfinite(effect.degrees_of_freedom):
+        entry["degrees_of_freedom"] = effect.degrees_of_freedom
+    return entry
 
 
 def _table_section(table: ResponseTable, file: str) -> str:

@@ -1,0 +1,112 @@
+"""What the formats of named channels share: one name, one clock and one handle a channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.io.columns import Clock, ColumnFile
+from vibrident.records import FloatArray
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of real numbers.
+
+    Attributes:
+        name: as the calibration file uses it.
+        handle: by which the format's library finds it.
+        clock: what the file states of its sampling; None where it states nothing.
+    """
+
+    name: str
+    handle: Any
+    clock: Clock | None = None
+
+
+class ChannelFile(ColumnFile):
+    """A file of channels; how one is read is left to the format. Numbers count the channels of real numbers."""
+
+    def __init__(self, path: Path, channels: Sequence[Channel], refused: dict[str, str]) -> None:
+        """Take the usable channels, and what was refused: name to the reason.
+
+        Raises:
+            InputError: no channel is usable.
+        """
+        self._path = path
+        self._channels = tuple(channels)
+        self._refused = refused
+        if not self._channels:
+            reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
+            raise InputError(
+                "The file holds no channel of numbers.",
+                expected="one channel of real numbers or more",
+                found=reasons or "no channels",
+                where=str(path),
+                remedy="check that the file is whole and holds time signals",
+            )
+
+    @property
+    def file(self) -> str:
+        """The file as messages name it."""
+        return str(self._path)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each channel; repeats are possible."""
+        return tuple(channel.name for channel in self._channels)
+
+    @property
+    def numbered(self) -> tuple[int, ...]:
+        """Every usable channel has its number, in the order of the file."""
+        return tuple(range(len(self._channels)))
+
+    def clock(self, position: int) -> Clock | None:
+        """Return what the file itself states of this channel's sampling."""
+        return self._channels[position].clock
+
+    def position_of(self, column: int | str, key: str) -> int:
+        """Return the position of a channel; see ColumnFile. Says why one was refused."""
+        if isinstance(column, str) and column.strip() in self._refused and column.strip() not in self.names:
+            raise InputError(
+                f"The channel {column!r} cannot be used.",
+                expected="a channel of real numbers over time",
+                found=self._refused[column.strip()],
+                where=f"{self.file}, asked for by {key}",
+                remedy="choose another channel, or store the signal as plain numbers",
+            )
+        return super().position_of(column, key)
+
+    def locate(self, position: int, row: int) -> str:
+        """File, channel and sample of a value."""
+        return f"{self.file}, channel {self.names[position]!r}, sample {row + 1}"
+
+
+def real_numbers(values: Any) -> FloatArray:
+    """Return values as float64 of shape (samples,), timestamps as seconds since the first.
+
+    Raises:
+        ValueError: they are not real numbers, or not one a sample.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        array = (array - array[:1]) / np.timedelta64(1, "s")  # first, so that the seconds keep their digits
+    elif array.dtype.kind == "m":
+        array = array / np.timedelta64(1, "s")
+    if array.dtype.kind not in "iufb" or array.ndim != 1:
+        raise ValueError(f"values of type {array.dtype} and shape {array.shape}")
+    return np.array(array, dtype=np.float64)
+
+
+def require_readable(path: Path) -> None:
+    """Open and close: the system's own reason for a refusal is clearer than a format library's.
+
+    Raises:
+        OSError: the system refuses.
+    """
+    path.open("rb").close()

@@ -1,0 +1,54 @@
+"""Libraries that some file formats need: loaded when such a file is opened, with the remedy where one is missing."""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import sys
+import traceback
+import warnings
+from pathlib import Path
+from typing import Any
+
+from vibrident.errors import InputError
+
+
+def library(name: str, extra: str, path: Path) -> Any:
+    """Import a library of an extra. What it has to say of its own future is not the user's concern.
+
+    Args:
+        name: dotted name of the module.
+        extra: the extra of this package that installs it.
+        path: the file that needs it, for the message.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return importlib.import_module(name)
+    except ImportError as error:
+        raise InputError(
+            "This file format needs a library that is not installed.",
+            expected=name.partition(".")[0],
+            found=str(error),
+            where=str(path),
+            remedy=f"pip install 'vibrident[{extra}]'",
+        ) from error
+
+
+def let_go(error: BaseException) -> None:
+    """Drop what a library was holding when it failed: half-made objects that complain in their destructors."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            cause: BaseException | None = error
+            while cause is not None:
+                traceback.clear_frames(cause.__traceback__)
+                cause = cause.__context__
+            gc.collect()  # some of them are rings
+    finally:
+        sys.unraisablehook = hook

@@ -1,0 +1,84 @@
+"""Parquet files: columns of numbers or times. The rate comes from a time column or from the file's metadata."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from vibrident.errors import InputError
+from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
+from vibrident.io.columns import Clock, unreadable
+from vibrident.io.extra import library
+from vibrident.records import FloatArray
+
+_EXPECTED = "a Parquet file with columns of numbers"
+#: The format knows no sampling rate; a writer may state it as metadata of the file or of a column, under this key.
+_RATE_KEY = b"sampling_rate_hz"
+
+
+class ParquetFile(ChannelFile):
+    """A Parquet file. Only the columns that are needed are read; a missing value is no number."""
+
+    def __init__(self, path: Path) -> None:
+        """List the columns.
+
+        Raises:
+            InputError: pyarrow is not installed, the file is no Parquet, or its sampling rate is no number above 0.
+        """
+        self._parquet = library("pyarrow.parquet", "parquet", path)
+        types = library("pyarrow.types", "parquet", path)
+        try:
+            require_readable(path)
+            with self._parquet.ParquetFile(path) as file:
+                schema = file.schema_arrow
+        except Exception as error:  # pyarrow's errors share no base
+            raise unreadable(str(path), error, _EXPECTED) from error
+        channels: list[Channel] = []
+        refused: dict[str, str] = {}
+        of_the_file = (schema.metadata or {}).get(_RATE_KEY)
+        for field in schema:
+            if _usable(types, field.type):
+                rate = (field.metadata or {}).get(_RATE_KEY, of_the_file)
+                channels.append(Channel(field.name, field.name, _clock(rate, f"{path}, column {field.name!r}")))
+            else:
+                refused[field.name] = f"of type {field.type}"
+        super().__init__(path, channels, refused)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these columns; each has shape (samples,). Timestamps become seconds since the first.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        names = [self._channels[position].handle for position in positions]
+        try:
+            with self._parquet.ParquetFile(self._path) as file:
+                table = file.read(columns=[*dict.fromkeys(names)])
+            return tuple(real_numbers(table.column(name).to_numpy()) for name in names)
+        except Exception as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+
+
+def _usable(types: Any, kind: Any) -> bool:
+    tests = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp, types.is_duration)
+    return any(test(kind) for test in tests)
+
+
+def _clock(text: bytes | None, where: str) -> Clock | None:
+    if text is None:
+        return None
+    try:
+        rate_hz = float(text)
+    except ValueError:
+        rate_hz = math.nan
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError(
+            "The sampling rate in the file's metadata is no rate.",
+            expected=f"{_RATE_KEY.decode()} to be a finite number above 0",
+            found=repr(text.decode("utf-8", "replace")),
+            where=where,
+            remedy="correct the metadata, or write the file without it and give rate_hz",
+        )
+    return Clock(rate_hz)

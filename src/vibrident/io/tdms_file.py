@@ -1,0 +1,79 @@
+"""TDMS files (LabVIEW): channels "group/channel", with the rate of their waveform properties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.io.channels import Channel, ChannelFile, real_numbers
+from vibrident.io.columns import Clock, unreadable
+from vibrident.io.extra import library
+from vibrident.records import FloatArray
+
+_EXPECTED = "a TDMS file, written to its end"
+
+
+class TdmsFile(ChannelFile):
+    """A TDMS file; numbers are scaled as the file says. Text, complex numbers and empty channels are refused."""
+
+    def __init__(self, path: Path) -> None:
+        """List the channels.
+
+        Raises:
+            InputError: npTDMS is not installed, or the file is no whole TDMS file.
+        """
+        self._nptdms = library("nptdms", "tdms", path)
+        channels: list[Channel] = []
+        refused: dict[str, str] = {}
+        try:
+            with path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
+                if file.file_status.incomplete_final_segment:
+                    raise ValueError("the last segment is cut short")
+                for found in (channel for group in file.groups() for channel in group.channels()):
+                    name = f"{found.group_name}/{found.name}"
+                    reason = _reason_against(found)
+                    if reason:
+                        refused[name] = reason
+                    else:
+                        channels.append(Channel(name, (found.group_name, found.name), _clock(found.properties)))
+        except Exception as error:  # damaged files raise anything, from struct.error to KeyError
+            raise unreadable(str(path), error, _EXPECTED) from error
+        super().__init__(path, channels, refused)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these channels; each has shape (samples,).
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        try:
+            with self._path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
+                handles = [self._channels[position].handle for position in positions]
+                return tuple(real_numbers(file[group][name][:]) for group, name in handles)
+        except Exception as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+
+
+def _reason_against(channel: Any) -> str:
+    if len(channel) == 0:
+        return "empty"
+    if channel.dtype.kind in "iufbM":
+        return ""
+    return {"c": "complex", "O": "text", "U": "text", "S": "text"}.get(channel.dtype.kind, str(channel.dtype))
+
+
+def _clock(properties: Any) -> Clock | None:
+    """The rate is the reciprocal of wf_increment, a double; the start is wf_start_time and wf_start_offset."""
+    increment_s = properties.get("wf_increment")
+    if not isinstance(increment_s, int | float) or not math.isfinite(increment_s) or increment_s <= 0:
+        return None
+    start, offset_s = properties.get("wf_start_time"), properties.get("wf_start_offset", 0.0)
+    if not isinstance(start, np.datetime64) or not isinstance(offset_s, int | float) or not math.isfinite(offset_s):
+        return Clock(1.0 / increment_s)
+    return Clock(
+        1.0 / increment_s, start_ns=int(start.astype("datetime64[ns]").astype(np.int64)) + round(offset_s * 1e9)
+    )

@@ -1,0 +1,117 @@
+"""Universal files (UFF, UNV): the time signals among their data sets 58 and 58b."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from vibrident.errors import InputError
+from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
+from vibrident.io.clocks import clock_from_times, plainest_clock
+from vibrident.io.columns import Clock, unreadable
+from vibrident.io.extra import library
+from vibrident.records import FloatArray
+
+_EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom)"
+_FREQUENCY = 18
+#: Function types without a rule against time signals: general or unknown, and time response.
+_TIME_SIGNALS = (0, 1)
+_COMPLEX = (5, 6)
+_DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
+#: FORTRAN's E13.5 prints five significant digits; C's prints six.
+_LEAST_DIGITS = 5
+
+
+class UffFile(ChannelFile):
+    """A universal file. A channel has the name of its ID line 1, with node and direction where that is not unique.
+
+    The format keeps the sampling interval to five or six digits; see ``plainest_clock`` for what is made of that.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """List the data sets.
+
+        Raises:
+            InputError: pyuff is not installed, or the file has no data set 58 that is a time signal.
+        """
+        self._path = path
+        self._pyuff = library("pyuff", "uff", path)
+        refused: dict[str, str] = {}
+        usable: list[tuple[int, dict[str, Any]]] = []
+        try:
+            require_readable(path)
+            file = self._pyuff.UFF(str(path))
+            for place in (place for place, kind in enumerate(file.get_set_types()) if kind == 58):
+                header = file.read_sets(place, header_only=True)
+                if reason := _reason_against(header):
+                    refused[_name(header, repeated=False)] = reason
+                else:
+                    usable.append((place, header))
+            titles = Counter(_name(header, repeated=False) for _, header in usable)
+            channels = [
+                Channel(
+                    _name(header, repeated=titles[_name(header, repeated=False)] > 1),
+                    (place, int(header["num_pts"])),
+                    self._clock(file, place, header),
+                )
+                for place, header in usable
+            ]
+        except InputError:
+            raise
+        except Exception as error:  # pyuff raises bare Exception
+            raise unreadable(str(path), error, _EXPECTED) from error
+        super().__init__(path, channels, refused)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these channels; each has shape (samples,).
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        try:
+            file = self._pyuff.UFF(str(self._path))
+            return tuple(self._signal(file, *self._channels[position].handle) for position in positions)
+        except Exception as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+
+    def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
+        """From the interval; where each sample has its abscissa, and a file with even ones may, from these."""
+        if header["abscissa_spacing"] == 1:
+            interval_s = float(header["abscissa_inc"])
+            return plainest_clock(interval_s, _half_unit(interval_s), round(header["abscissa_min"] * 1e9))
+        times_s = real_numbers(file.read_sets(place)["x"])[: int(header["num_pts"])]
+        return clock_from_times(times_s, lambda row: f"{self._path}, data set {place + 1}, abscissa {row + 1}")
+
+    def _signal(self, file: Any, place: int, samples: int) -> FloatArray:
+        values = real_numbers(file.read_sets(place)["data"])
+        if values.size != samples:
+            raise ValueError(f"data set {place + 1} has {values.size} values where it states {samples}")
+        return values
+
+
+def _reason_against(header: dict[str, Any]) -> str:
+    if header["func_type"] not in _TIME_SIGNALS:
+        return f"of function type {header['func_type']} and not a time response (1)"
+    if header["abscissa_spec_data_type"] == _FREQUENCY:
+        return "over frequency and not over time"
+    if header["ord_data_type"] in _COMPLEX:
+        return "complex"
+    return ""
+
+
+def _name(header: dict[str, Any], *, repeated: bool) -> str:
+    title, sense = str(header["id1"]).strip(), int(header["rsp_dir"])
+    place = f"{header['rsp_node']}:{_DIRECTIONS.get(abs(sense), 'scalar').replace('+', '-' if sense < 0 else '+')}"
+    if title in ("", "NONE"):
+        return place
+    return f"{title} ({place})" if repeated else title
+
+
+def _half_unit(interval_s: float) -> float:
+    """Half a unit of the last place that the file can have kept of an interval, s."""
+    stated = Decimal(repr(interval_s))
+    digits = max(len(stated.normalize().as_tuple().digits), _LEAST_DIGITS)
+    return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)
