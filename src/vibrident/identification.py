@@ -20,12 +20,13 @@ from vibrident.estimators.optimise import Progress, silent
 from vibrident.measure.drift import without_drift
 from vibrident.models import SensorModel, parse
 from vibrident.problem import Evidence
-from vibrident.records import Calibration
+from vibrident.records import Calibration, SystematicEffect
 from vibrident.result import Result, ResultWarning, Training
-from vibrident.scrutiny import second_thoughts
-from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+from vibrident.scrutiny import linearised, second_thoughts
+from vibrident.uncertainty import correlation, curve, doubts, parameter_table
+from vibrident.uncertainty.budget import Row, as_settings, effective_degrees_of_freedom, rows_of_effects
 from vibrident.uncertainty.curve import frequencies
-from vibrident.uncertainty.parameters import coverage_factor, unit_fields
+from vibrident.uncertainty.parameters import coverage_factor, slopes, unit_fields
 
 Uncertainty = Literal["auto", "noise", "inflated"]
 EstimatorName = Literal["auto", "ipnn", "ml", "lsm"]
@@ -80,8 +81,12 @@ def identify(
     covariance, freedom, scope = _scaled(evidence, estimate, judgement, uncertainty)
     weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
     warnings += [ResultWarning(finding.code, finding.message) for finding in drifts]
-    more = [*second_thoughts(evidence, estimate, judgement, covariance), *_learned(estimate)]
-    covariance = with_reference(covariance, estimate.z, sensor_model, calibration.reference_standard_uncertainty)
+    linear = linearised(evidence, estimate, judgement)
+    more = [*second_thoughts(evidence, estimate, judgement, covariance, linear), *_learned(estimate)]
+    rows = [Row(scope, "data", None, "", freedom, covariance)]
+    rows += rows_of_effects(_effects(calibration), estimate.coordinates, estimate.z, calibration.quantity, linear)
+    covariance = np.sum([row.covariance for row in rows], axis=0)
+    freedom = float(np.min(effective_degrees_of_freedom(rows)))
     settings = {
         **estimate.settings,
         "estimator_choice": reason,
@@ -89,6 +94,7 @@ def identify(
         "coverage_factor": coverage_factor(freedom),
         "effective_degrees_of_freedom": freedom,
         "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
+        "uncertainty_budget": as_settings(rows, sensor_model.parameter_names, slopes(estimate.coordinates, estimate.z)),
         "start": dict(zip(sensor_model.parameter_names, np.asarray(estimate.coordinates.start).tolist(), strict=True)),
     }
     fields = unit_fields(calibration)
@@ -193,6 +199,13 @@ def _learned(estimate: Estimate) -> list[ResultWarning]:
         "response (settings, residual_network). Parameters and curve are the model's own."
     )
     return [ResultWarning("lack_of_fit", text)]
+
+
+def _effects(calibration: Calibration) -> list[SystematicEffect]:
+    """The systematic effects stated, the calibration of the reference first."""
+    relative = calibration.reference_standard_uncertainty
+    reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
+    return [*reference, *calibration.effects]
 
 
 def _training(estimate: Estimate) -> Training:

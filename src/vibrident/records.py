@@ -5,6 +5,7 @@ Everything here is frozen and validated on construction; after it, code trusts i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -272,6 +273,35 @@ class ResponseTable:
         return np.asarray(self.magnitude * np.exp(1j * self.phase_rad), dtype=np.complex128)
 
 
+EffectKind = Literal["gain", "timing", "phase", "mounting", "clock"]
+EFFECT_UNITS: dict[EffectKind, str] = {"gain": "1", "timing": "s", "phase": "rad", "mounting": "1", "clock": "1"}
+
+
+@dataclass(frozen=True)
+class SystematicEffect:
+    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B).
+
+    Attributes:
+        source: what it comes from, in words.
+        kind: how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
+            (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative).
+        standard_uncertainty: in ``unit``.
+        frequency_hz: of a mounting effect; None otherwise.
+        degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.
+    """
+
+    source: str
+    kind: EffectKind
+    standard_uncertainty: float
+    frequency_hz: float | None = None
+    degrees_of_freedom: float = math.inf
+
+    @property
+    def unit(self) -> str:
+        """Unit of the standard uncertainty; "1" for a relative one."""
+        return EFFECT_UNITS[self.kind]
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """All that is known of one sensor's calibration: records or a table, and what the channels mean.
@@ -284,6 +314,7 @@ class Calibration:
         reference_unit: unit of the reference after scaling.
         reference_standard_uncertainty: relative, systematic: the calibration of the reference.
         response_unit: unit of the response after scaling.
+        effects: further systematic contributions to the uncertainty.
         sensor: free text for reports (manufacturer, type, serial_number, …).
         source: path of the calibration file; empty for data made in memory.
         certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
@@ -303,6 +334,7 @@ class Calibration:
     sensor: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
     certificate: Mapping[str, Any] = field(default_factory=dict)
+    effects: tuple[SystematicEffect, ...] = ()
 
     def __post_init__(self) -> None:
         where = self.source or "calibration in memory"

@@ -29,7 +29,7 @@ DOUBTED_BIAS = 0.5
 
 
 def second_thoughts(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, linear: Linearised
 ) -> list[ResultWarning]:
     """Warnings ``nonlinear``, ``band_sensitive``, ``estimators_disagree``, ``reference_noise``, ``units_suspect``.
 
@@ -38,9 +38,10 @@ def second_thoughts(
         estimate: the fit.
         judgement: what the estimate says of the data.
         covariance: of the coordinates, as stated, shape (p, p).
+        linear: all points, linearised at the estimate.
     """
     warnings = list(_nonlinear(evidence, estimate, judgement))
-    warnings += _moving(evidence, estimate, judgement, covariance)
+    warnings += _moving(evidence, estimate, judgement, covariance, linear)
     warnings += _reference_noise(estimate)
     if not judgement.adequacy.adequate:
         warnings += _misread(evidence)
@@ -76,27 +77,35 @@ def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
         yield ResultWarning("nonlinear", text)
 
 
+def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:
+    """The fit at all excited frequencies, linearised at the estimate."""
+    if evidence.calibration.table is not None:
+        problem = evidence.first_look
+        assert problem is not None
+        return Linearised.of_table(estimate.coordinates, estimate.z, problem)
+    points = judgement.adequacy
+    return Linearised.of_points(
+        estimate.coordinates,
+        estimate.z,
+        evidence.quantity,
+        points.frequency_hz,
+        points.measured,
+        points.relative_deviation,
+    )
+
+
 def _moving(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, linear: Linearised
 ) -> list[ResultWarning]:
     """Parameters that another part of the data, or another estimator, would move."""
     if not evidence.model.is_linear:
         return []  # a transfer function says nothing of what makes it nonlinear
-    coordinates, z, quantity = estimate.coordinates, estimate.z, evidence.quantity
-    adequacy = judgement.adequacy
-    if evidence.calibration.table is not None:
-        problem = evidence.first_look
-        assert problem is not None
-        linear = Linearised.of_table(coordinates, z, problem)
-        return band_sensitive(linear, coordinates, z, covariance, (judgement.scatter or 1.0) ** 2)
-    linear = Linearised.of_points(
-        coordinates, z, quantity, adequacy.frequency_hz, adequacy.measured, adequacy.relative_deviation
-    )
-    warnings = band_sensitive(linear, coordinates, z, covariance)
+    coordinates, z = estimate.coordinates, estimate.z
+    warnings = band_sensitive(linear, coordinates, z, covariance, (judgement.scatter or 1.0) ** 2)
     if judgement.tones is not None and estimate.estimator != "ml":
         part = judgement.points[0]
         tones = Linearised.of_points(
-            coordinates, z, quantity, part.frequency_hz, part.measured, part.relative_deviation
+            coordinates, z, evidence.quantity, part.frequency_hz, part.measured, part.relative_deviation
         )
         warnings += estimators_disagree(tones, coordinates, z, covariance, estimate.estimator)
     return warnings

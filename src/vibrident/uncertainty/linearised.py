@@ -28,11 +28,15 @@ class Linearised:
         frequency_hz: of each row, shape (m,).
         matrix: shape (m, p), in standard deviations.
         rest: what the measurement has beyond the model, in standard deviations, shape (m,).
+        is_phase: whether a row is of the phase, shape (m,).
+        weight: one over the standard deviation of log H, shape (m,).
     """
 
     frequency_hz: FloatArray
     matrix: FloatArray
     rest: FloatArray
+    is_phase: BoolArray
+    weight: FloatArray
 
     @classmethod
     def of_points(
@@ -53,6 +57,8 @@ class Linearised:
             np.concatenate([frequency_hz, frequency_hz]),
             np.concatenate([scaled.real, scaled.imag]),
             np.concatenate([rest.real, rest.imag]),
+            np.repeat([False, True], len(frequency_hz)),
+            np.tile(1.0 / relative_deviation, 2),
         )
 
     @classmethod
@@ -61,12 +67,18 @@ class Linearised:
         frequency, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)
         response, slopes = log_slopes(coordinates, z, problem.quantity, frequency)
         size = np.abs(response)
-        matrix = [slopes.real * (size / magnitude_u)[:, None]]
+        weight = [size / magnitude_u]
+        matrix = [slopes.real * weight[0][:, None]]
         rest = [(magnitude - size) / magnitude_u]
         if problem.has_phase:
+            weight.append(1.0 / phase_u)
             matrix.append(slopes.imag / phase_u[:, None])
             rest.append(np.angle(np.exp(1j * phase) / (response / size)) / phase_u)
-        return cls(np.tile(frequency, len(matrix)), np.concatenate(matrix), np.concatenate(rest))
+        count = len(matrix)
+        kind = np.repeat([False, True][:count], len(frequency))
+        return cls(
+            np.tile(frequency, count), np.concatenate(matrix), np.concatenate(rest), kind, np.concatenate(weight)
+        )
 
     def solve(self, keep: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Shift dz that the rows ask for, shape (p,), and its covariance, shape (p, p)."""

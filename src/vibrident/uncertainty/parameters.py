@@ -29,6 +29,11 @@ def coverage_factor(degrees_of_freedom: float) -> float:
     return float(stdtrit(finite, 0.5 + COVERAGE / 2))
 
 
+def slopes(coordinates: Coordinates, z: FloatArray) -> FloatArray:
+    """dp/dz of every parameter, shape (p,)."""
+    return np.asarray(_slopes(coordinates, jnp.asarray(z)))
+
+
 def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
     """Covariance of z with the reference's own calibration in it: a common factor on the gain, type B."""
     if relative == 0.0:
@@ -60,14 +65,14 @@ def parameter_table(
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    slopes = np.asarray(_slopes(coordinates, jnp.asarray(z)))
+    change = slopes(coordinates, z)
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
         table[spec.name] = Parameter(
             value=coordinates.values(z)[spec.name],
             unit=spec.unit.format(**units),
-            standard_uncertainty=float(abs(slopes[index]) * deviation[index]),
+            standard_uncertainty=float(abs(change[index]) * deviation[index]),
             interval_95=(float(low), float(high)),
             identifiable=spec.name not in doubtful,
         )

@@ -1,0 +1,136 @@
+"""The uncertainty budget: what each systematic contribution does to each parameter (GUM 5.1, type B).
+
+A contribution changes the measured response by a known pattern over frequency, with one unknown factor:
+
+| kind | change of log H for one unit | standard uncertainty |
+|---|---|---|
+| gain | 1 | relative (voltmeter, amplifier, reference) |
+| timing | −2πjf | s (skew between the channels) |
+| phase | −j | rad |
+| mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (a stiff mount well below its resonance) |
+| clock | −f ∂ log H/∂f | relative (sampling rate) |
+
+The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so more data do not
+reduce it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.problem import Coordinates
+from vibrident.records import FloatArray, Quantity, SystematicEffect
+from vibrident.uncertainty.linearised import Linearised, log_slopes
+
+#: Relative step of the central difference in frequency.
+STEP = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A row of the budget.
+
+    Attributes:
+        source: where the contribution comes from.
+        kind: as in the module's table; ``data`` for the type A part.
+        standard_uncertainty: of the effect, in ``unit``; None for the type A part.
+        unit: of that.
+        degrees_of_freedom: behind it; infinite where it is taken as known.
+        covariance: what it adds to the covariance of z, shape (p, p).
+    """
+
+    source: str
+    kind: str
+    standard_uncertainty: float | None
+    unit: str
+    degrees_of_freedom: float
+    covariance: FloatArray
+
+
+def rows_of_effects(
+    effects: Sequence[SystematicEffect], coordinates: Coordinates, z: FloatArray, quantity: Quantity, linear: Linearised
+) -> list[Row]:
+    """A row for each systematic effect.
+
+    Args:
+        effects: as stated in the calibration file.
+        coordinates: the map from z to parameters.
+        z: the estimate, shape (p,).
+        quantity: of the reference.
+        linear: the fit, linearised at ``z``.
+    """
+    rows = []
+    for effect in effects:
+        if effect.kind == "gain":  # exact, whatever the data determine of the rest
+            shift = np.zeros(len(z))
+            index = coordinates.model.parameter_names.index(coordinates.model.gain_name)
+            shift[index] = z[index]
+        else:
+            pattern = _pattern(effect, coordinates, z, quantity, linear.frequency_hz)
+            part = np.where(linear.is_phase, np.imag(pattern), np.real(pattern))
+            shift, _ = Linearised(
+                linear.frequency_hz, linear.matrix, part * linear.weight, linear.is_phase, linear.weight
+            ).solve()
+        shift = shift * effect.standard_uncertainty
+        rows.append(
+            Row(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, effect.degrees_of_freedom,
+                np.outer(shift, shift))
+        )  # fmt: skip
+    return rows
+
+
+def _pattern(
+    effect: SystematicEffect, coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency: FloatArray
+) -> NDArray[Any]:
+    """Change of log H for one unit of the effect, shape (m,)."""
+    if effect.kind == "timing":
+        return -2j * np.pi * frequency
+    if effect.kind == "phase":
+        return np.full(len(frequency), -1j)
+    if effect.kind == "mounting":
+        return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
+    ahead, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 + STEP))
+    behind, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 - STEP))
+    return -np.log(ahead / behind) / (2.0 * STEP)
+
+
+def effective_degrees_of_freedom(rows: Sequence[Row]) -> FloatArray:
+    """Of each coordinate, by the Welch–Satterthwaite formula (GUM G.4.1), shape (p,)."""
+    variances = np.stack([np.diag(row.covariance) for row in rows])
+    total = np.sum(variances, axis=0)
+    freedom = np.array([row.degrees_of_freedom for row in rows])
+    divided = np.sum(variances**2 / freedom[:, None], axis=0)
+    return np.where(divided > 0, total**2 / np.maximum(divided, 1e-300), np.inf)
+
+
+def as_settings(rows: Sequence[Row], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
+    """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
+
+    Args:
+        rows: the budget.
+        names: of the parameters.
+        slopes: ∂parameter/∂z, shape (p,).
+    """
+    table = []
+    for row in rows:
+        parts: Mapping[str, float] = dict(
+            zip(names, (np.sqrt(np.maximum(np.diag(row.covariance), 0.0)) * np.abs(slopes)).tolist(), strict=True)
+        )
+        finite = np.isfinite(row.degrees_of_freedom)
+        table.append(
+            {
+                "source": row.source,
+                "type": "A" if row.kind == "data" else "B",
+                "kind": row.kind,
+                "standard_uncertainty": row.standard_uncertainty,
+                "unit": row.unit,
+                "degrees_of_freedom": float(row.degrees_of_freedom) if finite else None,
+                "contributions": parts,
+            }
+        )
+    return table
