@@ -11,6 +11,7 @@ PYTEST_ARGS ?=
 BIN := $(VENV)/bin
 CORE := $(VENV)/.installed
 DEV := $(VENV)/.installed-dev
+DOCS := $(VENV)/.installed-docs
 
 # Run each candidate: a shim may be on the PATH and yet have no interpreter behind it.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 python; do \
@@ -48,6 +49,11 @@ format: $(DEV)  ## rewrite the sources in the agreed format
 bench: $(DEV)  ## benchmarks beside their targets; against peers too after make bench-peers
 	$(BIN)/python -m bench $(BENCH_ARGS)
 
+.PHONY: docs
+docs: $(DOCS)  ## the documentation with its pictures, into site/
+	$(BIN)/python -m docsite
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 # Environments of their own for the packages that the benchmarks compare with; nothing of them enters $(VENV).
 .PHONY: bench-peers
 bench-peers: bench/peers/envs/jax-sysid/.installed bench/peers/envs/pydynamic/.installed
@@ -58,7 +64,7 @@ bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 	@touch $@
 
 clean:  ## remove what make and the tools have made
-	rm -rf $(CORE) $(DEV) .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
+	rm -rf $(CORE) $(DEV) $(DOCS) site .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { \
@@ -71,4 +77,8 @@ $(CORE): pyproject.toml | $(BIN)/python
 
 $(DEV): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[dev]'
+	@touch $@ $(CORE)
+
+$(DOCS): pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable '.[docs]'
 	@touch $@ $(CORE)

@@ -1,0 +1,20 @@
+"""Write the made pages into docs/, where mkdocs finds them beside the written ones; git ignores them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from docsite import gallery
+from docsite.made import MADE
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def main() -> None:
+    """Write every made page, then the gallery with its pictures."""
+    for name, content in MADE.items():
+        (DOCS / name).write_text(content(), encoding="utf-8")
+    gallery.write(DOCS / "gallery")
+
+
+main()

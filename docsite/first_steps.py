@@ -1,0 +1,16 @@
+"""First steps: the README, less what is for those who work on the code."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_README = Path(__file__).resolve().parents[1] / "README.md"
+_LEFT_OUT = ("Tests and benchmarks", "License")
+
+
+def first_steps() -> str:
+    """Return the README with its links turned to the pages of this site."""
+    title, *sections = re.split(r"^(?=## )", _README.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    kept = [section for section in sections if not section.startswith(tuple(f"## {name}" for name in _LEFT_OUT))]
+    return re.sub(r"\]\(docs/", "](", title + "".join(kept))

@@ -1,0 +1,23 @@
+"""Markdown tables, and templates with one place for a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+_PAGES = Path(__file__).parent / "pages"
+_PLACE = "<!-- table -->"
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table; a bar within a cell stays one."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def page(name: str, content: str) -> str:
+    """Return the template of this name with the content in its place."""
+    template = (_PAGES / name).read_text(encoding="utf-8")
+    if template.count(_PLACE) != 1:
+        raise ValueError(f"{name} needs {_PLACE} once")
+    return template.replace(_PLACE, content)

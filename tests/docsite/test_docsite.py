@@ -1,0 +1,107 @@
+"""The documentation's pages are there, and what is made from the code is complete."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from docsite.api import api
+from docsite.calibration_file import calibration_file
+from docsite.commands import commands
+from docsite.first_steps import first_steps
+from docsite.gallery import SHOTS
+from docsite.made import MADE, MADE_PAGES
+from docsite.models import models
+
+import vibrident
+from vibrident.io.calibration_file import CalibrationFile
+from vibrident.models import ADD_ONS, CORES
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def pages(nav) -> Iterator[str]:
+    for entry in nav:
+        for value in entry.values():
+            yield from [value] if isinstance(value, str) else pages(value)
+
+
+@pytest.fixture(scope="module")
+def nav() -> list[str]:
+    return [*pages(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])]
+
+
+def test_every_page_of_the_menu_is_written_or_made(nav):
+    assert [page for page in nav if page not in MADE_PAGES and not (ROOT / "docs" / page).is_file()] == []
+    assert len(nav) == len(set(nav))
+
+
+def test_every_page_is_in_the_menu(nav):
+    written = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    assert written | set(MADE_PAGES) == set(nav)
+
+
+def test_made_pages_are_not_in_git():
+    ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").split()
+    for page in MADE_PAGES:
+        assert f"/docs/{page}" in ignored or f"/docs/{page.split('/')[0]}/" in ignored
+
+
+def test_the_page_of_commands_lists_every_command_with_every_option():
+    import typer.main
+
+    from vibrident.cli.application import app
+
+    page = commands()
+    sections = dict(re.findall(r"^## (\S+)\n(.*?)(?=^## |\Z)", page, flags=re.MULTILINE | re.DOTALL))
+    group = typer.main.get_command(app)
+    assert sections.keys() == group.commands.keys()
+    for name, command in group.commands.items():
+        for parameter in command.params:
+            if parameter.param_type_name == "option" and not parameter.hidden:
+                assert f"`{parameter.opts[0]}" in sections[name] or f" {parameter.opts[0]}" in sections[name], name
+        assert command.help.split(".")[0][:30] in sections[name].replace("\\", "")
+
+
+def test_the_page_of_the_interface_has_every_public_name():
+    page = api()
+    for name in set(vibrident.__all__) - {"__version__"}:
+        assert re.search(rf"^::: vibrident\.\S*\b{name}$", page, flags=re.MULTILINE), name
+
+
+def test_the_page_of_models_has_every_model_and_parameter():
+    page = models()
+    for name, part in {**CORES, **ADD_ONS}.items():
+        assert f"`{name}`" in page
+        assert all(f"`{spec.name}`" in page for spec in part.parameters)
+
+
+def test_the_page_of_the_calibration_file_says_what_each_key_takes():
+    page = calibration_file()
+    for section in CalibrationFile.model_fields:
+        assert re.search(rf"^### \[+{section}\]+$", page, flags=re.MULTILINE), section
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    assert len(rows) > 40
+    assert [row for row in rows if not row[1].strip()] == []
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_links_between_pages_lead_somewhere(name, nav):
+    for target in re.findall(r"\]\(([^)#:]+\.md)(?:#[^)]*)?\)", MADE[name]()):
+        assert target in nav
+
+
+def test_first_steps_end_where_the_work_on_the_code_begins():
+    page = first_steps()
+    assert page.startswith("# vibrident\n")
+    assert "make lint" not in page
+    assert "## Quick start" in page
+
+
+def test_every_command_of_the_gallery_exists():
+    import typer.main
+
+    from vibrident.cli.application import app
+
+    assert {shot.command.split()[0] for shot in SHOTS} <= typer.main.get_command(app).commands.keys()
