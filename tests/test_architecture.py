@@ -37,6 +37,7 @@ LAYERS = (
     "assemble",
     "scrutiny",
     "identification",
+    "validation",
     "prediction",
     "correction",
     "planning",

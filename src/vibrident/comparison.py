@@ -77,12 +77,92 @@ def not_comparable(one: Result, other: Result) -> str:
     return ""
 
 
-def document(results: Mapping[str, Result], truth: Mapping[str, float] | None = None) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Criteria:
+    """What speaks for a model.
+
+    Attributes:
+        chi2: sum of the squared deviations over their variance; None where no uncertainty is known.
+        parameters: estimated, not derived.
+        aic: Akaike's information criterion, χ² + 2 p.
+        bic: Schwarz's, χ² + p ln n, with n deviations.
+        sound: the model explains the data, and the data determine its parameters.
+    """
+
+    chi2: float | None
+    parameters: int
+    aic: float | None
+    bic: float | None
+    sound: bool
+
+
+def criteria(result: Result) -> Criteria:
+    """Information criteria of a result; smaller is better, a difference of ten decides (Burnham & Anderson 2002)."""
+    own = [p for p in result.parameters.values() if not p.derived]
+    sound = result.fit.adequate and all(p.identifiable for p in own)
+    if result.fit.chi2_reduced is None:
+        return Criteria(None, len(own), None, None, sound)
+    chi2 = result.fit.chi2_reduced * result.fit.degrees_of_freedom
+    count = max(result.fit.degrees_of_freedom + len(own), 1)
+    return Criteria(chi2, len(own), chi2 + 2 * len(own), chi2 + len(own) * math.log(count), sound)
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Which method to take, and why, in words; ``method`` is None where none can be recommended."""
+
+    method: str | None
+    words: str
+
+
+def recommendation(results: Mapping[str, Result]) -> Recommendation:
+    """The soundest model of several on the same data: adequate, determined, and of those the smallest BIC."""
+    judged = {name: criteria(result) for name, result in results.items()}
+    sound = {name: c for name, c in judged.items() if c.sound}
+    if sound:
+        best = min(sound, key=lambda name: (sound[name].bic or 0.0, sound[name].parameters))
+        others = [name for name, result in results.items() if result.model != results[best].model]
+        words = f"Take {best}: it explains the data and they determine all its parameters"
+        reasons = [_against(name, results[name], judged[name], sound[best]) for name in others]
+        return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
+    adequate = [name for name, result in results.items() if result.fit.adequate]
+    if adequate:
+        best = min(adequate, key=lambda name: (judged[name].bic or 0.0, judged[name].parameters))
+        weak = [n for n, p in results[best].parameters.items() if not p.derived and not p.identifiable]
+        words = (
+            f"{best} explains the data, but they do not determine {', '.join(weak)}: use its curve within the band, "
+            "not these parameters, or measure where they matter."
+        )
+        return Recommendation(best, words)
+    scored = {name: c.chi2 for name, c in judged.items() if c.chi2 is not None}
+    nearest = f" {min(scored, key=lambda name: scored[name])} comes nearest." if scored else ""
+    words = f"None of these explains the data: do not publish their parameters.{nearest} Try a model with more physics."
+    return Recommendation(None, words)
+
+
+def _against(name: str, result: Result, found: Criteria, best: Criteria) -> str:
+    """Why another model is not taken."""
+    if not result.fit.adequate:
+        return f"{result.model} does not explain them"
+    weak = [n for n, p in result.parameters.items() if not p.derived and not p.identifiable]
+    if weak:
+        return f"they do not determine {', '.join(weak)} of {result.model}"
+    if found.bic is not None and best.bic is not None:
+        return f"{result.model} has a BIC larger by {found.bic - best.bic:.3g}"
+    return f"{result.model} is sound too"
+
+
+def document(
+    results: Mapping[str, Result],
+    truth: Mapping[str, float] | None = None,
+    foretold: Mapping[str, Mapping[str, Any]] | None = None,
+) -> dict[str, Any]:
     """What ``comparison.json`` says: plain values.
 
     Args:
         results: name of the method to its result; at least one.
         truth: true values by parameter name; deviations are from these, else from the first result.
+        foretold: name of the method to its cross-validation, as plain values.
     """
     first = next(iter(results))
     zero = truth or {name: p.value for name, p in results[first].parameters.items() if p.value is not None}
@@ -91,7 +171,11 @@ def document(results: Mapping[str, Result], truth: Mapping[str, float] | None = 
         "schema": SCHEMA,
         "deviations_from": "truth" if truth else first,
         "truth": dict(truth) if truth else None,
-        "methods": [_method(name, result, zero, units, bool(truth)) for name, result in results.items()],
+        "methods": [
+            _method(name, result, zero, units, bool(truth)) | {"cross_validation": (foretold or {}).get(name)}
+            for name, result in results.items()
+        ],
+        "recommendation": asdict(recommendation(results)),
     }
 
 
@@ -119,6 +203,7 @@ def _method(
         "fit": {
             key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()
         },
+        "criteria": asdict(criteria(result)),
         "warnings": list(result.warning_codes),
         "time_s": result.settings.get("time_s"),
     }

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from vibrident.comparison import deviations
+from vibrident.comparison import criteria, deviations, recommendation
 from vibrident.plots.units import pretty, reference_unit, scaled, sensitivity_unit, sensor_name
 from vibrident.report import words
 from vibrident.report.numbers import NONE, concise, percent, plain, stated
@@ -24,6 +24,7 @@ __all__ = [
     "compare_table",
     "fit_line",
     "inspection_table",
+    "model_table",
     "summary",
     "truth_table",
     "warning_lines",
@@ -264,6 +265,35 @@ def _metrics_by_method(results: Sequence[Result], labels: Sequence[str]) -> Tabl
             row.append(plain(time, 3) if isinstance(time, (int, float)) else NONE)
         table.add_row(*(_plain(cell) for cell in row))
     return table
+
+
+def model_table(results: Mapping[str, Result], foretold: Mapping[str, Mapping[str, Any]]) -> Group:
+    """What speaks for each model, and which to take.
+
+    Args:
+        results: name of the method to its result.
+        foretold: name of the method to its cross-validation, where one was made.
+    """
+    from rich.console import Group
+    from rich.text import Text
+
+    table = _table("Choice of the model", "method")
+    headers = ("parameters", "chi²", "AIC", "BIC") + (("foretold", "in u") if foretold else ()) + ("explains", "weak")
+    for header in headers:
+        table.add_column(header, justify="right", no_wrap=True)
+    for name, result in results.items():
+        found = criteria(result)
+        weak = sum(not p.identifiable for p in result.parameters.values() if not p.derived)
+        row = [name, str(found.parameters), plain(found.chi2, 5), plain(found.aic, 5), plain(found.bic, 5)]
+        if foretold:
+            score = foretold.get(name) or {}
+            percent = score.get("deviation_percent")
+            row += [NONE if percent is None else f"{plain(percent, 3)} %", plain(score.get("deviation_in_u"), 3)]
+        row += ["yes" if result.fit.adequate else "no", str(weak) if weak else NONE]
+        table.add_row(*(_plain(cell) for cell in row))
+    if foretold:
+        table.caption = "foretold: rms deviation at records left out of the fit"
+    return Group(table, Text(recommendation(results).words), Text(""))
 
 
 def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibration data") -> Table:

@@ -27,6 +27,8 @@ from vibrident.records import FloatArray
 
 #: A natural frequency is looked for at most this far outside the band of the data.
 BAND_MARGIN = 300.0
+#: … and below it further: a first-order high-pass acts as f0/f.
+MARGIN_BELOW = 1e6
 
 
 @functools.partial(
@@ -79,7 +81,7 @@ class Coordinates:
     def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced. ``xp``: array library of the few functions needed."""
         values = {}
-        low, high = self.band_hz[0] / BAND_MARGIN, self.band_hz[1] * BAND_MARGIN
+        low, high = self.band_hz[0] / MARGIN_BELOW, self.band_hz[1] * BAND_MARGIN
         for index, spec in enumerate(self.model.parameters):
             start = self.start[index]
             if spec.kind == "gain":

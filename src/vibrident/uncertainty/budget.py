@@ -102,10 +102,10 @@ def _pattern(
 def effective_degrees_of_freedom(rows: Sequence[Row]) -> FloatArray:
     """Of each coordinate, by the Welch–Satterthwaite formula (GUM G.4.1), shape (p,)."""
     variances = np.stack([np.diag(row.covariance) for row in rows])
-    total = np.sum(variances, axis=0)
+    shares = variances / np.maximum(np.sum(variances, axis=0), 1e-300)
     freedom = np.array([row.degrees_of_freedom for row in rows])
-    divided = np.sum(variances**2 / freedom[:, None], axis=0)
-    return np.where(divided > 0, total**2 / np.maximum(divided, 1e-300), np.inf)
+    divided = np.sum(shares**2 / freedom[:, None], axis=0)
+    return np.where(divided > 0, 1.0 / np.maximum(divided, 1e-300), np.inf)
 
 
 def as_settings(rows: Sequence[Row], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.problem import Coordinates
-from vibrident.problem.coordinates import BAND_MARGIN
+from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
 from vibrident.records import FloatArray
 from vibrident.result import ResultWarning
 
@@ -59,7 +59,7 @@ def doubts(
 
 def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray) -> list[ResultWarning]:
     warnings = []
-    low, high = coordinates.band_hz[0] / BAND_MARGIN, coordinates.band_hz[1] * BAND_MARGIN
+    low, high = coordinates.band_hz[0] / MARGIN_BELOW, coordinates.band_hz[1] * BAND_MARGIN
     for index, spec in enumerate(coordinates.model.parameters):
         value = values[spec.name]
         if spec.kind == "log" and not 1.001 * low < value < high / 1.001:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -63,11 +63,17 @@ def compare(
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="FILE", help="truth.json of a simulation, to deviate from.")
     ] = None,
+    validate: Annotated[
+        bool, typer.Option("--cross-validate", help="Fit again without each fifth of the records, and foretell it.")
+    ] = False,
     folder: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for comparison.json, and each result.")
     ] = Path("vibrident-comparison"),
 ) -> None:
-    """Compare methods side by side: parameters, fit, and time; the first one is what the others deviate from."""
+    """Compare methods side by side: parameters, fit, and time; the first one is what the others deviate from.
+
+    Of several models it says which one to take, and why.
+    """
     named = options.listed("--estimators", options.ESTIMATORS[1:])(estimators)
     steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
     names = options.listed("--models")(models)
@@ -80,18 +86,21 @@ def compare(
         if files[0].suffix.lower() == ".toml":
             methods = _methods(named or _USUAL, names or (None,), steps or (None,))
             results = _identified(files, methods, must=bool(named or names or steps))
+            foretold = _foretold(files[0], methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
                 result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
         else:
             _refuse_for_results({"--estimators": named, "--models": names, "--discretisations": steps})
-            results = _loaded(files)
-        text = json.dumps(document(results, known), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+            results, foretold = _loaded(files), {}
+        text = json.dumps(document(results, known, foretold), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         (output.path / "comparison.json").write_text(text, encoding="utf-8")
     from vibrident import terminal
 
     console = out()
     console.print(terminal.compare_table(list(results.values()), list(results), known))
-    console.print(terminal.written_lines(output.files))
+    if len({result.model for result in results.values()}) > 1:
+        console.print(terminal.model_table(results, foretold))
+    console.print(terminal.written_lines(output.files), crop=False)
 
 
 def _methods(estimators: tuple | list, models: tuple | list, steps: tuple | list) -> list[Method]:
@@ -123,6 +132,23 @@ def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict
     if not results:
         raise failures[0]
     return results
+
+
+def _foretold(file: Path, methods: list[Method], results: dict[str, Result]) -> dict[str, dict[str, Any]]:
+    from vibrident.cli.progress import Busy
+    from vibrident.io import read
+    from vibrident.validation import cross_validate
+
+    calibration, scores = read(file), {}
+    for method in methods:
+        if method.name not in results:
+            continue
+        with Busy(f"Cross-validating {method.name}") as progress:
+            chosen = estimator(method.estimator, EstimatorOptions(discretisation=method.discretisation))
+            score = cross_validate(calibration, results[method.name], chosen, progress=progress)
+        if score is not None:
+            scores[method.name] = asdict(score)
+    return scores
 
 
 def _outcomes(

@@ -1,0 +1,125 @@
+"""Cross-validation: how well a model foretells measurements that it was not fitted to.
+
+The records (or the rows of a table) are dealt into folds; each fold is foretold by the model fitted to the others
+(Stone 1974). A model with too little physics foretells badly, and so does one with more parameters than the data carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.errors import VibridentError
+from vibrident.estimators import Estimator
+from vibrident.estimators.optimise import Progress, silent
+from vibrident.identification import EstimatorName, identify
+from vibrident.measure.response import ComplexArray
+from vibrident.models import parse
+from vibrident.records import BoolArray, Calibration, FloatArray, ResponseTable
+from vibrident.result import MeasuredCurve, Result
+
+FOLDS = 5
+#: Fewer records or rows than this are not dealt.
+FEWEST = 4
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """What the folds say.
+
+    Attributes:
+        deviation_percent: rms of |model/measured − 1| at the points left out, 100 times.
+        deviation_in_u: rms of the same in standard uncertainties of the measurement; about one for a model that is
+            right. None where no uncertainty is known.
+        folds: how many fits were made.
+    """
+
+    deviation_percent: float
+    deviation_in_u: float | None
+    folds: int
+
+
+def cross_validate(
+    calibration: Calibration,
+    result: Result,
+    estimator: EstimatorName | Estimator = "auto",
+    *,
+    folds: int = FOLDS,
+    progress: Progress = silent,
+) -> CrossValidation | None:
+    """Fit the result's model to all but one fold, for each fold in turn, and compare with what was left out.
+
+    Args:
+        calibration: what the result was identified from.
+        result: of all data; its measured points are what is foretold.
+        estimator: as for :func:`vibrident.identify`.
+        folds: most fits.
+        progress: called after each iteration of the optimiser.
+
+    Returns:
+        the score; None where there are too few records or rows to deal, or where a fold cannot be fitted.
+    """
+    owners = _owners(calibration, result.measured)
+    count = calibration.table.points if calibration.table is not None else len(calibration.records)
+    dealt = min(folds, count)
+    if count < FEWEST:
+        return None
+    measured = _complex(result.measured)
+    foretold = np.full(len(measured), np.nan, dtype=complex)
+    frequency = np.array(result.measured.frequency_hz)
+    model = parse(result.model)
+    for fold in range(dealt):
+        out = np.arange(count) % dealt == fold
+        try:
+            part = identify(_part(calibration, ~out), result.model, estimator, progress=progress)
+        except VibridentError:
+            return None
+        values = {name: part.parameters[name].value for name in model.parameter_names}
+        here = out[owners]
+        foretold[here] = model.frequency_response(values, frequency[here], calibration.quantity)
+    known = result.measured.phase_deg[0] is not None
+    off = np.abs(foretold / measured - 1.0) if known else np.abs(np.abs(foretold) / np.abs(measured) - 1.0)
+    percent = 100.0 * float(np.sqrt(np.mean(off**2)))
+    return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
+
+
+def _owners(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
+    """Index of the record, or row, that each measured point belongs to."""
+    if calibration.table is not None:
+        return np.argsort(calibration.table.frequency_hz, kind="stable")
+    index = {record.name: i for i, record in enumerate(calibration.records)}
+    return np.array([index[name] for name in measured.record])
+
+
+def _part(calibration: Calibration, keep: BoolArray) -> Calibration:
+    if calibration.table is not None:
+        return replace(calibration, table=_rows(calibration.table, keep))
+    return replace(calibration, records=tuple(r for r, kept in zip(calibration.records, keep, strict=True) if kept))
+
+
+def _rows(table: ResponseTable, keep: BoolArray) -> ResponseTable:
+    def part(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else values[keep]
+
+    return replace(
+        table,
+        frequency_hz=table.frequency_hz[keep],
+        magnitude=table.magnitude[keep],
+        phase_rad=part(table.phase_rad),
+        magnitude_uncertainty=part(table.magnitude_uncertainty),
+        phase_uncertainty_rad=part(table.phase_uncertainty_rad),
+    )
+
+
+def _complex(measured: MeasuredCurve) -> ComplexArray:
+    phase = np.array([0.0 if value is None else value for value in measured.phase_deg])
+    return np.array(measured.magnitude) * np.exp(1j * np.deg2rad(phase))
+
+
+def _in_u(off: FloatArray, measured: MeasuredCurve, known: bool) -> float | None:
+    if any(u is None for u in measured.magnitude_uncertainty):
+        return None
+    relative = np.array(measured.magnitude_uncertainty, dtype=float) / np.array(measured.magnitude)
+    parts = 2.0 if known else 1.0
+    return float(np.sqrt(np.mean((off / relative) ** 2) / parts))
