@@ -1,0 +1,89 @@
+"""The Cramér–Rao bound of a cell with known noise spectra: what no unbiased estimate can beat.
+
+The sensitivities are differences of the exact simulated response. Initial states, offsets, drift and hum are unknown,
+so what they could imitate is taken out. With noise of both channels of known spectra, and the true motion unknown, the
+variance of Y − H X is S_y + |H|² S_x at each line (Pintelon & Schoukens 2012, sec. 9.11).
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from bench.scenario_cells import NOISES, truth
+from vibrident.models import parse
+from vibrident.records import Record
+from vibrident.simulation import ChannelNoise, sensor_named
+
+STEP = 1e-5
+
+
+@functools.lru_cache(maxsize=64)
+def bound(sensor_name: str, excitation: str, noise: str) -> np.ndarray | None:
+    """Least relative standard deviation of each parameter; None where the noise is felt, and nothing bounds."""
+    if noise == "a":
+        return None
+    sensor = sensor_named(sensor_name)
+    model = parse(sensor.model)
+    names = model.parameter_names
+    base = truth(sensor_name, excitation)
+    ends = {key: [truth(sensor_name, excitation, moved=(key, s * STEP)) for s in (1.0, -1.0)] for key in names}
+    information = np.zeros((len(names), len(names)))
+    poles = np.roots(np.array(model.rational(dict(sensor.parameters)).denominator[::-1], dtype=float)).astype(complex)
+    for index, record in enumerate(base.records):
+        columns = np.stack(
+            [(ends[k][0].records[index].response - ends[k][1].records[index].response) / (2.0 * STEP) for k in names], 1
+        )
+        level = _level(record, NOISES[noise][1], lambda f: model.frequency_response(dict(sensor.parameters), f))
+        white = _whitened(np.column_stack([columns, _nuisance(record, poles, NOISES[noise][1])]), level)
+        own, other = white[:, : len(names)], white[:, len(names) :]
+        basis, _ = np.linalg.qr(other)
+        own = own - basis @ (basis.T @ own)
+        information += own.T @ own
+    scale = np.sqrt(np.diag(information))
+    return np.sqrt(np.diag(np.linalg.inv(information / np.outer(scale, scale)))) / scale
+
+
+def _nuisance(record: Record, poles: np.ndarray, noise: dict) -> np.ndarray:
+    times = record.time_s
+    columns = [np.ones_like(times)]
+    for pole in poles[np.imag(poles) > 0]:
+        decay = np.exp(pole * times)
+        columns += [decay.real, decay.imag]
+    response = noise.get("response_noise")
+    if isinstance(response, ChannelNoise):
+        if response.drift:
+            columns.append(times / times[-1])
+        if response.hum:
+            for order in range(1, len(response.hum_harmonics) + 1):
+                angle = 2.0 * np.pi * order * response.hum_frequency_hz * times
+                if order * response.hum_frequency_hz < 0.5 * record.sampling_rate_hz:
+                    columns += [np.cos(angle), np.sin(angle)]
+    return np.column_stack(columns)
+
+
+def _level(record: Record, noise: dict, response) -> np.ndarray:
+    """Variance of Y − H X a sample, at the lines of the real transform of twice the record."""
+    n = record.samples
+    lines = np.fft.rfftfreq(2 * n, record.sampling_interval_s)
+    lines[0] = lines[1]
+    level = np.zeros(len(lines))
+    size_x, size_y = (np.sqrt(np.mean(np.square(v))) for v in (np.asarray(record.reference), record.response))
+    x, y = noise.get("reference_noise", 0.0), noise.get("response_noise", 0.0)
+    if isinstance(y, ChannelNoise):
+        level += (y.white * size_y) ** 2
+        if y.flicker:
+            order = np.maximum(np.arange(len(lines)), 1.0)
+            level += (y.flicker * size_y) ** 2 * n / order / np.sum(1.0 / order)
+    else:
+        level += (y * size_y) ** 2
+    return level + (x * size_x) ** 2 * np.abs(response(lines)) ** 2
+
+
+def _whitened(columns: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Columns over the noise's standard deviation, line by line, as real rows; zero-padded to twice the record."""
+    n = columns.shape[0]
+    spectrum = np.fft.rfft(columns, 2 * n, axis=0) / np.sqrt(2.0 * n * level)[:, None]
+    spectrum[1:-1] *= np.sqrt(2.0)
+    return np.concatenate([spectrum.real, spectrum.imag])
