@@ -6,7 +6,7 @@ import datetime
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ from vibrident.estimators.optimise import Progress, silent
 from vibrident.measure.drift import without_drift
 from vibrident.models import SensorModel, parse
 from vibrident.problem import Evidence
-from vibrident.records import Calibration, SystematicEffect
+from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
@@ -78,41 +78,64 @@ def identify(
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = _fitted(evidence, chosen, progress)
-    covariance, freedom, scope = _scaled(evidence, estimate, judgement, uncertainty)
+    stated = _stated(evidence, estimate, judgement, uncertainty)
+    doubtful = [*(ResultWarning(finding.code, finding.message) for finding in drifts), *stated.warnings]
+    result = _result(evidence, estimate, judgement, replace(stated, warnings=doubtful))
+    settings = {**result.settings, "estimator_choice": reason, "time_s": time.perf_counter() - begin}
+    return replace(result, settings=settings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stated:
+    """What is stated of an estimate: its covariance and where that comes from, and what is doubted."""
+
+    covariance: FloatArray
+    degrees_of_freedom: float
+    scope: str
+    rows: list[Row]
+    weak: dict[str, str]
+    warnings: list[ResultWarning]
+
+
+def _stated(evidence: Evidence, estimate: Estimate, judgement: Judgement, choice: Uncertainty) -> _Stated:
+    covariance, freedom, scope = _scaled(evidence, estimate, judgement, choice)
     weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
-    warnings += [ResultWarning(finding.code, finding.message) for finding in drifts]
     linear = linearised(evidence, estimate, judgement)
-    more = [*second_thoughts(evidence, estimate, judgement, covariance, linear), *_learned(estimate)]
+    warnings += second_thoughts(evidence, estimate, judgement, covariance, linear)
+    warnings += _learned(estimate)
+    effects = _effects(evidence.calibration)
     rows = [Row(scope, "data", None, "", freedom, covariance)]
-    rows += rows_of_effects(_effects(calibration), estimate.coordinates, estimate.z, calibration.quantity, linear)
-    covariance = np.sum([row.covariance for row in rows], axis=0)
-    freedom = float(np.min(effective_degrees_of_freedom(rows)))
-    settings = {
-        **estimate.settings,
-        "estimator_choice": reason,
-        "uncertainty_covers": scope,
-        "coverage_factor": coverage_factor(freedom),
-        "effective_degrees_of_freedom": freedom,
-        "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
-        "uncertainty_budget": as_settings(rows, sensor_model.parameter_names, slopes(estimate.coordinates, estimate.z)),
-        "start": dict(zip(sensor_model.parameter_names, np.asarray(estimate.coordinates.start).tolist(), strict=True)),
-    }
-    fields = unit_fields(calibration)
-    table = parameter_table(estimate.coordinates, estimate.z, covariance, freedom, fields, weak)
+    rows += rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, linear)
+    total = np.sum([row.covariance for row in rows], axis=0)
+    return _Stated(total, float(np.min(effective_degrees_of_freedom(rows))), scope, rows, weak, warnings)
+
+
+def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated: _Stated) -> Result:
+    calibration, model = evidence.calibration, evidence.model
+    coordinates, z, freedom = estimate.coordinates, estimate.z, stated.degrees_of_freedom
+    names = model.parameter_names
+    table = parameter_table(coordinates, z, stated.covariance, freedom, unit_fields(calibration), stated.weak)
     reference_hz = calibration.certificate.get("reference_frequency_hz")
     band = frequencies(evidence.band_hz, judgement.adequacy.frequency_hz.tolist(), reference_hz)
-    response = curve(estimate.coordinates, estimate.z, covariance, calibration.quantity, band)
-    result = Result(
-        model=sensor_model.name,
+    return Result(
+        model=model.name,
         estimator=estimate.estimator,
-        settings={**settings, "time_s": time.perf_counter() - begin},
+        settings={
+            **estimate.settings,
+            "uncertainty_covers": stated.scope,
+            "coverage_factor": coverage_factor(freedom),
+            "effective_degrees_of_freedom": freedom,
+            "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
+            "uncertainty_budget": as_settings(stated.rows, names, slopes(coordinates, z)),
+            "start": dict(zip(names, np.asarray(coordinates.start).tolist(), strict=True)),
+        },
         provenance=_provenance(calibration, evidence),
         parameters=table,
-        correlation=correlation(sensor_model, covariance),
+        correlation=correlation(model, stated.covariance),
         fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
-        response=response,
+        response=curve(coordinates, z, stated.covariance, calibration.quantity, band),
         measured=measured_curve(estimate, judgement.adequacy, calibration.quantity),
-        warnings=_warnings(evidence, sensor_model, table, judgement, [*warnings, *more], scope),
+        warnings=_warnings(evidence, model, table, judgement, stated.warnings, stated.scope),
         sensor=dict(calibration.sensor),
         reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
         response_unit=calibration.response_unit,
@@ -121,7 +144,6 @@ def identify(
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
     )
-    return replace(result, settings={**result.settings, "time_s": time.perf_counter() - begin})
 
 
 def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:

@@ -323,6 +323,7 @@ def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibra
             _plain(_heading(key)),
             justify="right" if numeric else "left",
             overflow="fold",
+            no_wrap=key == "parameter",
             min_width=longest if numeric else min(longest, 6),  # words and headings fold before numbers do
         )
     for row in rows:

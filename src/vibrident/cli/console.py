@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from vibrident.errors import InputError, VibridentError
@@ -43,6 +44,13 @@ def printable(text: str) -> str:
 def note(text: str) -> None:
     """A line on stderr."""
     err().print(printable(text), soft_wrap=True)
+
+
+def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Where files were written, on stdout; a path is neither broken nor cut."""
+    from vibrident.terminal import written_lines
+
+    out().print(written_lines(paths), soft_wrap=True)
 
 
 def show_error(error: VibridentError) -> None:

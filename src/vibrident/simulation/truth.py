@@ -16,7 +16,6 @@ import numpy as np
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES, Rational
 from vibrident.records import FloatArray, Quantity
-from vibrident.simulation.cubic import cubic_response
 from vibrident.simulation.excitation import Decay, HalfSineShock
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.linear import LinearSystem, exponential, propagate
@@ -57,6 +56,8 @@ def exact_response(
     grid = SampleGrid(-float(model.delay_s(parameters)), sampling_rate_hz, samples)
     system = LinearSystem.of(model.rational(parameters))
     if not model.is_linear:
+        from vibrident.simulation.cubic import cubic_response  # loads JAX
+
         return cubic_response(
             lambda instants: system_response(system, motion, instants, start),
             parameters,

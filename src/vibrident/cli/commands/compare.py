@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out
+from vibrident.cli.console import note, out, wrote
 from vibrident.cli.estimators import EstimatorOptions, estimator
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
@@ -100,7 +100,7 @@ def compare(
     console.print(terminal.compare_table(list(results.values()), list(results), known))
     if len({result.model for result in results.values()}) > 1:
         console.print(terminal.model_table(results, foretold))
-    console.print(terminal.written_lines(output.files), crop=False)
+    wrote(output.files)
 
 
 def _methods(estimators: tuple | list, models: tuple | list, steps: tuple | list) -> list[Method]:

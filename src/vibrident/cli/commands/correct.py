@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out
+from vibrident.cli.console import note, out, wrote
 from vibrident.cli.files import record_files
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
@@ -129,7 +129,7 @@ def _show(document: dict[str, Any], folder: Path, *, drawn: bool) -> None:
     console.print(terminal.inspection_table(rows, "Restored acceleration"))
     csv = folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"
     written = [folder / "correction.json", csv, *([folder / "correction.png"] if drawn else [])]
-    console.print(terminal.written_lines(written))
+    wrote(written)
 
 
 def _ratio(peak: dict[str, Any]) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import out
+from vibrident.cli.console import wrote
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 
@@ -59,7 +59,6 @@ def export(
     """
     known = load_result(result)
     limits = options.band(band)
-    from vibrident import terminal
     from vibrident.export import export as run
 
     with written_whole(result.parent if folder is None else folder) as output:
@@ -75,4 +74,4 @@ def export(
             country=country,
             channel=channel,
         )
-    out().print(terminal.written_lines(output.files))
+    wrote(output.files)

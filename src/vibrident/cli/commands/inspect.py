@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import out, printable
+from vibrident.cli.console import out, printable, wrote
 from vibrident.cli.folder import written_whole
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
                 console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2)))
     if not findings and calibration.records:
         console.print("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
-    console.print(terminal.written_lines(files))
+    wrote(files)
 
 
 def _understood(calibration: Calibration) -> dict[str, str]:

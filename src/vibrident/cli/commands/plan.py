@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out
+from vibrident.cli.console import note, out, wrote
 from vibrident.cli.folder import written_whole
 from vibrident.cli.options import choice
 from vibrident.cli.results import load_result
@@ -228,7 +228,7 @@ def _show(planned: Plan) -> None:
 
 
 def _write(planned: Plan, folder: Path) -> None:
-    from vibrident import plots, terminal
+    from vibrident import plots
     from vibrident.planning import summary
     from vibrident.plots.plan import figure
 
@@ -236,4 +236,4 @@ def _write(planned: Plan, folder: Path) -> None:
         text = json.dumps(summary(planned), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         (output.path / "plan.json").write_text(text, encoding="utf-8")
         plots.save(figure(planned), output.path / "plan.png")
-    out().print(terminal.written_lines(output.files))
+    wrote(output.files)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out
+from vibrident.cli.console import note, out, wrote
 from vibrident.cli.files import record_files
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
@@ -84,6 +84,4 @@ def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> N
     console.print(terminal.inspection_table(rows, "Predicted response"))
     if predictions.rmse is not None:
         console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
-    console.print(
-        terminal.written_lines([folder / "prediction.json", folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"])
-    )
+    wrote([folder / "prediction.json", folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"])

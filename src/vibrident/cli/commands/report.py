@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import out
+from vibrident.cli.console import wrote
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 from vibrident.errors import InputError
@@ -57,9 +57,8 @@ def report(
         written = _beside_each(loaded, names, chosen)
     else:
         written = _in_folder(target, loaded, names, chosen)
-    from vibrident import terminal
 
-    out().print(terminal.written_lines([file for file in written if file.suffix == f".{chosen}"]))
+    wrote([file for file in written if file.suffix == f".{chosen}"])
 
 
 Loaded = Sequence[tuple[Path, "Result"]]

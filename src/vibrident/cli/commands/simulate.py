@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import out
+from vibrident.cli.console import out, wrote
 from vibrident.cli.folder import refuse_used, written_whole
 from vibrident.cli.options import choice
 
@@ -89,7 +89,6 @@ def simulate(
         "response_noise": response_noise,
         "seed": seed,
     }
-    from vibrident import terminal
     from vibrident.cli.progress import Busy
 
     with written_whole(folder) as output, Busy("Simulating"):
@@ -99,7 +98,7 @@ def simulate(
     out().print(
         f"Simulated: sensor {sensor}, {excitation}, {len(records)} record{'s' * (len(records) != 1)}, seed {seed}."
     )
-    out().print(terminal.written_lines([*others, folder / "*.csv"]), crop=False)
+    wrote([*others, folder / "*.csv"])
 
 
 def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:
