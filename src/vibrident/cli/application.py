@@ -19,6 +19,7 @@ from vibrident.cli.commands.plan import plan
 from vibrident.cli.commands.predict import predict
 from vibrident.cli.commands.report import report
 from vibrident.cli.commands.reproduce import reproduce
+from vibrident.cli.commands.serve import serve
 from vibrident.cli.commands.simulate import simulate
 from vibrident.cli.console import show_error
 from vibrident.errors import VibridentError
@@ -51,7 +52,7 @@ app = typer.Typer(
 )
 
 _PANELS = {
-    "Begin": (demo, doctor),
+    "Begin": (demo, serve, doctor),
     "From files to a model": (inspect, identify, report),
     "Use and judge a model": (predict, correct, plan, compare, simulate, export, reproduce),
 }

@@ -32,7 +32,7 @@ def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
     si = REFERENCE_UNITS[quantity]
     if quantity == "drive":
         return unit or si
-    plain = unit.translate(_PLAIN).replace("**", "^")
+    plain = _plain(unit)
     if not plain or plain in _SPELLINGS[si]:
         return si
     other = next((name for name, spellings in _SPELLINGS.items() if plain in spellings), None)
@@ -47,3 +47,24 @@ def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
         where=f"{where}, [reference] unit",
         remedy=remedy,
     )
+
+
+def quantity_of(unit: str) -> str | None:
+    """Quantity that a unit in a file belongs to; None where it says nothing."""
+    plain = _plain(unit)
+    for quantity, si in REFERENCE_UNITS.items():
+        if si in _SPELLINGS and (plain in _SPELLINGS[si] or plain.lower() in _IN_SI[quantity]):
+            return quantity
+    return None
+
+
+def si_scale(quantity: str, unit: str) -> float | None:
+    """What one of this unit in a file is in the SI unit of the quantity; None where that is not known."""
+    plain = _plain(unit)
+    if plain in _SPELLINGS.get(REFERENCE_UNITS[quantity], ()):
+        return 1.0
+    return _IN_SI.get(quantity, {}).get(plain.lower())
+
+
+def _plain(unit: str) -> str:
+    return unit.translate(_PLAIN).replace("**", "^")

@@ -1,0 +1,38 @@
+"""``vibrident serve``: the page in the browser."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from vibrident.cli.console import note, out
+
+
+def serve(
+    host: Annotated[
+        str, typer.Option("--host", metavar="ADDRESS", help="Where to listen; others than loopback open it to others.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int,
+        typer.Option("--port", metavar="N", min=0, max=65535, help="Port.", show_default="8080, or one that is free"),
+    ] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser.")] = False,
+    limit_mb: Annotated[
+        float, typer.Option("--limit-mb", metavar="MB", min=1.0, help="Most megabytes of one user's files.")
+    ] = 100.0,
+) -> None:
+    """Open a page in the browser: drop files, confirm columns, identify, look, download. Ctrl-C ends it.
+
+    Data stay on this machine; each open page has files of its own, which are removed when it closes.
+    """
+    from vibrident.web.server import LOOPBACK
+    from vibrident.web.server import serve as run
+
+    if host not in LOOPBACK:
+        note(f"Warning: everybody who reaches {host} can use this page, without a password or encryption.")
+
+    def say(address: str) -> None:
+        out().print(f"vibrident is at {address}  (Ctrl-C ends it)")
+
+    run(host=host, port=port, show=not no_browser, limit_mb=limit_mb, say=say)

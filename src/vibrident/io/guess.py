@@ -1,0 +1,184 @@
+"""What the columns of a data file may mean, guessed from their names: a proposal for a person to confirm, no more."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident.errors import InputError
+from vibrident.io.columns import ColumnFile
+from vibrident.io.readers import open_columns
+from vibrident.io.units import quantity_of, si_scale
+
+_TIME = re.compile(r"(t|time|seconds|sec|zeit)([_ \[(]*(s|sec|seconds)?[\])]*)?", re.IGNORECASE)
+_FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
+_MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
+_PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
+_UNCERTAIN = re.compile(r"unc|sigma|std|(^|_)u(_|$)", re.IGNORECASE)
+#: Words of a reference's name, the surest first, and the quantity that each speaks of.
+_REFERENCES = (
+    (re.compile(r"ref", re.IGNORECASE), None),
+    (re.compile(r"acc|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
+    (re.compile(r"vel|vibrometer", re.IGNORECASE), "velocity"),
+    (re.compile(r"drive|gen|excit|input", re.IGNORECASE), "drive"),
+    (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
+)
+_RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
+_BRACKETS = re.compile(r"[\[(]([^\])]+)[\])]")
+_EXCITATIONS = (
+    ("multisine", re.compile(r"multi", re.IGNORECASE)),
+    ("sweep", re.compile(r"sweep|chirp", re.IGNORECASE)),
+    ("random", re.compile(r"random|noise|rausch", re.IGNORECASE)),
+    ("shock", re.compile(r"shock|impact|hammer|stoss|stoß", re.IGNORECASE)),
+    ("decay", re.compile(r"decay|free|damping", re.IGNORECASE)),
+)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a file, and what they may mean; a column is its name, or its number from 1 where a name is not enough.
+
+    Attributes:
+        columns: what may be chosen, in the order of the file.
+        labels: the same, as a person reads it.
+        rate_hz: that the file itself states.
+        time, reference, response: of records.
+        frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response; a file whose
+            frequency and magnitude are known is one.
+        quantity, scale, unit: of the reference; scale leads to SI.
+        response_unit: of the response.
+        excitation: by the file's name.
+    """
+
+    columns: tuple[int | str, ...]
+    labels: tuple[str, ...]
+    rate_hz: float | None
+    time: int | str | None
+    reference: int | str | None
+    response: int | str | None
+    frequency: int | str | None
+    magnitude: int | str | None
+    phase: int | str | None
+    magnitude_uncertainty: int | str | None
+    phase_uncertainty: int | str | None
+    quantity: str
+    scale: float
+    unit: str
+    response_unit: str
+    excitation: str
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the names are those of a tabulated response."""
+        return self.frequency is not None and self.magnitude is not None
+
+
+def guess_columns(path: Path) -> Columns:
+    """Open a data file and guess from its names what its columns mean; its numbers are not read.
+
+    Raises:
+        InputError: the file cannot be opened.
+    """
+    source = open_columns(path)
+    columns = _columns(source)
+    if not columns:
+        raise InputError(
+            "The file has no column that can be chosen.",
+            expected="columns of numbers with names of their own",
+            found=f"{len(source.names)} columns without names",
+            where=source.file,
+            remedy="export the data with a header",
+        )
+    names = source.names
+    free = list(range(len(names)))
+    table = _table(names)
+    clock = next((c for c in map(source.clock, free) if c is not None), None)
+    time = _first(names, free, _TIME, whole=True) if clock is None else None
+    if time is not None:
+        free = [position for position in free if position != time]
+    reference, quantity = _reference(names, free)
+    free = [position for position in free if position != reference]
+    response = _first(names, free, _RESPONSE)
+    if response is None and free:
+        response = free[0]
+    if reference is None and len(free) > 1:
+        reference = free[0]
+        response = free[1]
+    unit = _unit(names, reference)
+    quantity = quantity_of(unit) or quantity or "acceleration"
+    scale = si_scale(quantity, unit)
+    chosen = dict(zip(_positions(source), columns, strict=True))
+
+    def column(position: int | None) -> int | str | None:
+        return None if position is None else chosen.get(position)
+
+    return Columns(
+        columns=columns,
+        labels=tuple(_label(names[p], c) for p, c in chosen.items()),
+        rate_hz=None if clock is None else clock.rate_hz,
+        time=column(time),
+        reference=column(reference),
+        response=column(response),
+        **{name: column(position) for name, position in table.items()},
+        quantity=quantity,
+        scale=1.0 if scale is None else scale,
+        unit=unit,
+        response_unit=_unit(names, response) or "V",
+        excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), "sine"),
+    )
+
+
+def _positions(source: ColumnFile) -> list[int]:
+    names = source.names
+    return [p for p in range(len(names)) if p in source.numbered or (names[p] and names.count(names[p]) == 1)]
+
+
+def _columns(source: ColumnFile) -> tuple[int | str, ...]:
+    names = source.names
+    return tuple(
+        names[p] if names[p] and names.count(names[p]) == 1 else source.numbered.index(p) + 1
+        for p in _positions(source)
+    )
+
+
+def _label(name: str, column: int | str) -> str:
+    if isinstance(column, str):
+        return column
+    return f"column {column}" + (f" ({name})" if name else "")
+
+
+def _first(
+    names: Sequence[str], positions: Sequence[int], words: re.Pattern[str], *, whole: bool = False
+) -> int | None:
+    found = words.fullmatch if whole else words.search
+    return next((position for position in positions if names[position] and found(names[position].strip())), None)
+
+
+def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | None, str | None]:
+    for words, quantity in _REFERENCES:
+        position = _first(names, positions, words)
+        if position is not None:
+            more = [q for w, q in _REFERENCES if q and w.search(names[position])]
+            return position, quantity or (more[0] if more else None)
+    return None, None
+
+
+def _unit(names: Sequence[str], position: int | None) -> str:
+    found = None if position is None else _BRACKETS.search(names[position])
+    return found.group(1).strip() if found else ""
+
+
+def _table(names: Sequence[str]) -> dict[str, int | None]:
+    every = range(len(names))
+    sure = [p for p in every if not _UNCERTAIN.search(names[p])]
+    doubts = [p for p in every if _UNCERTAIN.search(names[p])]
+    keys = {
+        "frequency": (sure, _FREQUENCY),
+        "magnitude": (sure, _MAGNITUDE),
+        "phase": (sure, _PHASE),
+        "magnitude_uncertainty": (doubts, re.compile(_MAGNITUDE.pattern, re.IGNORECASE)),
+        "phase_uncertainty": (doubts, _PHASE),
+    }
+    return {key: next((p for p in which if words.match(names[p])), None) for key, (which, words) in keys.items()}

@@ -1,0 +1,113 @@
+"""From what was confirmed on the page to the calibration file that reproduces it from the shell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from vibrident.errors import InputError
+from vibrident.io.guess import Columns
+from vibrident.io.toml_text import toml_section
+
+
+@dataclass
+class Description:
+    """What the user says of the data; begins as a guess. A column is its name, or its number from 1."""
+
+    table: bool = False
+    time: int | str | None = None
+    rate_hz: float | None = None
+    reference: int | str | None = None
+    quantity: str = "acceleration"
+    scale: float | None = 1.0
+    unit: str = ""
+    standard_uncertainty: float | None = None
+    response: int | str | None = None
+    response_scale: float | None = 1.0
+    response_unit: str = "V"
+    excitation: str = "sine"
+    frequency: int | str | None = None
+    magnitude: int | str | None = None
+    phase: int | str | None = None
+    magnitude_uncertainty: int | str | None = None
+    phase_uncertainty: int | str | None = None
+    phase_unit: str = "deg"
+    core: str = "accelerometer"
+    add_ons: list[str] = field(default_factory=lambda: ["delay"])
+    sensor: dict[str, str] = field(default_factory=lambda: {"manufacturer": "", "type": "", "serial_number": ""})
+
+    @property
+    def model(self) -> str:
+        """The model's name, such as accelerometer+delay."""
+        return "+".join((self.core, *self.add_ons))
+
+
+def described(guess: Columns) -> Description:
+    """What a guess says, ready to be corrected."""
+    same = ("time", "reference", "quantity", "scale", "unit", "response", "response_unit", "excitation")
+    points = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
+    known = {name: getattr(guess, name) for name in (*same, *points)}
+    table = guess.is_table
+    known["add_ons"] = [] if table and guess.phase is None else ["delay"]
+    radians = any("rad" in str(column).lower() for column in (guess.phase, guess.phase_uncertainty))
+    return Description(table=table, phase_unit="rad" if radians else "deg", **known)
+
+
+def calibration_text(given: Description, files: Sequence[str]) -> str:
+    """The calibration file, as text.
+
+    Raises:
+        InputError: something is not chosen yet.
+    """
+    _complete(given, files)
+    sensor = {key: text for key, text in given.sensor.items() if text} | {"model": given.model}
+    reference: dict[str, Any] = {
+        "column": None if given.table or given.excitation == "decay" else given.reference,
+        "quantity": given.quantity,
+        "scale": None if given.table else given.scale,
+        "unit": (given.unit or None) if not given.table or given.quantity == "drive" else None,
+        "standard_uncertainty": given.standard_uncertainty,
+    }
+    response: dict[str, Any] = {
+        "column": None if given.table else given.response,
+        "scale": given.response_scale,
+        "unit": given.response_unit,
+    }
+    sections = [toml_section("[sensor]", sensor), toml_section("[reference]", _floats(reference))]
+    sections.append(toml_section("[response]", _floats(response)))
+    if given.table:
+        names = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
+        columns = {name: getattr(given, name) for name in names}
+        unit = given.phase_unit if given.phase is not None else None
+        return "\n".join((*sections, toml_section("[table]", {"file": files[0], **columns, "phase_unit": unit})))
+    if given.time is not None or given.rate_hz is not None:
+        sampling = {"time_column": given.time, "rate_hz": None if given.time is not None else given.rate_hz}
+        sections.append(toml_section("[sampling]", _floats(sampling)))
+    entries = [toml_section("[[records]]", {"file": file, "excitation": given.excitation}) for file in files]
+    return "\n".join((*sections, *entries))
+
+
+def _floats(values: dict[str, Any]) -> dict[str, Any]:
+    numbers = ("scale", "standard_uncertainty", "rate_hz")
+    return {key: float(value) if key in numbers and value is not None else value for key, value in values.items()}
+
+
+def _complete(given: Description, files: Sequence[str]) -> None:
+    if given.table and len(files) != 1:
+        raise _missing("A tabulated response is one file.", "one file", f"{len(files)} files", "remove the others")
+    wanted = {"frequency": given.frequency, "magnitude": given.magnitude} if given.table else {}
+    if not given.table:
+        wanted = {"response": given.response}
+        if given.excitation != "decay":
+            wanted["reference"] = given.reference
+    for name, column in wanted.items():
+        if column is None:
+            raise _missing(f"No column is chosen for the {name}.", "a column of the file", "none", "choose one")
+    if not given.table and given.response == given.reference and given.excitation != "decay":
+        text = "Reference and response are the same column."
+        raise _missing(text, "two columns", repr(given.response), "choose another for one of the two")
+
+
+def _missing(problem: str, expected: str, found: str, remedy: str) -> InputError:
+    return InputError(problem, expected=expected, found=found, where="columns and units", remedy=remedy)

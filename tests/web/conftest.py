@@ -1,0 +1,118 @@
+"""The page served by a process of its own, and a real browser where there is one."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+#: Pictures that the tests take, to be looked at.
+PICTURES = Path(__file__).resolve().parents[2] / "out" / "page"
+LIMIT_MB = 100
+VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
+
+
+class Server:
+    """A running ``vibrident serve``."""
+
+    def __init__(self, process: subprocess.Popen[str], address: str, ready_s: float) -> None:
+        self.process, self.address, self.ready_s = process, address, ready_s
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory) -> Iterator[Server]:
+    """``vibrident serve`` on a free port, its temporary files in a folder of the tests."""
+    pytest.importorskip("nicegui")
+    folder = tmp_path_factory.mktemp("serve")
+    begin = time.monotonic()
+    command = [*VIBRIDENT, "serve", "--no-browser", "--limit-mb", str(LIMIT_MB)]
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"}
+    for name in [name for name in environment if name.startswith(("NICEGUI", "PYTEST"))]:
+        del environment[name]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+    ) as made:
+        try:
+            yield _ready(made, begin)
+        finally:
+            made.send_signal(signal.SIGINT)
+            try:
+                made.wait(20)
+            except subprocess.TimeoutExpired:
+                made.kill()
+                raise
+    assert not [path for path in folder.iterdir() if path.name.startswith("vibrident-")], "temporary files are left"
+
+
+def _ready(process: subprocess.Popen[str], begin: float) -> Server:
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    found = re.search(r"http://\S+", line)
+    assert found, line + process.stdout.read()
+    while time.monotonic() < begin + 20.0:
+        try:
+            with urllib.request.urlopen(found.group(), timeout=5) as answer:
+                answer.read()
+            return Server(process, found.group(), time.monotonic() - begin)
+        except OSError:
+            time.sleep(0.05)
+    raise AssertionError("the page does not answer")
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Headless Chromium: the one that VIBRIDENT_CHROMIUM names, else playwright's own."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as started:
+        chromium = os.environ.get("VIBRIDENT_CHROMIUM")
+        try:
+            running = started.chromium.launch(
+                executable_path=chromium, args=["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+            )
+        except playwright.Error as error:
+            reason = str(error).splitlines()[0]
+            pytest.skip(f"no Chromium ({reason}): playwright install chromium, or set VIBRIDENT_CHROMIUM")
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def visit(server, browser):
+    """Open the page in a context of its own; every request that leaves the server's address fails the test."""
+    contexts, foreign, complaints = [], [], []
+
+    def open_page(width: int = 1280, height: int = 900):
+        context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
+        contexts.append(context)
+        page = context.new_page()
+        here = (server.address, server.address.replace("http", "ws"), "data:", "blob:")
+        page.on("request", lambda request: None if request.url.startswith(here) else foreign.append(request.url))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(server.address)
+        page.get_by_role("heading", name="Data").wait_for()
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert not foreign
+    assert not complaints
+
+
+@pytest.fixture(scope="session")
+def picture():
+    """Take a picture of the whole page."""
+
+    def take(page, name: str) -> None:
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
+
+    return take

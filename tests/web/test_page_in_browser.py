@@ -1,0 +1,132 @@
+"""The whole way in a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from pypdf import PdfReader
+
+from realdata import real_data
+from vibrident.report import content
+from vibrident.result import Result
+
+WAIT_MS = 120_000
+
+
+def upload(page, *files: Path) -> None:
+    page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
+
+
+def choose(page, label: str, option: str) -> None:
+    page.get_by_label(label, exact=True).click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def download(page, name: str) -> bytes:
+    with page.expect_download(timeout=WAIT_MS) as waiting:
+        page.locator(f"#get-{name}").click()
+    return Path(waiting.value.path()).read_bytes()
+
+
+def shell(folder: Path, *arguments: str) -> dict:
+    command = [
+        sys.executable,
+        "-c",
+        "from vibrident.cli import main; main()",
+        "identify",
+        "calibration.toml",
+        "--no-plots",
+        "--out",
+        "out",
+    ]
+    done = subprocess.run([*command, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "out" / "result.json").read_text())
+
+
+def alike(document: dict) -> dict:
+    """What does not depend on when it was made and how long it took."""
+    settings = {key: value for key, value in document["settings"].items() if key != "time_s"}
+    provenance = {key: value for key, value in document["provenance"].items() if key != "time"}
+    return {**document, "settings": settings, "provenance": provenance}
+
+
+def test_the_page_is_ready_soon(server):
+    assert server.ready_s < 3.0
+
+
+def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_path):
+    data = real_data("sm3")
+    names = ["1_0Hz.csv", "2_0Hz.csv", "3_0Hz.csv", "5_0Hz.csv", "10_0Hz.csv"]
+    page = visit()
+    upload(page, *(data / name for name in names))
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    choose(page, "Reference: column", "FuncGen")
+    choose(page, "Reference: quantity", "drive, its own unit")
+    page.get_by_label("Reference: SI unit per unit in the file").fill("0.9425e-6")
+    page.get_by_label("Reference: unit", exact=True).fill("V")
+    choose(page, "Response: column", "Laser")
+    page.get_by_label("Response: unit below per unit in the file").fill("0.95066e-9")
+    page.get_by_label("Response: unit", exact=True).fill("m")
+    page.locator("#show").click()
+    page.get_by_text("its beginning as it stands").wait_for()
+    picture(page, "columns")
+    page.locator("#confirm").click()
+    page.locator("#start").click()
+    page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+    page.locator("#result .js-plotly-plot").first.wait_for()
+    page.wait_for_timeout(800)
+    picture(page, "result")
+
+    (tmp_path / "calibration.toml").write_bytes(download(page, "toml"))
+    for name in names:
+        (tmp_path / name).symlink_to(data / name)
+    taken = download(page, "json")
+    assert alike(json.loads(taken)) == alike(shell(tmp_path))
+
+    (tmp_path / "taken.json").write_bytes(taken)
+    (tmp_path / "page.pdf").write_bytes(download(page, "pdf"))
+    (tmp_path / "shell.pdf").write_bytes(content(Result.load(tmp_path / "taken.json"), "pdf"))
+    printed = [
+        "".join(sheet.extract_text() for sheet in PdfReader(tmp_path / name).pages)
+        for name in ("page.pdf", "shell.pdf")
+    ]
+    assert printed[0] == printed[1]
+    assert len(re.findall(r"\d", printed[0])) > 100
+
+
+def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, picture, tmp_path):
+    broken = tmp_path / "broken.csv"
+    broken.write_text("time,reference,response\n0.0,1.0,2.0\n0.1,oops,2.0\n0.2,1.0,2.5\n0.3,1.0,2.0\n")
+    one, other = visit(), visit(390, 844)
+    upload(one, broken)
+    one.get_by_text("A cell that must hold a number holds text.").wait_for()
+    assert one.get_by_text("broken.csv, line 3, column 2 ('reference')").is_visible()
+    picture(one, "broken")
+    assert other.locator("#files").inner_text().strip() in ("", "No data yet.")
+
+    other.get_by_role("button", name="Load the simulated demo").click()
+    other.locator("#confirm").wait_for(timeout=WAIT_MS)
+    other.locator("#confirm").focus()
+    other.keyboard.press("Enter")
+    other.locator("#start").wait_for()
+    other.locator("#start").focus()
+    other.keyboard.press("Enter")
+    other.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+    other.wait_for_timeout(800)
+    picture(other, "phone")
+    assert other.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert not one.locator("#result").is_visible()
+    assert "broken.csv" in one.locator("#files").inner_text()
+
+
+def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):
+    pickle = tmp_path / "data.npy"
+    pickle.write_bytes(b"\x93NUMPY")
+    page = visit()
+    upload(page, pickle)
+    page.get_by_text("The file's format is not known.").wait_for()
