@@ -5,6 +5,7 @@ The shaker's own distortion is in the reference, passes through the model and is
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -77,19 +78,30 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
     return found
 
 
+@functools.lru_cache(maxsize=8)
+def _hann(samples: int) -> FloatArray:
+    return np.hanning(samples)
+
+
 def _harmonics(
     residual: FloatArray, used: np.ndarray, frequency: float, rate: float, highest: int
 ) -> tuple[np.ndarray, FloatArray]:
     """Complex amplitudes of harmonics 1…highest, and the variance of their real parts from lines beside them."""
     n = residual.shape[0]
-    times = np.arange(n) / rate
     orders = np.arange(1, highest + 1)
-    angle = 2.0 * np.pi * frequency * np.outer(orders, times)
-    rows = np.concatenate([np.cos(angle), np.sin(angle), np.ones((1, n))]) * used
+    rows = np.empty((2 * highest + 1, n))
+    turn = np.exp((2j * np.pi * frequency / rate) * np.arange(n))
+    power_of_turn = np.ones(n, dtype=complex)
+    for h in orders:
+        power_of_turn = power_of_turn * turn
+        rows[h - 1], rows[highest + h - 1] = power_of_turn.real, power_of_turn.imag
+    rows[-1] = 1.0
+    if not used.all():
+        rows *= used
     found, *_ = np.linalg.lstsq(rows @ rows.T, rows @ residual, rcond=1e-12)
     amplitude = found[:highest] - 1j * found[highest : 2 * highest]
     left = (residual - found @ rows) * used
-    window = np.hanning(n)
+    window = _hann(n)
     power = np.abs(np.asarray(fft.rfft(left * window))) ** 2 * 2.0 / (np.sum(window**2) * max(int(used.sum()), 1))
     variance = np.empty(highest)
     first, last = NOISE_LINES
