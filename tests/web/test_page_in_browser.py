@@ -22,7 +22,7 @@ def upload(page, *files: Path) -> None:
 
 
 def choose(page, label: str, option: str) -> None:
-    page.get_by_label(label, exact=True).click()
+    page.get_by_label(label, exact=True).locator("visible=true").click()
     page.get_by_role("option", name=option, exact=True).click()
 
 
@@ -67,11 +67,13 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
     choose(page, "Reference: column", "FuncGen")
     choose(page, "Reference: quantity", "drive, its own unit")
-    page.get_by_label("Reference: SI unit per unit in the file").fill("0.9425e-6")
-    page.get_by_label("Reference: unit", exact=True).fill("V")
+    page.get_by_label("Reference: SI unit per unit in the file", exact=True).locator("visible=true").fill("0.9425e-6")
+    page.get_by_label("Reference: unit", exact=True).locator("visible=true").fill("V")
     choose(page, "Response: column", "Laser")
-    page.get_by_label("Response: unit below per unit in the file").fill("0.95066e-9")
-    page.get_by_label("Response: unit", exact=True).fill("m")
+    page.get_by_label("Response: unit below per unit in the file", exact=True).locator("visible=true").fill(
+        "0.95066e-9"
+    )
+    page.get_by_label("Response: unit", exact=True).locator("visible=true").fill("m")
     page.locator("#show").click()
     page.get_by_text("its beginning as it stands").wait_for()
     picture(page, "columns")

@@ -9,7 +9,7 @@ from nicegui import run, ui
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.io.guess import Columns, guess_columns
-from vibrident.web import page
+from vibrident.web import frame
 from vibrident.web.description import Description, calibration_text, described
 from vibrident.web.preview import preview
 from vibrident.web.session import CALIBRATION, refuse_outside
@@ -28,14 +28,14 @@ ADD_ONS = ("delay", "highpass", "mode2", "cubic", "boxcar")
 class ColumnsStep:
     """From files to a calibration file in the user's folder."""
 
-    def __init__(self, user: page.User) -> None:
+    def __init__(self, user: frame.User) -> None:
         self.user = user
         self.given = Description()
 
     def build(self, on_confirmed: Callable[[], Any], on_doubt: Callable[[], Any]) -> None:
         """Build the section, hidden until there are data."""
         self.on_confirmed, self.on_doubt = on_confirmed, on_doubt
-        self.section = page.step(2, "Columns, units and model", "columns")
+        self.section = frame.step(2, "Columns, units and model", "columns")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -57,7 +57,7 @@ class ColumnsStep:
             guess = await run.io_bound(guess_columns, session.data / session.files[0])
             assert guess is not None
         except VibridentError as error:
-            page.show_error(self.body, error, session)
+            frame.show_error(self.body, error, session)
             return
         self.given = described(guess)
         with self.body:
@@ -134,7 +134,7 @@ class ColumnsStep:
         try:
             figure = await run.io_bound(preview, self.given, self.user.session.data, self.user.session.files)
         except VibridentError as error:
-            page.show_error(self.errors, error, self.user.session)
+            frame.show_error(self.errors, error, self.user.session)
             return
         with self.plot:
             ui.plotly(figure).classes("chart")
@@ -146,7 +146,7 @@ class ColumnsStep:
         try:
             text = calibration_text(self.given, session.files)
         except InputError as error:
-            page.show_error(self.errors, error, session)
+            frame.show_error(self.errors, error, session)
             return
         (session.folder / "guessed").touch()
         (session.data / CALIBRATION).write_text(text, encoding="utf-8")

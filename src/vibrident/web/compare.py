@@ -8,18 +8,18 @@ from vibrident.errors import VibridentError
 from vibrident.report import FILE_NAMES, content, figures_beside
 from vibrident.report import page as written
 from vibrident.report.side_by_side import comparison_tables
-from vibrident.web import page
+from vibrident.web import frame
 
 
 class CompareStep:
     """Several results."""
 
-    def __init__(self, user: page.User) -> None:
+    def __init__(self, user: frame.User) -> None:
         self.user = user
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
-        self.section = page.step(5, "Compare", "compare")
+        self.section = frame.step(5, "Compare", "compare")
         with self.section:
             self.choice = ui.select([], label="Results", multiple=True, on_change=self._draw)
             self.choice.props("dense outlined use-chips").classes("w-full")
@@ -60,6 +60,6 @@ class CompareStep:
         try:
             made = await run.io_bound(content, results, form, names)
         except VibridentError as error:
-            page.show_error(self.errors, error)
+            frame.show_error(self.errors, error)
             return
         ui.download.content(made or b"", FILE_NAMES[form][1])

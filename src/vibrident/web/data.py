@@ -11,7 +11,7 @@ from nicegui import events, run, ui
 from vibrident.errors import InputError, VibridentError
 from vibrident.io.readers import READERS
 from vibrident.result import Result
-from vibrident.web import page
+from vibrident.web import frame
 from vibrident.web.session import MEGABYTE, MOST_FILES, too_large
 
 #: A folder is taken apart by the browser; the uploader itself takes files alone.
@@ -46,14 +46,14 @@ _FOLDERS = """
 class DataStep:
     """Files into the user's folder."""
 
-    def __init__(self, user: page.User) -> None:
+    def __init__(self, user: frame.User) -> None:
         self.user = user
 
     def build(self, on_data: Callable[[], Any], on_result: Callable[[], Any]) -> None:
         """Build the section; ``on_data`` is called when files have come, ``on_result`` when an earlier result has."""
         self.on_data, self.on_result = on_data, on_result
         limit = int(self.user.session.limit_mb * MEGABYTE)
-        with page.step(1, "Data", "data"):
+        with frame.step(1, "Data", "data"):
             ui.label(
                 "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
                 "magnitude and phase; with calibration.toml, if you have one. A result.json of before can be compared."
@@ -66,7 +66,7 @@ class DataStep:
                     max_total_size=limit,
                     max_files=MOST_FILES,
                     on_multi_upload=self._arrived,
-                    on_rejected=lambda: page.show_error(self.errors, too_large(self.user.session.limit_mb)),
+                    on_rejected=lambda: frame.show_error(self.errors, too_large(self.user.session.limit_mb)),
                 )
                 .classes("uploader")
                 .props(f'flat bordered accept="{",".join((*READERS, ".toml", ".json"))}"')
@@ -95,7 +95,7 @@ class DataStep:
                 else:
                     came = True
         except VibridentError as error:
-            page.show_error(self.errors, error, session)
+            frame.show_error(self.errors, error, session)
         self.upload.reset()
         self._list()
         if came and session.files:
@@ -112,7 +112,7 @@ class DataStep:
             place.unlink()
         taken = {named.name for named in self.user.results}
         free = next(n for n in (name, *(f"{name} {i}" for i in range(2, 99))) if n not in taken)
-        self.user.results.append(page.Named(free, result, content))
+        self.user.results.append(frame.Named(free, result, content))
         self.on_result()
 
     async def _demo(self) -> None:
@@ -124,7 +124,7 @@ class DataStep:
             async for _ in self.user.worker.run({"task": "demo"}, self.user.session.data):
                 pass
         except VibridentError as error:
-            page.show_error(self.errors, error, self.user.session)
+            frame.show_error(self.errors, error, self.user.session)
             return
         except asyncio.CancelledError:
             return

@@ -14,7 +14,7 @@ from vibrident.errors import VibridentError
 from vibrident.plots.style import BLUE
 from vibrident.report.figures import axis, figure
 from vibrident.result import Result
-from vibrident.web import page
+from vibrident.web import frame
 from vibrident.web.session import RESULT, refuse_outside
 
 ESTIMATORS = {
@@ -30,7 +30,7 @@ _PACE_S = 0.25
 class FitStep:
     """From the confirmed calibration file to a result."""
 
-    def __init__(self, user: page.User) -> None:
+    def __init__(self, user: frame.User) -> None:
         self.user = user
         self.calibration = ""
         self.curve: Any = None
@@ -38,7 +38,7 @@ class FitStep:
     def build(self, on_result: Callable[[], Any]) -> None:
         """Build the section, hidden until the columns are confirmed."""
         self.on_result = on_result
-        self.section = page.step(3, "Identify", "identify")
+        self.section = frame.step(3, "Identify", "identify")
         with self.section:
             with ui.expansion("The calibration file that reproduces this from the shell").classes("w-full"):
                 self.text = ui.code("", language="toml").classes("w-full")
@@ -74,7 +74,7 @@ class FitStep:
             refuse_outside(path)
         except VibridentError as error:
             self.start.disable()
-            page.show_error(self.errors, error, self.user.session)
+            frame.show_error(self.errors, error, self.user.session)
             return
         self.start.enable()
         self.text.content = path.read_text(encoding="utf-8-sig")
@@ -102,12 +102,12 @@ class FitStep:
             name = f"{len(self.user.results) + 1}"
             result = Result.load(place)
             label = f"{name}: {result.model}, {result.estimator}"
-            self.user.results.append(page.Named(label, result, content, text))
+            self.user.results.append(frame.Named(label, result, content, text))
             self.status.text = "Identified."
             self.on_result()
         except VibridentError as error:
             self.status.text = ""
-            page.show_error(self.errors, error, session)
+            frame.show_error(self.errors, error, session)
         except asyncio.CancelledError:
             self.status.text = "Cancelled."
         finally:

@@ -15,19 +15,19 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.report import FILE_NAMES, content, figures, tables, words
 from vibrident.report import page as written
 from vibrident.result import Result
-from vibrident.web import page
+from vibrident.web import frame
 from vibrident.web.session import CALIBRATION, RESULT
 
 
 class OutcomeStep:
     """The latest result."""
 
-    def __init__(self, user: page.User) -> None:
+    def __init__(self, user: frame.User) -> None:
         self.user = user
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
-        self.section = page.step(4, "Result", "result")
+        self.section = frame.step(4, "Result", "result")
         with self.section:
             self.choice = ui.select([], label="Shown", on_change=self._draw).props("dense outlined").classes("w-full")
             self.body = ui.element("div")
@@ -53,7 +53,7 @@ class OutcomeStep:
             self._downloads(named)
             _curves(named.result)
 
-    def _downloads(self, named: page.Named) -> None:
+    def _downloads(self, named: frame.Named) -> None:
         ui.html("<h3>Download</h3>", sanitize=False)
         with ui.element("div").classes("row"):
             ui.button("result.json", on_click=lambda: ui.download.content(named.content, RESULT)).props("id=get-json")
@@ -82,21 +82,21 @@ class OutcomeStep:
             ).props("outline id=get-export")
         self.errors = ui.element("div").props("aria-live=assertive")
 
-    async def _report(self, named: page.Named, form: Any) -> None:
+    async def _report(self, named: frame.Named, form: Any) -> None:
         self.errors.clear()
         try:
             made = await run.io_bound(content, named.result, form)
         except VibridentError as error:
-            page.show_error(self.errors, error)
+            frame.show_error(self.errors, error)
             return
         ui.download.content(made or b"", FILE_NAMES[form][0])
 
-    async def _export(self, named: page.Named, form: str, rate: float | None, channel: str, country: str) -> None:
+    async def _export(self, named: frame.Named, form: str, rate: float | None, channel: str, country: str) -> None:
         self.errors.clear()
         try:
             made = await run.io_bound(_exported, named.result, form, rate, channel or None, country or None)
         except InputError as error:
-            page.show_error(self.errors, error)
+            frame.show_error(self.errors, error)
             return
         if made is not None:
             ui.download.content(*made)
