@@ -31,6 +31,7 @@ class ColumnsStep:
     def __init__(self, user: frame.User) -> None:
         self.user = user
         self.given = Description()
+        self.chart: Any = None
 
     def build(self, on_confirmed: Callable[[], Any], on_doubt: Callable[[], Any]) -> None:
         """Build the section, hidden until there are data."""
@@ -87,7 +88,7 @@ class ColumnsStep:
             ui.button("Show", on_click=self._plot).props("outline id=show")
             ui.button("Confirm", on_click=self._confirm).props("id=confirm")
         self.errors = ui.element("div").props("aria-live=assertive")
-        self.plot = ui.element("div").classes("chart")
+        self.plot, self.chart = ui.element("div").classes("chart"), None
 
     def _records(self, choices: dict[int | str, str]) -> None:
         given = self.given
@@ -130,14 +131,16 @@ class ColumnsStep:
 
     async def _plot(self) -> None:
         self.errors.clear()
-        self.plot.clear()
         try:
             figure = await run.io_bound(preview, self.given, self.user.session.data, self.user.session.files)
         except VibridentError as error:
             frame.show_error(self.errors, error, self.user.session)
             return
+        if self.chart is not None:  # a new one in its place would be drawn before the old one is gone
+            self.chart.update_figure(figure)
+            return
         with self.plot:
-            ui.plotly(figure).classes("chart")
+            self.chart = ui.plotly(figure).classes("chart")
             ui.label(f"{self.user.session.files[0]}, its beginning as it stands in the file.").classes("hint")
 
     async def _confirm(self) -> None:
