@@ -33,7 +33,7 @@ class ColumnsStep:
         self.given = Description()
         self.chart: Any = None
 
-    def build(self, on_confirmed: Callable[[], Any], on_doubt: Callable[[], Any]) -> None:
+    def build(self, on_confirmed: Callable[..., Any], on_doubt: Callable[[], Any]) -> None:
         """Build the section, hidden until there are data."""
         self.on_confirmed, self.on_doubt = on_confirmed, on_doubt
         self.section = frame.step(2, "Columns, units and model", "columns")
