@@ -199,7 +199,7 @@ def _warnings(
     warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
     adequacy = judgement.adequacy
     if not adequacy.adequate:
-        covered = f" The stated uncertainties cover {scope}."
+        covered = f" The parameters' uncertainties cover {scope}."
         warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered))
     warnings += doubtful
     gain = table[model.gain_name]

@@ -7,6 +7,7 @@ import numpy as np
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 from vibrident.result import ResultWarning
+from vibrident.uncertainty.identifiability import WEAK
 from vibrident.uncertainty.linearised import Linearised
 
 #: Part of the frequencies that is cut off, at either end.
@@ -23,6 +24,8 @@ def band_sensitive(
     linear: Linearised, coordinates: Coordinates, z: FloatArray, covariance: FloatArray, variance_factor: float = 1.0
 ) -> list[ResultWarning]:
     """A warning for each parameter that the lower or the upper two thirds of the frequencies would move.
+
+    A part that hardly determines a parameter says nothing of it.
 
     For efficient estimates the variance of the shift is that of the part less that of the whole (Hausman 1978).
 
@@ -50,16 +53,19 @@ def band_sensitive(
         shift = part - whole
         own = np.diag(whole_covariance)
         spread = np.sqrt(variance_factor * np.maximum(np.diag(part_covariance) - own, LEAST**2 * own))
-        for index in np.flatnonzero(np.abs(shift) > np.maximum(np.maximum(SIGNIFICANT * spread, IRRELEVANT), stated)):
+        moved = np.abs(shift) > np.maximum(np.maximum(SIGNIFICANT * spread, IRRELEVANT), stated)
+        told = variance_factor * np.diag(part_covariance) < WEAK**2
+        for index in np.flatnonzero(moved & told):
             size = float(abs(shift[index]) / spread[index])
             if size > worst.get(int(index), (0.0, ""))[0]:
-                worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, size))
+                times = float(abs(shift[index]) / stated[index]) if stated[index] > 0 else size
+                worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, times))
     return [ResultWarning("band_sensitive", text) for _, text in worst.values()]
 
 
-def _sentence(coordinates: Coordinates, z: FloatArray, shift: FloatArray, index: int, label: str, size: float) -> str:
+def _sentence(coordinates: Coordinates, z: FloatArray, shift: FloatArray, index: int, label: str, times: float) -> str:
     spec = coordinates.model.parameters[index]
     moved = np.array(z)
     moved[index] += shift[index]
     before, after = coordinates.values(z)[spec.name], coordinates.values(moved)[spec.name]
-    return f"{spec.name} would be about {after:.5g} instead of {before:.5g} {label}: {size:.1f} standard uncertainties."
+    return f"{spec.name} would be about {after:.5g} instead of {before:.5g} {label}: {times:.1f} times its stated u."
