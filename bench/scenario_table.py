@@ -38,7 +38,8 @@ def table(lines: list[dict], commit: str) -> str:
         "Noise: " + "; ".join(f"**{key}** {words}" for key, (words, _) in NOISES.items()) + ".",
         "Bias in standard deviations of the estimate, scatter over the Cramér–Rao bound of known noise spectra "
         "(`bench/scenario_bound.py`), scatter over the stated u, coverage of the 95 % intervals; "
-        "each for gain · natural frequency · damping ratio. For noise **a** nothing is random: the largest relative error stands instead.",
+        "each for gain · natural frequency · damping ratio. For noise **a** nothing is random: the largest relative "
+        "error stands instead.",
         "",
         "| cell | bias / σ | scatter / bound | scatter / u | coverage % | warnings % |",
         "|---|---|---|---|---|---|",
