@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -43,7 +42,7 @@ def server(tmp_path_factory) -> Iterator[Server]:
         try:
             yield _ready(made, begin)
         finally:
-            made.send_signal(signal.SIGINT)
+            made.terminate()  # a suite in the background ignores SIGINT, and its children with it
             try:
                 made.wait(20)
             except subprocess.TimeoutExpired:
