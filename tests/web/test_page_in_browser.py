@@ -132,3 +132,40 @@ def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):
     page = visit()
     upload(page, pickle)
     page.get_by_text("The file's format is not known.").wait_for()
+
+
+def test_a_broken_calibration_file_gets_the_message_of_the_command_line(visit, tmp_path):
+    (tmp_path / "a.csv").write_text("time,reference,response\n0.0,1.0,2.0\n0.1,1.5,2.0\n0.2,1.0,2.5\n")
+    (tmp_path / "calibration.toml").write_text("[reference]\ncolumn = \n")
+    command = [sys.executable, "-c", "from vibrident.cli import main; main()", "identify", "calibration.toml"]
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr
+    page = visit()
+    upload(page, tmp_path / "a.csv", tmp_path / "calibration.toml")
+    shown = page.get_by_role("alert")
+    shown.wait_for(timeout=WAIT_MS)
+    assert re.sub(r"\W+", " ", said).split()[-len(re.findall(r"\w+", shown.inner_text())) :] == re.findall(
+        r"\w+", shown.inner_text()
+    )
+    assert "Traceback" not in page.content()
+    assert not page.locator("#confirm").is_visible()
+
+    (tmp_path / "calibration.toml").write_text(
+        "[reference]\ncolumn = 2\n[response]\ncolumn = 3\n[sampling]\ntime_column = 1\n"
+        '[[records]]\nfile = "a.csv"\nexcitation = "random"\n'
+    )
+    upload(page, tmp_path / "calibration.toml")
+    page.get_by_text("calibration.toml came with the data").wait_for(timeout=WAIT_MS)
+
+
+def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(visit, tmp_path):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("time,reference,response\n0.0,1.0,2.0\n0.1,1.5,2.0\n0.2,1.0,2.5\n")
+    page = visit()
+    upload(page, tmp_path / "a.csv")
+    for _ in range(2):
+        page.locator("#confirm").click(timeout=WAIT_MS)
+        page.locator("#start").wait_for()
+    upload(page, tmp_path / "b.csv")
+    page.get_by_text("2 files").wait_for()
+    page.locator("#start").wait_for(state="hidden")
+    page.get_by_text("Guessed from the names in a.csv").wait_for()

@@ -49,11 +49,10 @@ class ColumnsStep:
         self.section.visible = bool(session.files)
         if not session.files:
             return
-        toml = [path for path in session.data.iterdir() if path.suffix.lower() == ".toml"]
-        own = session.data / CALIBRATION
+        session.forget_calibration()
         try:
-            if len(toml) == 1 or (own.exists() and not (session.folder / "guessed").exists()):
-                self._as_it_stands((own if own in toml else toml[0]).name)
+            if (name := session.calibration) is not None:
+                self._as_it_stands(name)
                 return
             guess = await run.io_bound(guess_columns, session.data / session.files[0])
             assert guess is not None
@@ -66,6 +65,7 @@ class ColumnsStep:
         await self._plot()
 
     def _as_it_stands(self, name: str) -> None:
+        """Show the calibration file that came with the data; ``show`` shows what is wrong with it."""
         path = self.user.session.data / name
         refuse_outside(path)
         text = path.read_text(encoding="utf-8-sig")
@@ -151,8 +151,7 @@ class ColumnsStep:
         except InputError as error:
             frame.show_error(self.errors, error, session)
             return
-        (session.folder / "guessed").touch()
-        (session.data / CALIBRATION).write_text(text, encoding="utf-8")
+        session.write_calibration(text)
         await self.on_confirmed(CALIBRATION, self.given)
 
 

@@ -32,6 +32,7 @@ class Session:
         self.folder = Path(tempfile.mkdtemp(prefix="vibrident-"))
         self.data = self.folder / "data"
         self.data.mkdir()
+        self._written = False
 
     def close(self) -> None:
         """Remove every file."""
@@ -39,6 +40,7 @@ class Session:
 
     def clear(self) -> None:
         """Forget the data, keep the results that were made of them."""
+        self._written = False
         shutil.rmtree(self.data, ignore_errors=True)
         self.data.mkdir(parents=True, exist_ok=True)
 
@@ -53,8 +55,39 @@ class Session:
         """Size of all data files."""
         return sum(path.stat().st_size for path in self.data.iterdir())
 
+    @property
+    def calibration(self) -> str | None:
+        """Name of the calibration file that came with the data; the page's own is none.
+
+        Raises:
+            InputError: several came, and none of them has the usual name.
+        """
+        names = sorted(path.name for path in self.data.iterdir() if path.suffix.lower() == ".toml")
+        if self._written:
+            names.remove(CALIBRATION)
+        if len(names) > 1 and CALIBRATION not in names:
+            raise InputError(
+                "More than one calibration file came with the data.",
+                expected=f"one, or one that is named {CALIBRATION}",
+                found=", ".join(names),
+                where="upload",
+                remedy="start anew with one of them",
+            )
+        return None if not names else CALIBRATION if CALIBRATION in names else names[0]
+
+    def write_calibration(self, text: str) -> None:
+        """Write what was confirmed on the page, for the identification to read."""
+        (self.data / CALIBRATION).write_text(text, encoding="utf-8")
+        self._written = True
+
+    def forget_calibration(self) -> None:
+        """Remove what the page wrote: with other data, it no longer holds."""
+        if self._written:
+            (self.data / CALIBRATION).unlink(missing_ok=True)
+            self._written = False
+
     def place_for(self, name: str, size: int) -> Path:
-        """Where to put a file of this name and size.
+        """Where to put a file of this name and size. A calibration file takes the place of one of the same name.
 
         Raises:
             InputError: the format is not read here, a file of that name is there, or there is no room for it.
@@ -69,7 +102,7 @@ class Session:
                 remedy="rename the file, or export it as CSV or HDF5",
             )
         place = self.data / safe
-        if place.exists():
+        if place.exists() and place.suffix.lower() != ".toml":
             raise InputError(
                 "A file of that name is here already.",
                 expected="a name of its own for each file",
@@ -79,6 +112,8 @@ class Session:
             )
         if self.used_bytes + size > self.limit_mb * MEGABYTE or len(list(self.data.iterdir())) >= MOST_FILES:
             raise too_large(self.limit_mb, safe)
+        if safe.lower() == CALIBRATION:
+            self.forget_calibration()
         return place
 
     def local(self, error: _T) -> _T | InputError:
@@ -96,8 +131,10 @@ def safe_name(name: str) -> str:
     plain = _UNSAFE.sub("_", last).strip(" .") or "file"
     if _RESERVED.fullmatch(plain) or plain.startswith("-"):
         plain = f"_{plain}"
-    stem, dot, ending = plain.rpartition(".")
-    return plain if len(plain) <= _LONGEST_NAME else f"{stem[: _LONGEST_NAME - len(ending) - 1]}{dot}{ending}"
+    if len(plain) <= _LONGEST_NAME:
+        return plain
+    room = _LONGEST_NAME - len(Path(plain).suffix)
+    return plain[:room] + Path(plain).suffix if room > 0 else plain[:_LONGEST_NAME]
 
 
 def too_large(limit_mb: float, where: str = "upload") -> InputError:
