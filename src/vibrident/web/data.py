@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from nicegui import events, run, ui
@@ -12,6 +13,7 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.io.readers import READERS
 from vibrident.result import Result
 from vibrident.web import frame
+from vibrident.web.hdf5_links import refuse_other_files
 from vibrident.web.session import MEGABYTE, MOST_FILES, too_large
 
 #: A folder is taken apart by the browser; the uploader itself takes files alone.
@@ -93,6 +95,7 @@ class DataStep:
                     place.unlink()
                     self._result(place.stem, content)
                 else:
+                    await self._checked(place)
                     came = True
         except VibridentError as error:
             frame.show_error(self.errors, error, session)
@@ -100,6 +103,13 @@ class DataStep:
         self._list()
         if came and session.files:
             await self.on_data()
+
+    async def _checked(self, place: Path) -> None:
+        try:
+            await run.io_bound(refuse_other_files, place)
+        except InputError:
+            place.unlink(missing_ok=True)
+            raise
 
     def _result(self, name: str, content: bytes) -> None:
         place = self.user.session.folder / "earlier.json"
