@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 #: Room for what a browser writes around files.
 _ENVELOPE_BYTES = 1_000_000
+_MOST_DIGITS = 18
 #: Everything comes from here; a script or a font of another machine would be refused by the browser itself.
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
@@ -46,16 +47,20 @@ class Guard:
             await _refuse(scope, send, 403, b"This page is for this machine alone.")
         elif scope["type"] == "websocket":
             await self._app(scope, receive, send)
-        elif int(headers.get(b"content-length") or 0) > self._limit:
+        elif not (length := headers.get(b"content-length", "0")).isdecimal() or len(length) > _MOST_DIGITS:
+            await _refuse(scope, send, 400, b"The length of the request is not a number.")
+        elif int(length) > self._limit:
             await _refuse(scope, send, 413, b"The files are too large for the page.")
         else:
             await self._guarded(scope, receive, send)
 
     def _welcome(self, headers: dict[bytes, str]) -> bool:
-        host = headers.get(b"host", "")
-        origin = headers.get(b"origin")
-        named = self._hosts is None or (urlsplit(f"//{host}").hostname or "") in self._hosts
-        return named and (origin is None or urlsplit(origin).netloc == host)
+        host, origin = headers.get(b"host", ""), headers.get(b"origin")
+        try:
+            named = self._hosts is None or (urlsplit(f"//{host}").hostname or "") in self._hosts
+            return named and (origin is None or urlsplit(origin).netloc == host != "")
+        except ValueError:  # no address at all, such as one with a single bracket
+            return False
 
     async def _guarded(self, scope: Any, receive: Any, send: Any) -> None:
         received, started = 0, False
