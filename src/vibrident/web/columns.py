@@ -84,7 +84,7 @@ class ColumnsStep:
         with ui.element("div").bind_visibility_from(given, "table"):
             self._table(choices)
         self._model()
-        with ui.element("div").classes("row"):
+        with ui.element("div").classes("actions"):
             ui.button("Show", on_click=self._plot).props("outline id=show")
             ui.button("Confirm", on_click=self._confirm).props("id=confirm")
         self.errors = ui.element("div").props("aria-live=assertive")
@@ -97,12 +97,12 @@ class ColumnsStep:
             _select(QUANTITIES, "Reference: quantity", given, "quantity", "quantity")
             _number("Reference: SI unit per unit in the file", given, "scale", "scale")
             _text("Reference: unit", given, "unit")
-            _number("Reference: relative u of its calibration (optional)", given, "standard_uncertainty")
+            _number("Reference: relative u (optional)", given, "standard_uncertainty")
             _select(choices, "Response: column", given, "response", "response-column")
             _number("Response: unit below per unit in the file", given, "response_scale", "response-scale")
             _text("Response: unit", given, "response_unit", "response-unit")
             _select({None: "none"} | choices, "Time column, in s", given, "time", "time-column")
-            _number("Sampling rate in Hz (empty: as the file says)", given, "rate_hz", "rate").bind_enabled_from(
+            _number("Sampling rate in Hz (or the file's)", given, "rate_hz", "rate").bind_enabled_from(
                 given, "time", backward=lambda time: time is None
             )
             _select(EXCITATIONS, "Excitation", given, "excitation", "excitation")
@@ -125,7 +125,7 @@ class ColumnsStep:
         ui.html("<h3>Sensor and model</h3>", sanitize=False)
         with ui.element("div").classes("fields"):
             for key in given.sensor:
-                ui.input(key.replace("_", " ")).bind_value(given.sensor, key).props("dense outlined")
+                ui.input(key.replace("_", " ")).bind_value(given.sensor, key).props("dense outlined stack-label")
             _select(CORES, "Model", given, "core", "core")
             _select(ADD_ONS, "Add-ons", given, "add_ons", "add-ons").props("multiple use-chips")
 
@@ -158,14 +158,14 @@ class ColumnsStep:
 def _select(choices: Any, label: str, given: Any, name: str, identity: str = "") -> Any:
     options = choices if isinstance(choices, dict) else list(choices)
     element = ui.select(options, label=label, multiple=name == "add_ons").bind_value(given, name)
-    return element.props(f"dense outlined options-dense {f'id={identity}' if identity else ''}")
+    return element.props(f"dense outlined stack-label options-dense {f'id={identity}' if identity else ''}")
 
 
 def _number(label: str, given: Any, name: str, identity: str = "") -> Any:
     element = ui.number(label, format="%.12g").bind_value(given, name)
-    return element.props(f"dense outlined step=any {f'id={identity}' if identity else ''}")
+    return element.props(f"dense outlined stack-label step=any {f'id={identity}' if identity else ''}")
 
 
 def _text(label: str, given: Any, name: str, identity: str = "") -> Any:
     element = ui.input(label).bind_value(given, name)
-    return element.props(f"dense outlined {f'id={identity}' if identity else ''}")
+    return element.props(f"dense outlined stack-label {f'id={identity}' if identity else ''}")

@@ -22,7 +22,7 @@ class CompareStep:
         self.section = frame.step(5, "Compare", "compare")
         with self.section:
             self.choice = ui.select([], label="Results", multiple=True, on_change=self._draw)
-            self.choice.props("dense outlined use-chips").classes("w-full")
+            self.choice.props("dense outlined stack-label use-chips").classes("w-full")
             self.body = ui.element("div")
         self.section.visible = False
 
@@ -49,7 +49,7 @@ class CompareStep:
                 ui.html(
                     f'<h3>{written.text(title)}</h3><div class="scroll">{written.table(table)}</div>', sanitize=False
                 )
-            with ui.element("div").classes("row"):
+            with ui.element("div").classes("actions"):
                 ui.button("Comparison (HTML)", on_click=lambda: self._report("html")).props("outline")
                 ui.button("Comparison (PDF)", on_click=lambda: self._report("pdf")).props("outline")
             self.errors = ui.element("div").props("aria-live=assertive")

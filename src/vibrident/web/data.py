@@ -75,7 +75,7 @@ class DataStep:
             )
             # A file of an unknown format is to get the command line's message, not to be dropped in silence.
             self.upload.props(remove="accept")
-            with ui.element("div").classes("row"):
+            with ui.element("div").classes("actions"):
                 ui.button("Choose a folder").props("outline id=choose-folder")
                 self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
                 ui.button("Start anew", on_click=self._anew).props("flat")

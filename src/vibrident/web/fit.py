@@ -49,8 +49,8 @@ class FitStep:
                 ).bind_enabled_from(self.estimator, "value", backward=lambda value: value == "ipnn")
                 self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label="Uncertainties cover")
                 for element in (self.estimator, self.discretisation, self.uncertainty):
-                    element.props("dense outlined options-dense")
-            with ui.element("div").classes("row"):
+                    element.props("dense outlined stack-label options-dense")
+            with ui.element("div").classes("actions"):
                 self.start = ui.button("Identify", on_click=self._identify).props("id=start")
                 self.stop = ui.button("Cancel", on_click=self.user.worker.cancel).props("outline color=negative")
                 self.spinner = ui.spinner(size="28px")

@@ -1,4 +1,7 @@
-"""Colours, type and widths of the page: readable contrast, one column on a phone, a visible focus."""
+"""Colours, type and widths of the page: readable contrast, one column on a phone, a visible focus.
+
+Quasar gives meaning to short class names of its own (``row``, ``column``) and to ``main``: they are left alone here.
+"""
 
 STYLE = """
 body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; }
@@ -8,7 +11,7 @@ body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; 
   top: 8px; background: #fff; padding: 8px; z-index: 9; }
 .top { background: #0a4b78; color: #fff; padding: 14px max(16px, calc(50vw - 560px)); width: 100%; }
 .top h1 { font-size: 1.5rem; line-height: 1.2; font-weight: 700; margin: 0; } .top p { margin: 0; opacity: .95; }
-main { width: 100%; max-width: 1152px; margin: 0 auto; padding: 16px;
+.steps { width: 100%; max-width: 1152px; margin: 0 auto; padding: 16px;
   display: flex; flex-direction: column; gap: 16px; }
 .step { background: #fff; border: 1px solid #cfd6dc; border-radius: 8px;
   padding: 16px 20px; width: 100%; min-width: 0; }
@@ -16,8 +19,8 @@ main { width: 100%; max-width: 1152px; margin: 0 auto; padding: 16px;
 .step h2 span { display: inline-grid; place-items: center; width: 1.7em; height: 1.7em; border-radius: 50%;
   background: #0a4b78; color: #fff; font-size: .85em; margin-right: .6em; }
 .step h3 { font-size: 1rem; line-height: 1.4; font-weight: 650; margin: 14px 0 4px; }
-.row { display: flex; flex-wrap: wrap; gap: 12px; align-items: center; margin: 8px 0; }
-.fields { display: grid; grid-template-columns: repeat(auto-fill, minmax(210px, 1fr)); gap: 8px 16px; }
+.actions { display: flex; flex-wrap: wrap; gap: 12px; align-items: center; margin: 8px 0; }
+.fields { display: grid; grid-template-columns: repeat(auto-fill, minmax(210px, 1fr)); gap: 10px 16px; margin: 8px 0; }
 .fields > * { min-width: 0; }
 .hint { color: #44505a; font-size: .92rem; margin: 4px 0; }
 .error { border-left: 5px solid #a1001a; background: #fdeff0; padding: 10px 14px;
@@ -33,9 +36,10 @@ table { border-collapse: collapse; font-size: .92rem; margin: 8px 0; } th, td { 
   border-bottom: 1px solid #dde2e6; white-space: nowrap; } th { border-bottom: 2px solid #44505a; }
 td.number, th.number, .right { text-align: right; font-variant-numeric: tabular-nums; }
 pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; margin: 6px 0; }
+.q-btn-toggle { display: inline-flex; margin: 4px 0 10px; }
 .uploader { width: 100%; max-height: 320px; } .q-uploader__list { max-height: 140px; }
 .chart { width: 100%; min-width: 0; }
 :focus-visible { outline: 3px solid #d55e00 !important; outline-offset: 2px; }
 .q-field__label, .q-field__bottom { color: #44505a; } .q-btn { text-transform: none; min-height: 40px; }
-@media (max-width: 600px) { main { padding: 8px; } .step { padding: 12px; border-radius: 4px; } }
+@media (max-width: 600px) { .steps { padding: 8px; } .step { padding: 12px; border-radius: 4px; } }
 """

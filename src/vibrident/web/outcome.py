@@ -29,7 +29,9 @@ class OutcomeStep:
         """Build the section, hidden until there is a result."""
         self.section = frame.step(4, "Result", "result")
         with self.section:
-            self.choice = ui.select([], label="Shown", on_change=self._draw).props("dense outlined").classes("w-full")
+            self.choice = (
+                ui.select([], label="Shown", on_change=self._draw).props("dense outlined stack-label").classes("w-full")
+            )
             self.body = ui.element("div")
         self.section.visible = False
 
@@ -55,7 +57,7 @@ class OutcomeStep:
 
     def _downloads(self, named: frame.Named) -> None:
         ui.html("<h3>Download</h3>", sanitize=False)
-        with ui.element("div").classes("row"):
+        with ui.element("div").classes("actions"):
             ui.button("result.json", on_click=lambda: ui.download.content(named.content, RESULT)).props("id=get-json")
             for form, label in (("html", "Report (HTML)"), ("pdf", "Certificate (PDF)"), ("md", "Report (Markdown)")):
                 ui.button(label, on_click=lambda form=form: self._report(named, form)).props(f"outline id=get-{form}")
@@ -70,13 +72,15 @@ class OutcomeStep:
                 "here).</p>",
                 sanitize=False,
             )
-        with ui.element("div").classes("row"):
+        with ui.element("div").classes("actions"):
             form = (
-                ui.select(list(EXPORTS), value="csv", label="Export").props("dense outlined").style("min-width: 9rem")
+                ui.select(list(EXPORTS), value="csv", label="Export")
+                .props("dense outlined stack-label")
+                .style("min-width: 9rem")
             )
-            rate = ui.number("Rate in Hz (c, fmu)").props("dense outlined step=any")
-            channel = ui.input("Channel (stationxml, sacpz)").props("dense outlined")
-            country = ui.input("Country (dcc)").props("dense outlined")
+            rate = ui.number("Rate in Hz (c, fmu)").props("dense outlined stack-label step=any")
+            channel = ui.input("Channel (stationxml, sacpz)").props("dense outlined stack-label")
+            country = ui.input("Country (dcc)").props("dense outlined stack-label")
             ui.button(
                 "Export", on_click=lambda: self._export(named, form.value, rate.value, channel.value, country.value)
             ).props("outline id=get-export")
@@ -152,6 +156,6 @@ def _curves(result: Result) -> None:
         shown = dict(signals)
         plot = ui.plotly(signals[0][1]).classes("chart")
         if len(signals) > 1:
-            ui.select(list(shown), value=signals[0][0], label="Record").props("dense outlined").on_value_change(
-                lambda event: plot.update_figure(shown[event.value])
-            )
+            ui.select(list(shown), value=signals[0][0], label="Record").props(
+                "dense outlined stack-label"
+            ).on_value_change(lambda event: plot.update_figure(shown[event.value]))

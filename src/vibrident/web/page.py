@@ -25,7 +25,7 @@ def page(limit_mb: float) -> None:
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
-    with ui.element("main").props("id=main"):
+    with ui.element("main").classes("steps").props("id=main"):
         outcome = OutcomeStep(user)
         compare = CompareStep(user)
         fit = FitStep(user)
