@@ -136,6 +136,8 @@ class ColumnsStep:
         except VibridentError as error:
             frame.show_error(self.errors, error, self.user.session)
             return
+        if figure is None:  # the server is being stopped
+            return
         if self.chart is not None:  # a new one in its place would be drawn before the old one is gone
             self.chart.update_figure(figure)
             return

@@ -15,6 +15,7 @@ from vibrident.plots.style import BLUE
 from vibrident.report.figures import axis, figure
 from vibrident.result import Result
 from vibrident.web import frame
+from vibrident.web.choices import Choices
 from vibrident.web.session import RESULT, refuse_outside
 
 ESTIMATORS = {
@@ -40,7 +41,7 @@ class FitStep:
         self.on_result = on_result
         self.section = frame.step(3, "Identify", "identify")
         with self.section:
-            with ui.expansion("The calibration file that reproduces this from the shell").classes("w-full"):
+            with ui.expansion("The calibration file: what is confirmed above").classes("w-full"):
                 self.text = ui.code("", language="toml").classes("w-full")
             with ui.element("div").classes("fields"):
                 self.estimator = ui.select(ESTIMATORS, value="auto", label="Estimator")
@@ -82,27 +83,20 @@ class FitStep:
     async def _identify(self) -> None:
         if self.user.worker.busy:
             return
-        session, options = self.user.session, {}
-        if self.estimator.value == "ipnn" and self.discretisation.value != "bandlimited":
-            options["discretisation"] = self.discretisation.value
+        session = self.user.session
+        choices = Choices(
+            self.calibration, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value
+        )
         place = session.folder / RESULT
-        task = {
-            "task": "identify",
-            "calibration": self.calibration,
-            "estimator": self.estimator.value,
-            "uncertainty": self.uncertainty.value,
-            "result": str(place),
-            **options,
-        }
         text = (session.data / self.calibration).read_text(encoding="utf-8-sig")
         self._working(True)
         try:
-            await self._follow(task)
+            await self._follow({**choices.task, "result": str(place)})
             content = place.read_bytes()
             name = f"{len(self.user.results) + 1}"
             result = Result.load(place)
             label = f"{name}: {result.model}, {result.estimator}"
-            self.user.results.append(frame.Named(label, result, content, text))
+            self.user.results.append(frame.Named(label, result, content, text, choices))
             self.status.text = "Identified."
             self.on_result()
         except VibridentError as error:

@@ -8,18 +8,20 @@ from nicegui import ui
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.result import Result
+from vibrident.web.choices import Choices
 from vibrident.web.session import Session
 from vibrident.web.worker import Worker
 
 
 @dataclass
 class Named:
-    """A result and what to call it, with the calibration file that reproduces it, where it was made here."""
+    """A result and what to call it; where it was made here, with the calibration file and the choices made."""
 
     name: str
     result: Result
     content: bytes
     calibration: str | None = None
+    choices: Choices | None = None
 
 
 @dataclass

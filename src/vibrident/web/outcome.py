@@ -16,7 +16,7 @@ from vibrident.report import FILE_NAMES, content, figures, tables, words
 from vibrident.report import page as written
 from vibrident.result import Result
 from vibrident.web import frame
-from vibrident.web.session import CALIBRATION, RESULT
+from vibrident.web.session import RESULT
 
 
 class OutcomeStep:
@@ -61,17 +61,14 @@ class OutcomeStep:
             ui.button("result.json", on_click=lambda: ui.download.content(named.content, RESULT)).props("id=get-json")
             for form, label in (("html", "Report (HTML)"), ("pdf", "Certificate (PDF)"), ("md", "Report (Markdown)")):
                 ui.button(label, on_click=lambda form=form: self._report(named, form)).props(f"outline id=get-{form}")
-            if (text := named.calibration) is not None:
-                ui.button(CALIBRATION, on_click=lambda: ui.download.content(text.encode(), CALIBRATION)).props(
-                    "outline id=get-toml"
-                )
-        if named.calibration is not None:
-            ui.html(
-                "<p class='hint'>With calibration.toml beside the data files, <code>vibrident identify "
-                "calibration.toml</code> gives these numbers in a shell (with --estimator, where one was chosen "
-                "here).</p>",
-                sanitize=False,
+            if named.calibration is not None and named.choices is not None:
+                text, name = named.calibration.encode(), named.choices.calibration
+                ui.button(name, on_click=lambda: ui.download.content(text, name)).props("outline id=get-toml")
+        if named.choices is not None:
+            ui.label(f"With {named.choices.calibration} in the folder of the data, the same in a shell:").classes(
+                "hint"
             )
+            ui.code(named.choices.command, language="bash").classes("w-full").props("id=command")
         with ui.element("div").classes("actions"):
             form = (
                 ui.select(list(EXPORTS), value="csv", label="Export")
@@ -95,7 +92,7 @@ class OutcomeStep:
             return
         ui.download.content(made or b"", FILE_NAMES[form][0])
 
-    async def _export(self, named: frame.Named, form: str, rate: float | None, channel: str, country: str) -> None:
+    async def _export(self, named: frame.Named, form: str, rate: Any, channel: Any, country: Any) -> None:
         self.errors.clear()
         try:
             made = await run.io_bound(_exported, named.result, form, rate, channel or None, country or None)

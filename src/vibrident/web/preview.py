@@ -34,8 +34,8 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
         points = list(range(numbers.size)) if x is None else listed(x, 17)
         data.append({"x": points, "y": listed(numbers), "name": name, "yaxis": place, **look})
     title = "frequency in Hz" if given.table else "sample" if x is None else "time in s"
-    layout = {"yaxis": axis(names[0] if names else "", domain=[0.54, 1.0] if len(data) > 1 else [0.0, 1.0])}
+    layout = {"yaxis": axis("", domain=[0.54, 1.0] if len(data) > 1 else [0.0, 1.0])}
     if len(data) > 1:
-        layout["yaxis2"] = axis(names[1], domain=[0.0, 0.46])
+        layout["yaxis2"] = axis("", domain=[0.0, 0.46])
     below = axis(title, anchor="y2" if len(data) > 1 else "y", type="log" if given.table else "linear")
-    return figure(data, 360, xaxis=below, showlegend=False, **layout)
+    return figure(data, 360, xaxis=below, showlegend=True, **layout)

@@ -1,0 +1,40 @@
+"""What is chosen for an identification: a task for the worker, and the same as a command for a shell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Of one identification.
+
+    Attributes:
+        calibration: name of the calibration file, in the folder of the data.
+        estimator: its name.
+        discretisation: of ipnn; the others have none, and none is passed on.
+        uncertainty: what the uncertainties cover.
+    """
+
+    calibration: str
+    estimator: str = "auto"
+    discretisation: str = "bandlimited"
+    uncertainty: str = "auto"
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Every option that has a meaning here, those at their default as well."""
+        own = {"discretisation": self.discretisation} if self.estimator == "ipnn" else {}
+        return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
+
+    @property
+    def task(self) -> dict[str, Any]:
+        """For the worker."""
+        return {"task": "identify", "calibration": self.calibration, **self.options}
+
+    @property
+    def command(self) -> str:
+        """For a shell, in the folder of the data; file names hold nothing that double quotes would not keep."""
+        file = f'"{self.calibration}"' if " " in self.calibration else self.calibration
+        return " ".join(("vibrident identify", file, *(f"--{key} {value}" for key, value in self.options.items())))
