@@ -25,7 +25,7 @@ from vibrident.uncertainty.linearised import Linearised
 BETTER, WELL = 10.0, 4.0
 #: Correction of a bias by noise of the reference that is itself in doubt by more than this many standard
 #: uncertainties.
-DOUBTED_BIAS = 0.5
+DOUBTED_BIAS = 1.5
 
 
 def second_thoughts(

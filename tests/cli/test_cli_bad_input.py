@@ -145,7 +145,7 @@ def test_options_that_do_not_fit(options, words, made, run, tmp_path):
     assert_refused(done, tmp_path / "out", *words)
 
 
-@pytest.mark.parametrize("arguments", [["identify"], ["identify", "a", "b"], ["identify", "--nope"], ["serve"], []])
+@pytest.mark.parametrize("arguments", [["identify"], ["identify", "a", "b"], ["identify", "--nope"], ["tell"], []])
 def test_usage_errors_exit_with_2(arguments, run):
     assert run(*arguments).exit_code == 2
 
