@@ -38,15 +38,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--only", default="", metavar="TEXT", help="cells whose name holds this")
     parser.add_argument("--trial", action="store_true", help="print the table; keep nothing, publish nothing")
+    parser.add_argument("--of", default="", metavar="COMMIT", help="run nothing; publish what was kept of this commit")
     given = parser.parse_args(arguments)
-    commit = _commit()
+    commit = given.of or _commit()
     kept = [] if given.trial else list(_kept(commit))
     done = {(line["cell"], line["first"]) for line in kept}
     wanted = [
         (cell, first, min(BLOCK, cell.runs(given.runs) - first))
         for first in range(0, given.runs, BLOCK)
         for cell in CELLS
-        if given.only in cell.name and first < cell.runs(given.runs) and (cell.name, first) not in done
+        if not given.of and given.only in cell.name and first < cell.runs(given.runs) and (cell.name, first) not in done
     ]
     for line in steps("scenarios", _blocks(wanted, given.jobs), total=len(wanted)):
         line["commit"] = commit
