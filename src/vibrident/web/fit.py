@@ -43,7 +43,7 @@ class FitStep:
         with self.section:
             with ui.expansion("The calibration file: what is confirmed above").classes("w-full"):
                 self.text = ui.code("", language="toml").classes("w-full")
-            with ui.element("div").classes("fields"):
+            with ui.element("div").classes("fields wide"):
                 self.estimator = ui.select(ESTIMATORS, value="auto", label="Estimator")
                 self.discretisation = ui.select(
                     list(DISCRETISATIONS), value="bandlimited", label="Discretisation (ipnn)"

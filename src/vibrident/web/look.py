@@ -21,6 +21,7 @@ body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; 
 .step h3 { font-size: 1rem; line-height: 1.4; font-weight: 650; margin: 14px 0 4px; }
 .actions { display: flex; flex-wrap: wrap; gap: 12px; align-items: center; margin: 8px 0; }
 .fields { display: grid; grid-template-columns: repeat(auto-fill, minmax(210px, 1fr)); gap: 10px 16px; margin: 8px 0; }
+.fields.wide { grid-template-columns: repeat(auto-fill, minmax(min(280px, 100%), 1fr)); }
 .fields > * { min-width: 0; }
 .hint { color: #44505a; font-size: .92rem; margin: 4px 0; }
 .error { border-left: 5px solid #a1001a; background: #fdeff0; padding: 10px 14px;
@@ -36,6 +37,7 @@ table { border-collapse: collapse; font-size: .92rem; margin: 8px 0; } th, td { 
   border-bottom: 1px solid #dde2e6; white-space: nowrap; } th { border-bottom: 2px solid #44505a; }
 td.number, th.number, .right { text-align: right; font-variant-numeric: tabular-nums; }
 pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; margin: 6px 0; }
+#command pre { white-space: pre-wrap; padding-right: 40px; }
 .q-btn-toggle { display: inline-flex; margin: 4px 0 10px; }
 .uploader { width: 100%; max-height: 320px; } .q-uploader__list { max-height: 140px; }
 .chart { width: 100%; min-width: 0; }

@@ -27,13 +27,15 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
     positions = [source.position_of(column, "columns and units") for column in wanted]
     values = [column[:MOST_SAMPLES] for column in source.load(positions)]
     x = values.pop(0) if across is not None else None
+    if x is not None and not given.table and x.size:  # a clock that counts from 1970 makes labels nobody can read
+        x = x - x[0]
     names = [str(column) for column in wanted if column != across or column in (first, second)]
     data = []
     for place, colour, numbers, name in zip(("y", "y2"), (BLUE, VERMILION), values, names, strict=False):
         look = {"mode": "lines+markers" if given.table else "lines", "line": {"color": colour, "width": 1.3}}
         points = list(range(numbers.size)) if x is None else listed(x, 17)
         data.append({"x": points, "y": listed(numbers), "name": name, "yaxis": place, **look})
-    title = "frequency in Hz" if given.table else "sample" if x is None else "time in s"
+    title = "frequency in Hz" if given.table else "sample" if x is None else "time from the first sample, in s"
     layout = {"yaxis": axis("", domain=[0.54, 1.0] if len(data) > 1 else [0.0, 1.0])}
     if len(data) > 1:
         layout["yaxis2"] = axis("", domain=[0.0, 0.46])
