@@ -22,8 +22,8 @@ VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
 class Server:
     """A running ``vibrident serve``."""
 
-    def __init__(self, process: subprocess.Popen[str], address: str, ready_s: float) -> None:
-        self.process, self.address, self.ready_s = process, address, ready_s
+    def __init__(self, process: subprocess.Popen[str], address: str, busy_s: float) -> None:
+        self.process, self.address, self.busy_s = process, address, busy_s
 
 
 @pytest.fixture(scope="session")
@@ -51,6 +51,15 @@ def server(tmp_path_factory) -> Iterator[Server]:
     assert not [path for path in folder.iterdir() if path.name.startswith("vibrident-")], "temporary files are left"
 
 
+def _busy_s(pid: int, elapsed_s: float) -> float:
+    """Computing time of a process: the other tests keep it waiting. Where the system does not say, the time passed."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return elapsed_s
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def _ready(process: subprocess.Popen[str], begin: float) -> Server:
     assert process.stdout is not None
     line = process.stdout.readline()
@@ -60,7 +69,7 @@ def _ready(process: subprocess.Popen[str], begin: float) -> Server:
         try:
             with urllib.request.urlopen(found.group(), timeout=5) as answer:
                 answer.read()
-            return Server(process, found.group(), time.monotonic() - begin)
+            return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin))
         except OSError:
             time.sleep(0.05)
     raise AssertionError("the page does not answer")

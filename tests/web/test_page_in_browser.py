@@ -51,7 +51,8 @@ def alike(document: dict) -> dict:
 
 
 def test_the_page_is_ready_soon(server):
-    assert server.ready_s < 3.0
+    """Three seconds on a machine that does nothing else."""
+    assert 0.0 < server.busy_s < 3.0
 
 
 def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_path):
