@@ -171,7 +171,7 @@ def _parse(path: Path) -> dict[str, Any]:
             where=f"{path}, line {_line_of(error)}",
             remedy="save it as UTF-8; data files belong under [[records]] file",
         ) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:  # recursion: brackets nested by the hundred
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits; brackets nested by the hundred
         message = str(error)
         line = re.search(r"at line (\d+)", message)
         raise InputError(
