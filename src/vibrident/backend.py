@@ -12,6 +12,8 @@ import os
 from pathlib import Path
 
 TRUSTED_VERSION = "0.10.1"
+#: Memory maps of a process at which its kernels are forgotten, well below Linux's usual limit of 65 530.
+MOST_MAPS = 40_000
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
 _installed = importlib.metadata.version("jax")
@@ -25,7 +27,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
-__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax"]
+__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax", "let_go_of_kernels"]
 
 
 def cache_folder() -> Path | None:
@@ -48,6 +50,19 @@ def arithmetic_error() -> float:
     expected = np.sum(vectors @ matrix.T, axis=0)
     error = np.max(np.abs(np.asarray(computed) - expected)) / np.max(np.abs(expected))
     return float(error) if np.isfinite(error) else float("inf")
+
+
+def let_go_of_kernels(most_maps: int = MOST_MAPS) -> bool:
+    """Forget compiled kernels where they hold so many memory maps that the process would soon die; whether it did.
+
+    Each kernel maps memory, Linux allows a process 65 530 maps, and XLA ends in a segmentation fault there. A process
+    that identifies thousands of data sets of many lengths comes that far. Kernels come back from the cache on disk.
+    """
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or maps.read_bytes().count(b"\n") < most_maps:
+        return False
+    jax.clear_caches()
+    return True
 
 
 def _configure() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import platform
 import time
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ import numpy as np
 
 from vibrident import __version__
 from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_records, judge_table, measured_curve
+from vibrident.backend import let_go_of_kernels
 from vibrident.errors import ModelError
 from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
 from vibrident.estimators.optimise import Progress, silent
@@ -70,6 +72,7 @@ def identify(
         NotConverged: no start leads to a finite fit.
     """
     begin = time.perf_counter()
+    _looked_after()
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
@@ -83,6 +86,16 @@ def identify(
     result = _result(evidence, estimate, judgement, replace(stated, warnings=doubtful))
     settings = {**result.settings, "estimator_choice": reason, "time_s": time.perf_counter() - begin}
     return replace(result, settings=settings)
+
+
+#: Identifications between two looks at the memory maps.
+LOOK_EVERY = 100
+_count = itertools.count(1)
+
+
+def _looked_after() -> None:
+    if next(_count) % LOOK_EVERY == 0:
+        let_go_of_kernels()
 
 
 @dataclass(frozen=True, eq=False)

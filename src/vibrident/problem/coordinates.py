@@ -60,7 +60,8 @@ class Coordinates:
     ) -> Coordinates:
         """Coordinates around start values given by name."""
         values = np.array([float(start[name]) for name in model.parameter_names])
-        return cls(model, values, np.array(band_hz), response_size)
+        # Arrays: a plain number would be part of the compiled functions, which every new data set would compile anew.
+        return cls(model, values, np.array(band_hz), np.array(float(response_size)))
 
     @property
     def time_unit_s(self) -> Any:
