@@ -1,5 +1,7 @@
 """What is stated about parameters: coverage factors, intervals, units, doubts; and when a model is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import stdtr
@@ -285,3 +287,12 @@ def test_the_delay_that_was_left_out_is_found_with_its_model():
     assert result.fit.adequate
     assert abs(delay.value - 3e-6) < 4 * delay.standard_uncertainty
     assert delay.standard_uncertainty < 1e-6
+
+
+def test_a_unit_has_brackets_only_where_they_are_needed():
+    calibration = simulate(
+        ("accelerometer", P), frequencies_hz=[100.0, 300.0, 600.0, 700.0, 900.0], samples=2000, seed=3
+    )
+    driven = replace(calibration, quantity="drive", reference_unit="V", response_unit="m")
+    assert vibrident.identify(driven).parameters["sensitivity"].unit == "m/V"
+    assert vibrident.identify(calibration).parameters["sensitivity"].unit == "V/(m/s^2)"

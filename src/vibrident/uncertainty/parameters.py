@@ -7,6 +7,7 @@ logarithm, a damping ratio's ends at zero. Derived quantities are propagated by 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -71,7 +72,7 @@ def parameter_table(
         low, high = _interval(coordinates, z, index, k * deviation[index])
         table[spec.name] = Parameter(
             value=coordinates.values(z)[spec.name],
-            unit=spec.unit.format(**units),
+            unit=_unit(spec.unit, units),
             standard_uncertainty=float(abs(change[index]) * deviation[index]),
             interval_95=(float(low), float(high)),
             identifiable=spec.name not in doubtful,
@@ -115,7 +116,7 @@ def _derived(
         needs_damping = quantity.name == "resonance_frequency" and "damping_ratio" in doubtful
         table[quantity.name] = Parameter(
             value=float(value),
-            unit=quantity.unit.format(**units),
+            unit=_unit(quantity.unit, units),
             standard_uncertainty=u,
             interval_95=(float(interval[0]), float(interval[1])),
             identifiable="natural_frequency" not in doubtful and not needs_damping,
@@ -148,6 +149,11 @@ def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
     matrix = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
     np.fill_diagonal(matrix, 1.0)
     return Correlation(model.parameter_names, tuple(tuple(float(v) for v in row) for row in matrix))
+
+
+def _unit(template: str, fields: Mapping[str, str]) -> str:
+    """A unit from its template; brackets around a single unit go: V/(A) is V/A."""
+    return re.sub(r"\(([^()/*· ]+)\)", r"\1", template.format(**fields))
 
 
 def unit_fields(calibration: Calibration) -> dict[str, str]:
