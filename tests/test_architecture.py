@@ -21,6 +21,7 @@ SOURCES = ROOT / "src"
 #: From the ground up; a module imports from layers above it in this list or from its own folder, and nothing else.
 LAYERS = (
     "errors",
+    "extras",
     "records",
     "result",
     "nominal",
@@ -58,6 +59,7 @@ FRONT_ENDS = ("cli", "web", "__main__")
 #: Layers whose modules load no JAX, and the one module among them that does.
 NO_JAX = (
     "errors",
+    "extras",
     "records",
     "result",
     "nominal",

@@ -159,29 +159,13 @@ def _values(result: Result, model: SensorModel) -> dict[str, float]:
 
 
 def _check_units(result: Result, calibration: Calibration) -> None:
-    where = calibration.source or "calibration in memory"
-    if calibration.table is not None:
-        raise InputError(
-            "A table has no motion to predict a response to.",
-            expected="a calibration with [[records]]",
-            found="[table]",
-            where=where,
-            remedy="give a calibration file with records",
-        )
-    if calibration.response_unit != result.response_unit:
-        raise InputError(
-            "The response is not in the unit of the result.",
-            expected=f'[response] unit = "{result.response_unit}", the unit of the result',
-            found=f'unit = "{calibration.response_unit}"',
-            where=f"{where}, [response]",
-            remedy="set unit, and scale so that file values times scale are in that unit",
-        )
+    calibration.require_response(result.response_unit, "A table has no motion to predict a response to.")
     theirs = result.reference.get("quantity", "acceleration")
     if (calibration.quantity == "drive") != (theirs == "drive"):
         raise InputError(
             "The reference is not of the kind that the result was made with.",
             expected='quantity = "drive"' if theirs == "drive" else "acceleration | velocity | displacement",
             found=f'quantity = "{calibration.quantity}"',
-            where=f"{where}, [reference]",
+            where=f"{calibration.source or 'calibration in memory'}, [reference]",
             remedy="predict with a result from the same kind of reference",
         )

@@ -358,3 +358,31 @@ class Calibration:
         object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
         object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))
+
+    def require_response(self, unit: str, without_records: str) -> None:
+        """Check that there are records, and that their response is in the unit of a result that is applied to them.
+
+        Args:
+            unit: of the response of the result.
+            without_records: the problem that a table is, in words.
+
+        Raises:
+            InputError: it is a table, or in another unit.
+        """
+        where = self.source or "calibration in memory"
+        if self.table is not None:
+            raise InputError(
+                without_records,
+                expected="a calibration with [[records]]",
+                found="[table]",
+                where=where,
+                remedy="give a calibration file with records",
+            )
+        if self.response_unit != unit:
+            raise InputError(
+                "The response is not in the unit of the result.",
+                expected=f'[response] unit = "{unit}", the unit of the result',
+                found=f'unit = "{self.response_unit}"',
+                where=f"{where}, [response]",
+                remedy="set unit, and scale so that file values times scale are in that unit",
+            )

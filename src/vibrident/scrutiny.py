@@ -16,6 +16,7 @@ from vibrident.models import SensorModel
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import ResultWarning
+from vibrident.uncertainty.adequacy import Adequacy, Points
 from vibrident.uncertainty.agreement import estimators_disagree
 from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.band import band_sensitive
@@ -40,15 +41,18 @@ def second_thoughts(
         covariance: of the coordinates, as stated, shape (p, p).
         linear: all points, linearised at the estimate.
     """
-    warnings = list(_nonlinear(evidence, estimate, judgement))
-    warnings += _moving(evidence, estimate, judgement, covariance, linear)
+    alone = _of_points(evidence, estimate, judgement.points[0]) if judgement.tones is not None else None
+    warnings = list(_nonlinear(evidence, estimate, judgement, alone))
+    warnings += _moving(evidence, estimate, judgement, covariance, linear, alone)
     warnings += _reference_noise(estimate)
     if not judgement.adequacy.adequate:
         warnings += _misread(evidence)
     return warnings
 
 
-def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
+def _nonlinear(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, alone: Linearised | None
+) -> Iterator[ResultWarning]:
     if judgement.overtones:
         worst = judgement.overtones[0]
         others = len(judgement.overtones) - 1
@@ -59,16 +63,12 @@ def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
         )
         yield ResultWarning("nonlinear", text)
     tones = judgement.tones
-    if tones is None or not evidence.model.is_linear:
+    if tones is None or alone is None or not evidence.model.is_linear:
         return
     points = judgement.points[0]
-    linear = Linearised.of_points(
-        estimate.coordinates, estimate.z, evidence.quantity, points.frequency_hz, points.measured,
-        points.relative_deviation,
-    )  # fmt: skip
     values = estimate.coordinates.values(estimate.z)
     model = np.asarray(evidence.model.frequency_response(values, points.frequency_hz, "acceleration"))
-    found = amplitude_dependence(linear, model, tones.response, points.relative_deviation)
+    found = amplitude_dependence(alone, model, tones.response, points.relative_deviation)
     if found is not None:
         text = (
             f"The response depends on the amplitude, as with a spring that is not linear: up to "
@@ -83,7 +83,10 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
         problem = evidence.first_look
         assert problem is not None
         return Linearised.of_table(estimate.coordinates, estimate.z, problem)
-    points = judgement.adequacy
+    return _of_points(evidence, estimate, judgement.adequacy)
+
+
+def _of_points(evidence: Evidence, estimate: Estimate, points: Adequacy | Points) -> Linearised:
     return Linearised.of_points(
         estimate.coordinates,
         estimate.z,
@@ -95,19 +98,20 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
 
 
 def _moving(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, linear: Linearised
+    evidence: Evidence,
+    estimate: Estimate,
+    judgement: Judgement,
+    covariance: FloatArray,
+    linear: Linearised,
+    alone: Linearised | None,
 ) -> list[ResultWarning]:
     """Parameters that another part of the data, or another estimator, would move."""
     if not evidence.model.is_linear:
         return []  # a transfer function says nothing of what makes it nonlinear
     coordinates, z = estimate.coordinates, estimate.z
     warnings = band_sensitive(linear, coordinates, z, covariance, (judgement.scatter or 1.0) ** 2)
-    if judgement.tones is not None and estimate.estimator != "ml":
-        part = judgement.points[0]
-        tones = Linearised.of_points(
-            coordinates, z, evidence.quantity, part.frequency_hz, part.measured, part.relative_deviation
-        )
-        warnings += estimators_disagree(tones, coordinates, z, covariance, estimate.estimator)
+    if alone is not None and estimate.estimator != "ml":
+        warnings += estimators_disagree(alone, coordinates, z, covariance, estimate.estimator)
     return warnings
 
 

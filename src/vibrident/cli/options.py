@@ -91,7 +91,7 @@ def band(text: str | None) -> tuple[float, float] | None:
     except ValueError:
         raise InputError(
             "The band cannot be read.",
-            expected="a lower and a higher frequency in Hz, such as 10:1000",
+            expected="two frequencies in Hz, a lower and a higher one, such as 10:1000",
             found=repr(text),
             where="--band",
             remedy="write LOW:HIGH, numbers with a point, without units",

@@ -123,7 +123,7 @@ def correct(
     sensor = KnownSensor.of(result)
     quantity: Quantity = "acceleration"
     if isinstance(records, Calibration):
-        _check(result, records)
+        records.require_response(result.response_unit, "A table holds no response in time.")
         quantity, given = records.quantity, records.records
     else:
         given = tuple(records)
@@ -296,23 +296,3 @@ def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Fi
         )
         findings.append(Finding("band_sensitive", text))
     return findings
-
-
-def _check(result: Result, calibration: Calibration) -> None:
-    where = calibration.source or "calibration in memory"
-    if calibration.table is not None:
-        raise InputError(
-            "A table holds no response in time.",
-            expected="a calibration with [[records]]",
-            found="[table]",
-            where=where,
-            remedy="give a calibration file with records",
-        )
-    if calibration.response_unit != result.response_unit:
-        raise InputError(
-            "The response is not in the unit of the result.",
-            expected=f'[response] unit = "{result.response_unit}", the unit of the result',
-            found=f'unit = "{calibration.response_unit}"',
-            where=f"{where}, [response]",
-            remedy="set unit, and scale so that file values times scale are in that unit",
-        )

@@ -109,7 +109,7 @@ class Ipnn:
             settings["response_curve"] = SMALL_SIGNAL
         unfelt = reference_noise(problem, normal, noise, coordinates, z) if evidence.model.is_linear else None
         shapes = () if unfelt is None else unfelt.spectra
-        covariance, freedom = coloured_covariance(problem, normal, noise, _noise_floor(problem), shapes)
+        covariance, freedom = coloured_covariance(problem, normal, noise, noise_floor(problem), shapes)
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
             settings |= {"weights": "free", "reading": self.reading}
@@ -158,10 +158,10 @@ def _record_noise(problem: TimeProblem, squares: FloatArray) -> FloatArray:
     squares = squares[: len(problem.record_of_segment)]  # segments beyond are padding
     totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)
     estimate = np.sqrt(totals / np.maximum(problem.degrees_of_freedom, 1.0))
-    return np.maximum(estimate, _noise_floor(problem))
+    return np.maximum(estimate, noise_floor(problem))
 
 
-def _noise_floor(problem: TimeProblem) -> FloatArray:
+def noise_floor(problem: TimeProblem) -> FloatArray:
     """Least noise believed of each record, shape (records,)."""
     floor = np.array([LEAST_NOISE * float(np.std(r.response[r.mask])) for r in problem.records])
     return np.maximum(floor, np.finfo(float).tiny)

@@ -20,8 +20,7 @@ from vibrident.discretize import method
 from vibrident.errors import ModelError, NotConverged
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
-from vibrident.estimators.ipnn import Ipnn
-from vibrident.estimators.ipnn import _noise_floor as noise_floor
+from vibrident.estimators.ipnn import Ipnn, noise_floor
 from vibrident.estimators.objectives import Local, time_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.models import SensorModel

@@ -1,11 +1,10 @@
-"""Libraries that only some formats need: loaded when the format is asked for, with the remedy where they are absent."""
+"""Libraries that only some formats need."""
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-from vibrident.errors import InputError
+from vibrident import extras
 
 
 def library(name: str, extra: str) -> Any:
@@ -14,13 +13,4 @@ def library(name: str, extra: str) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise InputError(
-            "This format needs a library that is not installed.",
-            expected=name.partition(".")[0],
-            found=str(error),
-            where="--format",
-            remedy=f"pip install 'vibrident[{extra}]'",
-        ) from error
+    return extras.library(name, extra, "This format needs a library that is not installed.", "--format")

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import sys
 import traceback
 import warnings
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import InputError
+from vibrident import extras
 
 
 def library(name: str, extra: str, path: Path) -> Any:
-    """Import a library of an extra. What it has to say of its own future is not the user's concern.
+    """Import a library of an extra.
 
     Args:
         name: dotted name of the module.
@@ -24,18 +23,7 @@ def library(name: str, extra: str, path: Path) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return importlib.import_module(name)
-    except ImportError as error:
-        raise InputError(
-            "This file format needs a library that is not installed.",
-            expected=name.partition(".")[0],
-            found=str(error),
-            where=str(path),
-            remedy=f"pip install 'vibrident[{extra}]'",
-        ) from error
+    return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))
 
 
 def let_go(error: BaseException) -> None:

@@ -5,7 +5,6 @@ The shaker's own distortion is in the reference, passes through the model and is
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +13,7 @@ from scipy import fft
 from scipy.special import gammaincc
 
 from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
 HIGHEST = 5
@@ -78,11 +78,6 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
     return found
 
 
-@functools.lru_cache(maxsize=8)
-def _hann(samples: int) -> FloatArray:
-    return np.hanning(samples)
-
-
 def _harmonics(
     residual: FloatArray, used: np.ndarray, frequency: float, rate: float, highest: int
 ) -> tuple[np.ndarray, FloatArray]:
@@ -101,7 +96,7 @@ def _harmonics(
     found, *_ = np.linalg.lstsq(rows @ rows.T, rows @ residual, rcond=1e-12)
     amplitude = found[:highest] - 1j * found[highest : 2 * highest]
     left = (residual - found @ rows) * used
-    window = _hann(n)
+    window = hann(n)
     power = np.abs(np.asarray(fft.rfft(left * window))) ** 2 * 2.0 / (np.sum(window**2) * max(int(used.sum()), 1))
     variance = np.empty(highest)
     first, last = NOISE_LINES

@@ -124,7 +124,7 @@ def _spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, nea
     n = signal.shape[0]
     centred = np.where(mask, signal - signal[mask].mean(), 0.0)
     size = fft.next_fast_len(n, real=True)
-    power = np.abs(np.asarray(fft.rfft(centred * _hann(n), size)))
+    power = np.abs(np.asarray(fft.rfft(centred * hann(n), size)))
     bins = np.arange(power.shape[0]) * rate / size
     inside = bins > 0.25 * rate / n
     if near is not None:
@@ -228,7 +228,7 @@ def _noise_lines(
 ) -> tuple[FloatArray, ComplexArray]:
     """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K)."""
     n = residual.shape[1]
-    window = _hann(n) if mask.all() else _hann(n) * mask
+    window = hann(n) if mask.all() else hann(n) * mask
     spectrum = np.asarray(fft.rfft(residual * window, axis=1))
     last = spectrum.shape[1] - 1
     centre = frequency * n / rate
@@ -253,5 +253,6 @@ def _noise_lines(
 
 
 @functools.lru_cache(maxsize=8)
-def _hann(samples: int) -> FloatArray:
+def hann(samples: int) -> FloatArray:
+    """Hann window, shape (samples,); do not write to it."""
     return np.hanning(samples)

@@ -18,6 +18,7 @@ from vibrident.planning.points import Points, Recording, of_records, of_table
 from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+from vibrident.uncertainty.parameters import fields_of_units
 
 _UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated", "conversion")
 #: Neighbours on either side over which the noise of a result's own points is averaged: each is itself an estimate, and
@@ -158,12 +159,7 @@ def _plan(
     covariance = with_reference(covariance, z, model, reference_uncertainty)
     drive = points.quantity == "drive"
     reference = (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
-    fields = {
-        "response": unit,
-        "reference": reference,
-        "reference_integrated": f"{reference} s" if drive else "m/s",
-        "conversion": f"{unit}/(({reference}) s^2)" if drive else f"{unit}/m",
-    }
+    fields = fields_of_units(unit, reference, drive=drive)
     table = parameter_table(coordinates, z, covariance, freedom, fields, weak)
     low, high = float(points.frequency_hz.min()), float(points.frequency_hz.max())
     band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])

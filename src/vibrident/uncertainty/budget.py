@@ -17,7 +17,7 @@ reduce it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity, SystematicEffect
 from vibrident.uncertainty.linearised import Linearised, log_slopes
+from vibrident.uncertainty.parameters import with_reference
 
 #: Relative step of the central difference in frequency.
 STEP = 1e-5
@@ -66,21 +67,15 @@ def rows_of_effects(
     """
     rows = []
     for effect in effects:
+        u = effect.standard_uncertainty
         if effect.kind == "gain":  # exact, whatever the data determine of the rest
-            shift = np.zeros(len(z))
-            index = coordinates.model.parameter_names.index(coordinates.model.gain_name)
-            shift[index] = z[index]
+            covariance = with_reference(np.zeros((len(z), len(z))), z, coordinates.model, u)
         else:
             pattern = _pattern(effect, coordinates, z, quantity, linear.frequency_hz)
             part = np.where(linear.is_phase, np.imag(pattern), np.real(pattern))
-            shift, _ = Linearised(
-                linear.frequency_hz, linear.matrix, part * linear.weight, linear.is_phase, linear.weight
-            ).solve()
-        shift = shift * effect.standard_uncertainty
-        rows.append(
-            Row(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, effect.degrees_of_freedom,
-                np.outer(shift, shift))
-        )  # fmt: skip
+            shift, _ = replace(linear, rest=part * linear.weight).solve()
+            covariance = np.outer(u * shift, u * shift)
+        rows.append(Row(effect.source, effect.kind, u, effect.unit, effect.degrees_of_freedom, covariance))
     return rows
 
 

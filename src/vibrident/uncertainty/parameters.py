@@ -159,12 +159,20 @@ def _unit(template: str, fields: Mapping[str, str]) -> str:
 def unit_fields(calibration: Calibration) -> dict[str, str]:
     """What the models' unit templates are filled with."""
     drive = calibration.quantity == "drive"
-    reference = calibration.reference_unit if drive else "m/s^2"
-    integrated = f"{calibration.reference_unit} s" if drive else "m/s"
-    conversion = f"{calibration.response_unit}/(({reference}) s^2)" if drive else f"{calibration.response_unit}/m"
+    return fields_of_units(calibration.response_unit, calibration.reference_unit if drive else "m/s^2", drive=drive)
+
+
+def fields_of_units(response: str, reference: str, *, drive: bool) -> dict[str, str]:
+    """The same from the units: of the response, and of what the sensitivity is per.
+
+    Args:
+        response: unit of the response.
+        reference: of the drive, or of acceleration.
+        drive: whether the reference is a drive, whose integral has no unit of its own.
+    """
     return {
-        "response": calibration.response_unit,
+        "response": response,
         "reference": reference,
-        "reference_integrated": integrated,
-        "conversion": conversion,
+        "reference_integrated": f"{reference} s" if drive else "m/s",
+        "conversion": f"{response}/(({reference}) s^2)" if drive else f"{response}/m",
     }

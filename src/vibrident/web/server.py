@@ -7,6 +7,7 @@ import socket
 from typing import Any
 
 from vibrident.errors import InputError
+from vibrident.extras import library
 from vibrident.web.session import MEGABYTE
 
 USUAL_PORT = 8080
@@ -30,16 +31,9 @@ def serve(*, host: str, port: int, show: bool, limit_mb: float, say: Any = print
     Raises:
         InputError: NiceGUI is not installed, or the address cannot be used.
     """
-    try:
-        from nicegui import ui
-    except ImportError as error:
-        raise InputError(
-            "The page needs NiceGUI, which is not installed.",
-            expected="nicegui",
-            found=str(error),
-            where="vibrident serve",
-            remedy="pip install 'vibrident[web]'",
-        ) from error
+    library("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
+    from nicegui import ui
+
     chosen = _free_port(host, port)
     build(limit_mb, hosts=LOOPBACK if host in LOOPBACK else None)
     say(f"http://{f'[{host}]' if ':' in host else host}:{chosen}/")

@@ -13,7 +13,6 @@ from vibrident.cli.console import note, out, wrote
 from vibrident.cli.files import record_files
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
-from vibrident.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.correction import Correction
@@ -52,7 +51,7 @@ def correct(
     Writes a CSV file a record, and band, noise, peak with interval, and doubts in correction.json.
     A reference is only compared with. Write excitation = "decay" for records without one.
     """
-    limits = _limits(band)
+    limits = options.band(band)
     from vibrident.io import read
 
     known = load_result(result)
@@ -79,22 +78,6 @@ def correct(
     for finding in corrections.findings:
         note(f"Warning ({finding.code}): {finding.message}")
     _show(document, folder, drawn=not no_plots)
-
-
-def _limits(text: str | None) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    try:
-        low, high = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise InputError(
-            "The band cannot be read.",
-            expected="two frequencies in Hz, such as 0:2000",
-            found=repr(text),
-            where="--band",
-            remedy="write numbers with a point, without units",
-        ) from None
-    return low, high
 
 
 def _write_csv(path: Path, correction: Correction) -> None:
