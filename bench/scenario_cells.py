@@ -13,7 +13,7 @@ from vibrident import identify
 from vibrident.errors import VibridentError
 from vibrident.models import parse
 from vibrident.records import Calibration
-from vibrident.simulation import ChannelNoise, Sensor, sensor_named, simulate, with_noise
+from vibrident.simulation import ChannelNoise, HalfSineShock, Sensor, sensor_named, simulate, with_noise
 
 SENSORS = ("paper", "piezo", "seismometer", "inverted")
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "mixed")
@@ -89,7 +89,9 @@ def _motion(sensor: Sensor, excitation: str, natural: float, seed: int, more: di
         lines = (natural * np.geomspace(0.03, 3.0, 30)).tolist()
         return simulate(sensor, "multisine", frequencies_hz=lines, repeats=2, start="rest", **shape)
     if excitation == "shock":
-        return simulate(sensor, "shock", repeats=4, start="rest", **shape)
+        # The pulse's length must not move with the parameter that is moved for the bound.
+        pulse = HalfSineShock(sensor.amplitude, 1.0 / natural, 0.1 * SAMPLES / (40.0 * natural))
+        return simulate(sensor, [pulse], repeats=4, start="rest", **shape)
     if excitation == "mixed":
         sines = simulate(sensor, "sine", frequencies_hz=tones[::3], start="steady", **shape)
         other = shape | {"sampling_rate_hz": 25.0 * natural, "samples": 5000}
