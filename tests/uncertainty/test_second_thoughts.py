@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import vibrident
+from vibrident.estimators import ipnn
 from vibrident.models import parse
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
@@ -134,24 +135,28 @@ def test_a_second_mode_makes_the_parameters_depend_on_the_band():
 
 
 @pytest.mark.parametrize("excitation", ["random", "sweep"])
-def test_noise_of_the_reference_is_read_and_its_bias_taken_away(excitation):
-    """Without the correction the bias of S0 is more than a standard uncertainty at this noise."""
+def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, monkeypatch):
+    """With equal weights the bias of S0 under random motion is more than a standard uncertainty at this noise."""
     clean = simulate(
         "paper", excitation, frequencies_hz=[30.0, 2000.0], samples=8000, sampling_rate_hz=20_000.0, start="rest",
         repeats=2, seed=3,
     )  # fmt: skip
-    offs, levels, biases = [], [], []
+    offs, levels, drawn = [], [], []
     true = np.mean([0.1 * np.std(np.asarray(r.reference)) for r in clean.records])
     for seed in range(12):
         result = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed))
         found = result.parameters["sensitivity"]
         offs.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
         levels.append(np.mean(result.settings["reference_noise"]))
-        biases.append(result.settings["reference_noise_bias"]["sensitivity"])
     assert np.mean(levels) == pytest.approx(true, rel=0.05)
-    assert np.mean(biases) < -1.0
     assert abs(np.mean(offs)) < 0.9  # three standard errors of twelve runs
     assert np.std(offs) < 1.7
+    if excitation == "random":  # a sweep is stronger where it draws: half a standard uncertainty
+        monkeypatch.setattr(ipnn, "reweighted", lambda *_: None)
+        for seed in range(12):
+            found = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed)).parameters["sensitivity"]
+            drawn.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
+        assert np.mean(drawn) < -0.9
 
 
 def test_where_the_response_is_level_noise_of_the_reference_stays_in_doubt():

@@ -1,8 +1,9 @@
 """The network, trained end to end on excitation and response in time: the paper's method, with its weak points mended.
 
 Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
-each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper. For white noise on
-the response this is the maximum-likelihood estimate.
+each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
+is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood whatever the
+noise (:mod:`vibrident.estimators.reweighting`).
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from vibrident.estimators.free import train_free
 from vibrident.estimators.harmonic_start import with_harmonic_start
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
-from vibrident.estimators.reference_noise import reference_noise
+from vibrident.estimators.reweighting import Reweighted, reweighted
 from vibrident.estimators.start import find_start
 from vibrident.network.readback import Reading
+from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
 
@@ -107,25 +109,24 @@ class Ipnn:
         }
         if not evidence.model.is_linear:
             settings["response_curve"] = SMALL_SIGNAL
-        unfelt = reference_noise(problem, normal, noise, coordinates, z) if evidence.model.is_linear else None
-        shapes = () if unfelt is None else unfelt.spectra
-        covariance, freedom = coloured_covariance(problem, normal, noise, noise_floor(problem), shapes)
+        equations = float(np.sum(problem.degrees_of_freedom))
         if self.weights == "free":
             z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
+            freedom = coloured_covariance(problem, normal, noise, noise_floor(problem))[1]
             settings |= {"weights": "free", "reading": self.reading}
-            total = float(np.sum(problem.degrees_of_freedom))
             return Estimate(
-                "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, equations=total
+                "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, equations=equations
             )
-        predicted = tuple(problem.by_record(normal.response))
-        if unfelt is not None:
-            deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-            names = evidence.model.parameter_names
-            settings["reference_noise_doubt"] = dict(zip(names, (unfelt.doubt / deviation).tolist(), strict=True))
-            if np.any(unfelt.deviation > 0):
-                settings["reference_noise"] = unfelt.deviation.tolist()
-                settings["reference_noise_bias"] = dict(zip(names, (unfelt.bias / deviation).tolist(), strict=True))
-                z = z - unfelt.bias
+        end = self._in_the_noise_found(problem, coordinates, z, noise)
+        settings["noise_weights"] = "white" if end is None else "spectrum"
+        if end is None:
+            covariance, freedom = coloured_covariance(problem, normal, noise, noise_floor(problem))
+        else:
+            z, covariance, freedom, normal = end.z, end.covariance, end.degrees_of_freedom, end.normal
+            doubt = end.doubt / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+            settings["reference_noise_doubt"] = dict(zip(evidence.model.parameter_names, doubt.tolist(), strict=True))
+            if np.any(end.reference_noise > 0):
+                settings["reference_noise"] = end.reference_noise.tolist()
         return Estimate(
             "ipnn",
             coordinates,
@@ -135,10 +136,22 @@ class Ipnn:
             trace,
             settings,
             problem=problem,
-            predicted=predicted,
+            predicted=tuple(problem.by_record(normal.response)),
             begin=begin,
-            equations=float(np.sum(problem.degrees_of_freedom)),
+            equations=equations,
         )
+
+    def _in_the_noise_found(
+        self, problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray
+    ) -> Reweighted | None:
+        """The end of training; None for a nonlinear model, whose response has no lines of its own, and for Adam."""
+        if self.optimiser == "adam" or not problem.layout.model.is_linear:
+            return None
+
+        def evaluate(z: FloatArray) -> Normal:
+            return time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
+
+        return reweighted(evaluate, problem, coordinates, z, noise, noise_floor(problem))
 
     def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:
         return coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise))

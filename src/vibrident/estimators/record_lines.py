@@ -1,0 +1,166 @@
+"""A record's residual, and all that could change it, at the lines of its discrete Fourier transform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vibrident.measure.response import ComplexArray
+from vibrident.network.sensitivity import Normal
+from vibrident.problem import Coordinates, TimeProblem
+from vibrident.records import BoolArray, FloatArray, Record
+
+#: Free responses of a record in pieces are not looked at beyond so many numbers: its samples keep equal weights.
+LARGEST = 3e7
+#: Step of the central differences of the response.
+STEP = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class RecordLines:
+    """One record from the first to the last sample that counts, in units of the noise that it was weighted by.
+
+    Whole samples only: zeros at the edges would be motion that no initial state explains, and leak over all lines.
+
+    Attributes:
+        residual: measured less network, zero where not used, shape (lines,).
+        predicted: power of the network's response, shape (lines,).
+        used: shape (n,).
+        twice: how often a line counts in a sum over all, shape (lines,).
+        slopes: of the response with z, shape (p, lines).
+        free: what initial states, offset and drift of each segment add, shape (lines, m); m = 0 for too many.
+        edges: what the slopes of initial states add, shape (lines, m).
+        response: H and ∂H/∂z at the lines, shapes (lines,) and (p, lines); None without a reference.
+        floor: variance that no residual is believed to be below.
+    """
+
+    residual: ComplexArray
+    predicted: FloatArray
+    used: BoolArray
+    twice: FloatArray
+    slopes: ComplexArray
+    free: ComplexArray
+    edges: ComplexArray
+    response: tuple[ComplexArray, ComplexArray] | None
+    floor: float
+
+    @property
+    def samples(self) -> int:
+        """Number of samples from first to last."""
+        return int(self.used.shape[0])
+
+    @property
+    def count(self) -> float:
+        """Number of samples that are used."""
+        return float(self.used.sum())
+
+    def where_used(self, lines: ComplexArray) -> ComplexArray:
+        """Lines of the signal of these lines, set to zero where the record is not used."""
+        if self.used.all():
+            return lines
+        return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
+
+    def tones(self, places: tuple[float, ...]) -> ComplexArray:
+        """Tones at these places, in lines, and their slopes with frequency; shape (lines, 4 tones)."""
+        turn = np.arange(self.samples) / self.samples
+        angle = 2.0 * np.pi * np.outer(turn, places)
+        both = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+        both = np.concatenate([both, (turn - 0.5)[:, None] * both], axis=1) * self.used[:, None]
+        return np.asarray(fft.rfft(both, axis=0))
+
+
+def record_lines(
+    problem: TimeProblem, normal: Normal, coordinates: Coordinates, z: FloatArray, noise: FloatArray, floor: FloatArray
+) -> list[RecordLines]:
+    """Every record that has samples to use.
+
+    Args:
+        problem: the records.
+        normal: the network at ``z``.
+        coordinates: the map from z to parameters.
+        z: shape (p,).
+        noise: standard deviation by which each record was weighted, shape (records,).
+        floor: standard deviation that no residual is believed to be below, shape (records,).
+    """
+    responses = problem.by_record(normal.response)
+    columns = [problem.by_record(column) for column in normal.columns]
+    found = []
+    for index, record in enumerate(problem.records):
+        known = record.mask & np.isfinite(responses[index])
+        places = np.flatnonzero(known)
+        # A length with a large prime factor takes many times as long: some samples less hardly matter.
+        n = int(fft.prev_fast_len(int(places[-1] - places[0]) + 1) or 0) if places.size else 0
+        span = slice(int(places[0]), int(places[0]) + n) if n else slice(0, 0)
+        used = known[span]
+        free = _free_responses(problem, coordinates, z, index)[span] * used[:, None]
+        twice = np.full(n // 2 + 1, 2.0)
+        twice[0] = 1.0
+        if n % 2 == 0:
+            twice[-1] = 1.0
+        found.append(
+            RecordLines(
+                residual=_lines(np.where(used, (record.response - responses[index])[span] / noise[index], 0.0)),
+                predicted=np.abs(_lines(np.where(used, responses[index][span], 0.0))) ** 2,
+                used=used,
+                twice=twice,
+                slopes=np.stack([_lines(np.where(used, column[index][span], 0.0)) for column in columns]),
+                free=_lines(free),
+                edges=_lines(free * (np.arange(n) / max(n, 1))[:, None]),
+                response=_response(problem, coordinates, z, record, n),
+                floor=float((floor[index] / noise[index]) ** 2),
+            )
+        )
+    return found
+
+
+def _lines(signal: FloatArray) -> ComplexArray:
+    if not signal.size:
+        return np.zeros((signal.shape[0] // 2 + 1, *signal.shape[1:]), dtype=complex)
+    return np.asarray(fft.rfft(signal, axis=0))
+
+
+def _free_responses(problem: TimeProblem, coordinates: Coordinates, z: FloatArray, index: int) -> FloatArray:
+    """What initial states, offset and drift of every segment add to a record, shape (samples, m)."""
+    samples = problem.records[index].samples
+    own = [(run, lane) for owner, run, lane in problem.pieces if owner == index]
+    weights = problem.weights(coordinates.physical(z))
+    outputs, transitions = np.asarray(weights.output), np.asarray(weights.transition)
+    if len(own) * (outputs.shape[-1] + 2) * samples > LARGEST:
+        return np.zeros((samples, 0))
+    columns = [np.zeros((samples, 0))]
+    for run, lane in own:
+        rate = int(np.asarray(problem.lanes.rate)[lane])
+        rows = _powers(outputs[rate], transitions[rate], run.stop - run.start)
+        rows = np.column_stack([rows, np.ones(len(rows)), np.linspace(-1.0, 1.0, len(rows))])
+        placed = np.zeros((samples, rows.shape[1]))
+        placed[run] = rows / np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300)
+        columns.append(placed)
+    return np.concatenate(columns, axis=1)
+
+
+def _powers(output: FloatArray, transition: FloatArray, count: int) -> FloatArray:
+    """C Φ^k for k < count, shape (count, n), by doubling."""
+    rows, power = output[None, :], transition
+    while rows.shape[0] < count:
+        rows = np.concatenate([rows, rows @ power])
+        power = power @ power
+    return rows[:count]
+
+
+def _response(
+    problem: TimeProblem, coordinates: Coordinates, z: FloatArray, record: Record, samples: int
+) -> tuple[ComplexArray, ComplexArray] | None:
+    """H and its central differences at the lines of a record's transform."""
+    if record.reference is None or samples < 2:
+        return None
+    frequency = np.maximum(np.arange(samples // 2 + 1), 1) * record.sampling_rate_hz / samples  # none at zero
+
+    def at(z: FloatArray) -> ComplexArray:
+        values = coordinates.values(z)
+        found = coordinates.model.frequency_response(values, frequency, problem.layout.quantity)
+        return np.asarray(found, dtype=complex)
+
+    ends = np.eye(len(z)) * STEP
+    return at(z), np.stack([(at(z + end) - at(z - end)) / (2.0 * STEP) for end in ends])

@@ -1,0 +1,225 @@
+"""The end of training: every line of the network's residual weighed by its own noise.
+
+Training weighs the samples of a record alike, which is right for white noise of the response. Under coloured noise, or
+noise of the reference that the sensor did not feel, that estimate scatters more than it must, and the latter draws it
+towards less gain. From there, steps in the metric of the noise lead to maximum likelihood (Pintelon & Schoukens 2012,
+ch. 9; one such step is efficient already, Le Cam 1956). At the lines f of the record's transform, with R the residual,
+S its spectrum (:mod:`vibrident.estimators.noise_spectrum`), ∂H the model's slopes and X the reference,
+
+    Σ_f Re(∂H* X̂* R) / S = 0,    X̂ = X + σx² H* R / S,
+
+where X̂ is the reference as the response corrects it: its error has nothing in common with R, so noise of the reference
+leaves no bias. Information of the noise itself, ∂H* ∂H σx² σy² / S², is none and is taken away.
+
+Initial states, offset and drift of every segment, and tones of the mains, are unknowns beside the parameters. Where S
+is steep, what the slopes of initial states could imitate is taken out too: the edges of a record leak over all lines,
+and where there is next to no noise that would pass for knowledge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg
+
+from vibrident.estimators.covariance import SMALLEST
+from vibrident.estimators.noise_spectrum import NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
+from vibrident.estimators.record_lines import RecordLines, record_lines
+from vibrident.measure.response import ComplexArray
+from vibrident.network.sensitivity import Normal
+from vibrident.problem import Coordinates, TimeProblem
+from vibrident.records import FloatArray
+
+#: Evaluations of the network at most; the step, in standard deviations, at which no further one is needed, and beyond
+#: which the last is no optimum.
+EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
+#: Rounds of spectrum and step at one evaluation of the network.
+ROUNDS = 2
+#: Lines averaged for the covariance on either side of each: a part of the spectrum, within these numbers.
+SHARE, FEWEST, MOST = 1 / 128, 12, 200
+#: Fewest samples whose spectrum says anything.
+SHORTEST = 256
+#: A spectrum is steep where its least is below this part of its mean.
+STEEP = 1e-2
+#: Noise's own information is taken away down to this part of the whole.
+LEAST_INFORMATION = 0.2
+
+
+@dataclass(frozen=True)
+class Reweighted:
+    """The estimate in the metric of the noise.
+
+    Attributes:
+        z: the optimum, shape (p,).
+        covariance: of z, shape (p, p).
+        degrees_of_freedom: behind the noise spectra.
+        normal: the network at ``z``.
+        reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel, SI
+            unit of the reference; zero where it is not seen, shape (records,).
+        doubt: by how much such noise that is not seen may have moved z, shape (p,).
+    """
+
+    z: FloatArray
+    covariance: FloatArray
+    degrees_of_freedom: float
+    normal: Normal
+    reference_noise: FloatArray
+    doubt: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """What one record says.
+
+    Attributes:
+        information: of the lines about z, shape (p, p).
+        of_noise: the part of it that the noise of the reference makes up, shape (p, p).
+        gradient: shape (p,).
+        variance: of the gradient, by the residual's own spectrum, shape (p, p).
+        draw: pull of noise of the reference that is not seen, shape (p,).
+        spectrum: as last read.
+    """
+
+    information: FloatArray
+    of_noise: FloatArray
+    gradient: FloatArray
+    variance: FloatArray
+    draw: FloatArray
+    spectrum: NoiseSpectrum
+
+
+def reweighted(
+    evaluate: Callable[[FloatArray], Normal],
+    problem: TimeProblem,
+    coordinates: Coordinates,
+    z: FloatArray,
+    noise: FloatArray,
+    floor: FloatArray,
+) -> Reweighted | None:
+    """Go from the optimum of equal weights to that of the noise as it is; None where that leads astray.
+
+    Args:
+        evaluate: the network's normal equations at z.
+        problem: the records.
+        coordinates: the map from z to parameters.
+        z: the optimum of equal weights, shape (p,).
+        noise: standard deviation by which ``evaluate`` weights each record, shape (records,).
+        floor: standard deviation that no residual is believed to be below, shape (records,).
+    """
+    spectra: list[NoiseSpectrum | None] = [None] * len(problem.records)
+    for last in range(EVALUATIONS):
+        normal = evaluate(z)
+        lines = record_lines(problem, normal, coordinates, z, noise, floor)
+        step, shares = np.zeros(len(z)), []
+        for _ in range(ROUNDS):
+            shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
+            spectra = [share.spectrum for share in shares]
+            whole = np.sum([share.information for share in shares], axis=0)
+            inverse = _inverse(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
+            step = inverse @ np.sum([share.gradient for share in shares], axis=0)
+        covariance = inverse @ np.sum([share.variance for share in shares], axis=0) @ inverse
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        far = float(np.max(np.abs(step) / deviation))
+        if far <= SETTLED:
+            break
+        if last < EVALUATIONS - 1:
+            z = z + step
+    if not far <= ASTRAY:
+        return None
+    return Reweighted(
+        z,
+        covariance,
+        sum(4.0 * (_width(record) - NEAREST) for record in lines),
+        normal,
+        np.sqrt([share.spectrum.passed for share in shares]) * noise,
+        np.abs(inverse @ np.sum([share.draw for share in shares], axis=0)),
+    )
+
+
+def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum | None) -> _Share:
+    """What a record says, its spectrum read at ``step``; the gradient is that of the whole way from no step."""
+    n = record.samples
+    if spectrum is None:
+        spectrum = _spectrum(record, record.residual)
+    moved = record.residual - step @ record.slopes
+    weight = record.twice / (n * spectrum.level)
+    columns = _unknowns(record, spectrum)
+    inner = _inverse_of_unknowns(_products(columns, columns, weight))
+    rest = moved - columns @ (inner @ _products(columns, moved[:, None], weight)[:, 0])
+    found = _spectrum(record, record.where_used(rest))
+    spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
+
+    weight = record.twice / (n * spectrum.level)
+    slopes, of_noise, draw = record.slopes, np.zeros((len(step), len(step))), np.zeros(len(step))
+    if record.response is not None:
+        through, d_through = record.response
+        pull = record.twice / spectrum.level * through
+        draw = spectrum.doubt * np.real(np.conj(d_through) @ pull)
+        if spectrum.passed > 0:
+            slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
+            beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
+            own = record.twice * spectrum.passed_at * beside / spectrum.level**2
+            of_noise = np.real((d_through * own) @ np.conj(d_through).T)
+    inner = _inverse_of_unknowns(_products(columns, columns, weight))
+    slopes = slopes.T - columns @ (inner @ _products(columns, slopes.T, weight))
+    power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
+    local = np.maximum(mean_around(power, _width(record), NEAREST), record.floor / spectrum.level)
+    return _Share(
+        _products(slopes, slopes, weight),
+        of_noise,
+        _products(slopes, record.residual[:, None], weight)[:, 0],
+        _products(slopes, slopes, weight * local),
+        draw,
+        spectrum,
+    )
+
+
+def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
+    """Lines of what is unknown beside the parameters, shape (lines, m)."""
+    columns = [record.free]
+    steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
+    if record.response is not None and (steep or spectrum.passed > 0):  # a free decay has nothing but initial states
+        columns.append(record.edges)
+    if spectrum.tones:
+        columns.append(record.tones(spectrum.tones))
+    return np.concatenate(columns, axis=1)
+
+
+def _spectrum(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
+    through = None if record.response is None else np.abs(record.response[0]) ** 2
+    if record.count >= SHORTEST and record.free.shape[1]:
+        return noise_spectrum(residual, record.count, through, record.predicted, record.floor)
+    power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
+    level = max(power / max(record.count, 1.0), record.floor)
+    doubt = 0.0 if through is None else level / float(np.max(through))
+    flat = np.full(record.twice.shape, level)
+    return NoiseSpectrum(flat, 0.0, np.zeros_like(flat), doubt)
+
+
+def _products(left: ComplexArray, right: ComplexArray, weight: FloatArray) -> FloatArray:
+    """Re Σ weight left* right over the lines, shape (columns of left, columns of right)."""
+    return np.real(np.conj(left).T @ (weight[:, None] * right))
+
+
+def _inverse_of_unknowns(matrix: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix; what several unknowns can imitate alike is left to one of them."""
+    if not matrix.size:
+        return matrix
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    values, vectors = linalg.eigh(matrix / np.outer(scale, scale))
+    kept = values > SMALLEST
+    return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+
+
+def _width(record: RecordLines) -> int:
+    return int(np.clip(record.samples * SHARE, FEWEST, MOST))
+
+
+def _inverse(information: FloatArray, whole: FloatArray) -> FloatArray:
+    """Inverse of the information, which is not let fall below a part of the whole."""
+    scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
+    base = whole / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+    values, vectors = linalg.eigh(information / np.outer(scale, scale), base)
+    return (vectors / np.maximum(values, LEAST_INFORMATION)) @ vectors.T / np.outer(scale, scale)

@@ -1,0 +1,122 @@
+"""Weights by the noise's own spectrum: what must hold of the estimate, of u, and of the spectrum that is read."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.estimators import ipnn
+from vibrident.estimators.noise_spectrum import noise_spectrum
+from vibrident.records import Calibration
+from vibrident.simulation import ChannelNoise, sensor_named, simulate, with_noise
+
+PIEZO = "piezo"
+SHAPE = {"sampling_rate_hz": 1.2e6, "samples": 4000, "frequencies_hz": [900.0, 9e4], "repeats": 2, "seed": 3}
+
+
+@functools.cache
+def random_motion() -> Calibration:
+    return simulate(PIEZO, "random", **SHAPE)  # type: ignore[arg-type]
+
+
+def deviations(base: Calibration, runs: int, **noise: object) -> tuple[np.ndarray, np.ndarray]:
+    """(identified − true)/u and u/|true| of every run and parameter, shapes (runs, 3)."""
+    true = sensor_named(PIEZO).parameters
+    found, spread = [], []
+    for seed in range(runs):
+        result = vibrident.identify(with_noise(base, seed=seed, **noise), estimator="ipnn")  # type: ignore[arg-type]
+        known = [result.parameters[name] for name in true]
+        found.append([(p.value - t) / p.standard_uncertainty for p, t in zip(known, true.values(), strict=True)])
+        spread.append([p.standard_uncertainty / abs(t) for p, t in zip(known, true.values(), strict=True)])
+    return np.array(found), np.array(spread)
+
+
+def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch) -> vibrident.Result:
+    with monkeypatch.context() as patch:
+        patch.setattr(ipnn, "reweighted", lambda *_: None)
+        return vibrident.identify(calibration, estimator="ipnn")
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {"reference_noise": 0.01},
+        {"reference_noise": 0.01, "response_noise": 0.002},
+        {"response_noise": ChannelNoise(white=0.003, flicker=0.01)},
+    ],
+    ids=["reference", "both", "flicker"],
+)
+def test_no_bias_and_u_is_the_scatter(noise: dict) -> None:
+    runs = 24
+    found, _ = deviations(random_motion(), runs, **noise)
+    assert np.all(np.abs(found.mean(axis=0)) < 3.0 / np.sqrt(runs))
+    assert np.all(np.abs(np.sqrt(np.mean(found**2, axis=0)) - 1.0) < 3.0 / np.sqrt(2 * runs))
+
+
+def test_noise_of_the_reference_costs_a_sharp_resonance_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Equal weights let what passes the resonance drown what the reference says elsewhere, of the gain above all."""
+    noisy = with_noise(random_motion(), reference_noise=0.01, seed=1)
+    weighed = vibrident.identify(noisy, estimator="ipnn").parameters["sensitivity"]
+    equal = with_equal_weights(noisy, monkeypatch).parameters["sensitivity"]
+    assert weighed.standard_uncertainty < 0.5 * equal.standard_uncertainty
+
+
+def test_white_noise_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    noisy = with_noise(random_motion(), response_noise=0.01, seed=2)
+    weighed, equal = vibrident.identify(noisy, estimator="ipnn"), with_equal_weights(noisy, monkeypatch)
+    assert (weighed.settings["noise_weights"], equal.settings["noise_weights"]) == ("spectrum", "white")
+    for name, other in equal.parameters.items():
+        known = weighed.parameters[name]
+        assert abs(known.value - other.value) < 0.25 * other.standard_uncertainty
+        # Both read the noise near the resonance from some tens of lines.
+        freedom = weighed.settings["effective_degrees_of_freedom"]
+        assert known.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=3.0 / np.sqrt(2.0 * freedom))
+
+
+def test_hum_is_an_unknown_and_costs_little() -> None:
+    quiet = deviations(random_motion(), 3, response_noise=0.003)[1]
+    tone = ChannelNoise(white=0.003, hum=0.1, hum_frequency_hz=12345.0, hum_harmonics=(1.0, 0.3))
+    found, humming = deviations(random_motion(), 3, response_noise=tone)
+    assert np.all(humming < 1.1 * quiet)
+    assert np.all(np.abs(found) < 4.0)
+
+
+def test_units_of_either_channel_change_nothing() -> None:
+    noisy = with_noise(random_motion(), reference_noise=0.01, response_noise=0.003, seed=5)
+    scaled = replace(
+        noisy,
+        records=tuple(
+            replace(r, reference=np.asarray(r.reference) * 1e-3, response=r.response * 1e6) for r in noisy.records
+        ),
+    )
+    plain = vibrident.identify(noisy, estimator="ipnn").parameters
+    other = vibrident.identify(scaled, estimator="ipnn").parameters
+    for name, gain in (("sensitivity", 1e9), ("natural_frequency", 1.0), ("damping_ratio", 1.0)):
+        assert other[name].value == pytest.approx(gain * plain[name].value, rel=1e-7)
+        assert other[name].standard_uncertainty == pytest.approx(gain * plain[name].standard_uncertainty, rel=1e-3)
+
+
+def test_what_the_spectrum_says_of_its_parts() -> None:
+    """White noise that passed a resonance, white noise, and a tone: each found for what it is."""
+    rng = np.random.default_rng(4)
+    n = 20000
+    order = np.arange(n // 2 + 1) / n
+    through = 1.0 / np.abs(1.0 - (order / 0.1) ** 2 + 0.1j * order / 0.1) ** 2
+    passed = np.fft.irfft(np.fft.rfft(rng.standard_normal(n)) * np.sqrt(through), n)
+    place = 3210.3
+    tone = 0.3 * np.cos(2.0 * np.pi * place * np.arange(n) / n)
+    signal = 0.5 * passed + 0.2 * rng.standard_normal(n) + tone
+    nothing = np.zeros(n // 2 + 1)
+    found = noise_spectrum(np.fft.rfft(signal), n, through, nothing, 0.0)
+    assert found.passed == pytest.approx(0.25, rel=0.07)  # three standard deviations
+    expected = 0.25 * through + 0.04
+    middle = (order > 0.01) & (np.abs(order * n - place) > 40)
+    assert np.median(found.level[middle] / expected[middle]) == pytest.approx(1.0, abs=0.03)
+    assert found.tones == pytest.approx((place,), abs=0.05)
+    quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), n, through, nothing, 0.0)
+    assert (quiet.passed, quiet.tones) == (0.0, ())
+    assert quiet.doubt < 0.05
