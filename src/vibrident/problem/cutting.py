@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from vibrident.network.unroll import Lanes
 from vibrident.records import BoolArray, FloatArray, Record
 
 #: Records of more samples than this, in all, are run in blocks of so many lanes, their inputs made when needed, …
-MOST_AT_ONCE, LANES_IN_BLOCK = 1 << 19, 512
+MOST_AT_ONCE, LANES_IN_BLOCK = 1 << 19, 256
 #: … unless they need more filters than this: each costs as much as the first.
 MOST_FILTERS = 3
 
@@ -100,7 +101,7 @@ def bucket(count: int) -> int:
 
 def blocks_for(lanes: int, length: int) -> int:
     """In how many blocks so many lanes of so many steps are run."""
-    return lanes // LANES_IN_BLOCK if lanes * length > MOST_AT_ONCE and lanes % LANES_IN_BLOCK == 0 else 1
+    return lanes // math.gcd(lanes, LANES_IN_BLOCK) if lanes * length > MOST_AT_ONCE else 1
 
 
 def cut(

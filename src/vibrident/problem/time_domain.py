@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax
+from vibrident.backend import give_back, jax, jnp, lax
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.errors import InputError, ModelError
@@ -297,6 +297,7 @@ def evaluate(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, 
     normal = _evaluate(z, coordinates, layout, data, noise)
     if layout.blocks == 1:
         return normal
+    give_back()
     return normal._replace(columns=Columns(z, coordinates, layout, data, noise))
 
 
@@ -310,4 +311,6 @@ class Columns(Sequence[Any]):
         return int(self._at[0].shape[0])
 
     def __getitem__(self, index: Any) -> Any:
-        return _column(range(len(self))[index], *self._at)
+        column = _column(range(len(self))[index], *self._at)
+        give_back()
+        return column
