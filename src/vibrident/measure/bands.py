@@ -18,6 +18,8 @@ from vibrident.records import BoolArray, FloatArray, Record
 
 LINES_IN_BAND = 6
 BANDS_PER_OCTAVE = 12
+#: Of a wider band every second, third … line tells its noise: they are plenty, and all would be most of the memory.
+MOST_LINES = 4096
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
 #: … and where at least this part of the response is coherent with it, unless that leaves fewer bands than this.
@@ -58,21 +60,23 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
         keep = np.flatnonzero(excited)
     if power.max() == 0 or keep.size == 0:
         return None
-    width = int(np.max(edges[keep + 1] - edges[keep]))
+    counts = edges[keep + 1] - edges[keep]
+    width = int(min(np.max(counts), MOST_LINES))
     shape = (keep.size, width)
     hz, x, y, weight = np.ones(shape), np.zeros(shape, complex), np.zeros(shape, complex), np.zeros(shape)
     frequency, reference, response = np.zeros(keep.size), np.zeros(keep.size, complex), np.zeros(keep.size, complex)
     for row, band in enumerate(keep):
         lines = slice(edges[band], edges[band + 1])
-        count = lines.stop - lines.start
         bx, by = spectrum[0][lines], spectrum[1][lines]
         total = np.sum(np.abs(bx) ** 2)
         centre = np.sum(np.arange(lines.start, lines.stop) * np.abs(bx) ** 2) / total
         frequency[row] = centre * rate / n
         reference[row], response[row] = np.sqrt(total), np.sum(by * np.conj(bx)) / np.sqrt(total)
-        hz[row, :count] = np.arange(lines.start, lines.stop) * rate / n
-        x[row, :count], y[row, :count], weight[row, :count] = bx / np.sqrt(2), by / np.sqrt(2), 1.0
-    freedom = np.maximum(2.0 * weight.sum(axis=1) - 2.0, 1.0)
+        some = slice(None, None, -(-int(counts[row]) // MOST_LINES))
+        bins = np.arange(lines.start, lines.stop)[some]
+        hz[row, : bins.size], weight[row, : bins.size] = bins * rate / n, 1.0
+        x[row, : bins.size], y[row, : bins.size] = bx[some] / np.sqrt(2), by[some] / np.sqrt(2)
+    freedom = np.maximum(2.0 * counts - 2.0, 1.0)
     owner = np.full(keep.size, index)
     return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
 
