@@ -17,24 +17,17 @@ CLEAR = Path("/proc/self/clear_refs")
 CHILD = """
 import json, sys
 from pathlib import Path
-import numpy as np
-from scipy import signal
 import vibrident
 from vibrident.backend import give_back
-from vibrident.records import Calibration, Record
+from vibrident.simulation import simulate, with_noise
 
 def peak():
     text = Path("/proc/self/status").read_text()
     return 1024 * int(text.split("VmHWM:")[1].split()[0])
 
 def calibration(n):
-    rng = np.random.default_rng(7)
-    motion = signal.lfilter(*signal.butter(2, 0.3), rng.standard_normal(n))
-    w = 2 * np.pi * 652.0
-    sensor = signal.bilinear([0.1 * w**2], [1, 2 * 0.182 * w, w**2], fs=51200.0)
-    response = signal.lfilter(*sensor, motion)
-    response += 0.01 * np.std(response) * rng.standard_normal(n)
-    return Calibration(records=(Record("long", motion, response, 51200.0, "random"),))
+    clean = simulate("paper", "random", samples=n, start="steady", seed=7)
+    return with_noise(clean, response_noise=0.01, seed=7)
 
 peaks = []
 for n in map(int, sys.argv[1:]):
