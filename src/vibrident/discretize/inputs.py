@@ -51,6 +51,23 @@ class StepInputs:
     fraction: float
 
 
+@dataclass(frozen=True)
+class StepFilters:
+    """The same coefficients by what makes them: input j of step k is Σ_i filters[j, i] samples[k + first + i].
+
+    Attributes:
+        filters: shape (terms, taps).
+        first: sample of the first tap, counted from the step's.
+        usable: shape (steps,); see :class:`StepInputs`.
+        fraction: see :class:`StepInputs`.
+    """
+
+    filters: FloatArray
+    first: int
+    usable: BoolArray
+    fraction: float
+
+
 def terms_needed(rate_times_step: float) -> int:
     """Number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
 
@@ -123,6 +140,14 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
     return _delayed(coefficients, _supported(valid, half), whole, 0.0)
 
 
+def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
+    """What :func:`band_limited_inputs` weighs the samples with; invalid samples count as zero."""
+    half = half_width_for(valid.shape[0])
+    whole = math.ceil(delay_samples)
+    usable = _usable(_supported(valid, half), whole)
+    return StepFilters(_filters(terms, half, whole - delay_samples), 1 - half - whole, usable, 0.0)
+
+
 def _supported(valid: BoolArray, half: int) -> BoolArray:
     bad = np.concatenate([[0], np.cumsum(~valid)])
     n = valid.shape[0]
@@ -143,6 +168,23 @@ def sampled_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samp
     following = np.append(samples[1:], samples[-1])
     coefficients = np.stack([0.5 * (samples + following), 0.5 * (following - samples)], axis=1)
     return _delayed(coefficients, valid & np.append(valid[1:], False), whole, fraction)
+
+
+def sampled_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
+    """What :func:`sampled_inputs` weighs the samples with."""
+    whole = math.ceil(delay_samples)
+    filters = np.ones((1, 1)) if terms == 1 else np.array([[0.5, 0.5], [-0.5, 0.5]])
+    usable = valid if terms == 1 else valid & np.append(valid[1:], False)
+    return StepFilters(filters, -whole, _usable(usable, whole), whole - delay_samples)
+
+
+def _usable(usable: BoolArray, whole: int) -> BoolArray:
+    """``usable``, moved ``whole`` steps later."""
+    moved = np.zeros_like(usable)
+    n = usable.shape[0]
+    if abs(whole) < n:
+        moved[max(whole, 0) : n + min(whole, 0)] = usable[max(-whole, 0) : n - max(whole, 0)]
+    return moved
 
 
 def _delayed(coefficients: FloatArray, usable: BoolArray, whole: int, fraction: float) -> StepInputs:

@@ -29,7 +29,16 @@ import numpy as np
 
 from vibrident.backend import jnp
 from vibrident.discretize.exponential import expm
-from vibrident.discretize.inputs import MAX_TERMS, StepInputs, band_limited_inputs, sampled_inputs, terms_needed
+from vibrident.discretize.inputs import (
+    MAX_TERMS,
+    StepFilters,
+    StepInputs,
+    band_limited_filters,
+    band_limited_inputs,
+    sampled_filters,
+    sampled_inputs,
+    terms_needed,
+)
 from vibrident.errors import ModelError
 from vibrident.models.state_space import StateSpace
 from vibrident.records import BoolArray, FloatArray
@@ -95,6 +104,11 @@ class Method:
         """What the input neurons see; see :mod:`vibrident.discretize.inputs`."""
         make = band_limited_inputs if self.fixed_terms is None else sampled_inputs
         return make(samples, valid, terms, delay_samples)
+
+    def filters(self, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepFilters:
+        """What makes the input neurons' values from the samples; see :mod:`vibrident.discretize.inputs`."""
+        make = band_limited_filters if self.fixed_terms is None else sampled_filters
+        return make(valid, terms, delay_samples)
 
     def weights(self, system: StateSpace, sampling_interval_s: Any, fraction: Any, terms: int) -> Weights:
         """Weights of one step; ``fraction`` f in [0, 1] is where in the step the output is read."""

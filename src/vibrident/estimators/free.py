@@ -67,7 +67,14 @@ def train_free(
     values = coordinates.values(z)
     tied = Weights(*(np.asarray(w)[0] for w in problem.weights(values)))
     scale = float(model.rational(values, layout.quantity).angular_scale) ** np.arange(layout.order)
-    args = (problem.lanes, jnp.asarray(problem.by_lane(noise)), layout.order, layout.terms, layout.segments)
+    args = (
+        problem.lanes,
+        jnp.asarray(problem.by_lane(noise)),
+        layout.order,
+        layout.terms,
+        layout.segments,
+        layout.blocks,
+    )
     trace = levenberg_marquardt(_objective, pack(tied), args, tolerance=1e-2, progress=progress)
     interval = float(problem.intervals_s[0])
 
@@ -103,13 +110,13 @@ def _coordinates_of(coordinates: Coordinates, values: dict[str, float]) -> Float
 
 
 def _objective(vector: Any, args: Any) -> Normal:
-    lanes, noise, states, terms, segments = args
-    return _evaluate(vector, lanes, noise, states, terms, segments)
+    lanes, noise, *shape = args
+    return _evaluate(vector, lanes, noise, *shape)
 
 
-@functools.partial(jax.jit, static_argnames=("states", "terms", "segments"))
-def _evaluate(vector: Any, lanes: Any, noise: Any, states: int, terms: int, segments: int) -> Normal:
+@functools.partial(jax.jit, static_argnames=("states", "terms", "segments", "blocks"))
+def _evaluate(vector: Any, lanes: Any, noise: Any, states: int, terms: int, segments: int, blocks: int) -> Normal:
     def batch(v: Any) -> Weights:
         return Weights(*(w[None] for w in unpack(v, states, terms)))
 
-    return normal_equations(batch(vector), jax.jacfwd(batch)(vector), lanes, noise, segments)
+    return normal_equations(batch(vector), jax.jacfwd(batch)(vector), lanes, noise, segments, blocks)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vibrident.errors import InputError
 from vibrident.io.csv_layout import BLANKS, CsvLayout, split_line
 
-_CHUNK_BYTES = 1 << 23
+_CHUNK_BYTES = 1 << 20  # counting makes ten times as much of it
 _NEWLINE = 10
 _SPACE = 32
 

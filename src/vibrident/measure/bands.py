@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from vibrident.measure.response import LEAST_DEVIATION, MeasuredResponse
-from vibrident.records import FloatArray, Record
+from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
+from vibrident.records import BoolArray, FloatArray, Record
 
 LINES_IN_BAND = 6
 BANDS_PER_OCTAVE = 12
+#: Of a wider band every second, third … line tells its noise: they are plenty, and all would be most of the memory.
+MOST_LINES = 4096
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
 #: … and where at least this part of the response is coherent with it, unless that leaves fewer bands than this.
@@ -47,13 +48,11 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
         return None
     n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
     window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
-    window = window * mask
-    signals = np.stack([np.asarray(record.reference), record.response], axis=1)
-    signals = signals - signals[mask].mean(axis=0)
-    spectrum = np.asarray(fft.rfft(signals * window[:, None], axis=0), dtype=complex) * 2.0 / np.sum(window)
+    window *= mask
+    spectrum = (_spectrum(record.reference, mask, window), _spectrum(record.response, mask, window))
     edges = band_edges(n, rate).astype(int)
-    power = np.array([np.mean(np.abs(spectrum[a:b, 0]) ** 2) for a, b in itertools.pairwise(edges)])
-    coherence = np.array([_coherence(spectrum[a:b]) for a, b in itertools.pairwise(edges)])
+    power = np.array([np.mean(np.abs(spectrum[0][a:b]) ** 2) for a, b in itertools.pairwise(edges)])
+    coherence = np.array([_coherence(spectrum[0][a:b], spectrum[1][a:b]) for a, b in itertools.pairwise(edges)])
     excited = power > LEAST_POWER * power.max()
     # What of the reference does not show in the response is its own noise, beyond the excitation's band.
     keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
@@ -61,30 +60,42 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
         keep = np.flatnonzero(excited)
     if power.max() == 0 or keep.size == 0:
         return None
-    width = int(np.max(edges[keep + 1] - edges[keep]))
+    counts = edges[keep + 1] - edges[keep]
+    width = int(min(np.max(counts), MOST_LINES))
     shape = (keep.size, width)
     hz, x, y, weight = np.ones(shape), np.zeros(shape, complex), np.zeros(shape, complex), np.zeros(shape)
     frequency, reference, response = np.zeros(keep.size), np.zeros(keep.size, complex), np.zeros(keep.size, complex)
     for row, band in enumerate(keep):
         lines = slice(edges[band], edges[band + 1])
-        count = lines.stop - lines.start
-        bx, by = spectrum[lines, 0], spectrum[lines, 1]
+        bx, by = spectrum[0][lines], spectrum[1][lines]
         total = np.sum(np.abs(bx) ** 2)
         centre = np.sum(np.arange(lines.start, lines.stop) * np.abs(bx) ** 2) / total
         frequency[row] = centre * rate / n
         reference[row], response[row] = np.sqrt(total), np.sum(by * np.conj(bx)) / np.sqrt(total)
-        hz[row, :count] = np.arange(lines.start, lines.stop) * rate / n
-        x[row, :count], y[row, :count], weight[row, :count] = bx / np.sqrt(2), by / np.sqrt(2), 1.0
-    freedom = np.maximum(2.0 * weight.sum(axis=1) - 2.0, 1.0)
+        some = slice(None, None, -(-int(counts[row]) // MOST_LINES))
+        bins = np.arange(lines.start, lines.stop)[some]
+        hz[row, : bins.size], weight[row, : bins.size] = bins * rate / n, 1.0
+        x[row, : bins.size], y[row, : bins.size] = bx[some] / np.sqrt(2), by[some] / np.sqrt(2)
+    freedom = np.maximum(2.0 * counts - 2.0, 1.0)
     owner = np.full(keep.size, index)
     return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
 
 
-def _coherence(spectrum: NDArray[Any]) -> float:
-    """|Σ Y X*|²/(Σ|X|² Σ|Y|²) over the lines of a band, columns X and Y."""
-    total = np.sum(np.abs(spectrum) ** 2, axis=0)
-    cross = np.abs(np.sum(spectrum[:, 1] * np.conj(spectrum[:, 0]))) ** 2
-    return float(cross / (total[0] * total[1])) if np.all(total > 0) else 0.0
+def _spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> ComplexArray:
+    """Amplitudes of a windowed channel without its mean, shape (samples // 2 + 1,)."""
+    series = values - values[mask].mean()
+    series *= window
+    spectrum = np.asarray(fft.rfft(series), dtype=complex)
+    spectrum *= 2.0
+    spectrum /= np.sum(window)
+    return spectrum
+
+
+def _coherence(reference: ComplexArray, response: ComplexArray) -> float:
+    """|Σ Y X*|²/(Σ|X|² Σ|Y|²) over the lines of a band."""
+    total = np.sum(np.abs(reference) ** 2), np.sum(np.abs(response) ** 2)
+    cross = np.abs(np.sum(response * np.conj(reference))) ** 2
+    return float(cross / (total[0] * total[1])) if min(total) > 0 else 0.0
 
 
 def coherent_remainder(
@@ -110,31 +121,36 @@ def coherent_remainder(
     if used.sum() < 8 * LINES_IN_BAND:
         return None
     n, rate = record.samples, record.sampling_rate_hz
-    series = np.where(used, predicted - np.mean(predicted[used]), 0.0)
-    residual = np.where(used, record.response - predicted, 0.0)
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    spectra = np.asarray(fft.rfft(np.stack([residual, series]), axis=-1))
-    power = np.abs(spectra) ** 2
+    error = _line_spectrum(record.response - predicted, used)
+    spectrum = _line_spectrum(predicted - np.mean(predicted[used]), used)
+    power = np.abs(spectrum) ** 2
     edges = band_edges(n, rate).astype(int)
-    strongest = max(float(np.mean(power[1, a:b])) for a, b in itertools.pairwise(edges))
+    strongest = max(float(np.mean(power[a:b])) for a, b in itertools.pairwise(edges))
     rows = []
     for a, b in itertools.pairwise(edges):
-        total = float(np.sum(power[1, a:b]))
+        total = float(np.sum(power[a:b]))
         if total <= LEAST_POWER * strongest * (b - a):
             continue
         shared = 0.0 if through is None else float(used.sum() * np.sum(through[a:b]))
         if shared > MOST_SHARED * total:
             continue
-        rho = (np.sum(spectra[0, a:b] * np.conj(spectra[1, a:b])) + shared) / total
-        rest = float(np.sum(np.abs(spectra[0, a:b] - (rho if shared == 0.0 else 0.0) * spectra[1, a:b]) ** 2))
+        rho = (np.sum(error[a:b] * np.conj(spectrum[a:b])) + shared) / total
+        rest = float(np.sum(np.abs(error[a:b] - (rho if shared == 0.0 else 0.0) * spectrum[a:b]) ** 2))
         freedom = 2.0 * max((b - a) * float(np.mean(used)) - 1.0, 1.0)
         floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
         variance = max(rest / (b - a - 1.0) / total / 2.0, floor)
         if variance > 0.25:
             continue
-        centre = float(np.sum(np.arange(a, b) * power[1, a:b]) / total) * rate / n
+        centre = float(np.sum(np.arange(a, b) * power[a:b]) / total) * rate / n
         rows.append((centre, rho, np.sqrt(variance), freedom))
     if not rows:
         return None
     frequency, rho, deviation, freedom = zip(*rows, strict=True)
     return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)
+
+
+def _line_spectrum(series: FloatArray, used: BoolArray) -> ComplexArray:
+    """Transform of the samples that are used, shape (samples // 2 + 1,); the others of ``series`` are set to zero."""
+    series[~used] = 0.0
+    return np.asarray(fft.rfft(series), dtype=complex)

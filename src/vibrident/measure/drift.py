@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import fft
 
 from vibrident.measure.quality import Finding
+from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray, Record
 
 #: Slow lines that tell how far noise alone may wander.
@@ -34,14 +35,17 @@ def without_drift(
         if used.sum() < FEWEST:
             kept.append(record)
             continue
-        residual = (record.response - series)[used]
         size = float(np.std(record.response[used]))
-        rise, deviation = _trend(residual, record.time_s[used])
-        duration = float(np.ptp(record.time_s[used]))
+        times = record.time_s[used]
+        middle, duration = float(np.mean(times)), float(np.ptp(times))
+        times -= middle
+        residual = record.response[used]
+        residual -= series[used]
+        rise, deviation = _trend(residual, times)
         if abs(rise) * duration <= max(SIGNIFICANT * deviation * duration, LEAST * size):
             kept.append(record)
             continue
-        drift = rise * (record.time_s - np.mean(record.time_s[used]))
+        drift = rise * (record.time_s - middle)
         kept.append(record.with_response(record.response - drift, f"drift of {rise * duration:.6g} removed"))
         text = (
             f"{record.name}: the response drifts by {rise * duration:.3g} over the record, "
@@ -52,13 +56,36 @@ def without_drift(
     return tuple(kept), tuple(findings)
 
 
-def _trend(residual: FloatArray, times: FloatArray) -> tuple[float, float]:
-    """Slope by least squares, 1/s, and its standard deviation for noise as strong as the slowest lines."""
-    n = residual.shape[0]
-    t = times - times.mean()
-    slope = float(residual @ t / (t @ t))
-    left = residual - residual.mean() - slope * t
-    window = np.hanning(n)
-    lines = np.asarray(fft.rfft(left * window))[2 : 2 + LINES]
-    level = float(np.mean(np.abs(lines) ** 2) / np.sum(window**2))
-    return slope, float(np.sqrt(level / (t @ t)))
+def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
+    """Slope by least squares, 1/s, and its standard deviation for noise as strong as the slowest lines.
+
+    Args:
+        residual: shape (used,); overwritten, as a long record has no memory to spare.
+        t: times from their mean, shape (used,); overwritten.
+    """
+    power = float(t @ t)
+    slope = float(residual @ t / power)
+    residual -= residual.mean()
+    t *= slope
+    residual -= t
+    window = np.hanning(residual.shape[0])
+    residual *= window
+    level = float(np.mean(np.abs(_slow_lines(residual)) ** 2) / (window @ window))
+    return slope, float(np.sqrt(level / power))
+
+
+def _slow_lines(series: FloatArray) -> ComplexArray:
+    """Lines 2 to LINES + 1 of the discrete Fourier transform, shape (LINES,).
+
+    With sample j = a w + b, e^{−2πi k j/n} is a product of one factor of a and one of b: a product with a matrix does
+    it, for any number of samples, where a fast transform of an unlucky one needs many times the record's memory.
+    """
+    n = series.shape[0]
+    width = math.isqrt(n)
+    rows = n // width
+    turn = -2j * np.pi / n * np.arange(2, 2 + LINES)
+    inner = np.exp(np.arange(width)[:, None] * turn)
+    outer = np.exp(width * np.arange(rows)[:, None] * turn)
+    body, rest = series[: rows * width].reshape(rows, width), series[rows * width :]
+    sums = body @ inner.real + 1j * (body @ inner.imag)
+    return np.asarray(np.sum(outer * sums, axis=0) + rest @ np.exp(np.arange(rows * width, n)[:, None] * turn))

@@ -131,7 +131,7 @@ def forced_normal(
 def _first_guess(linear: Any, lanes: Lanes, segments: int) -> Any:
     """Start states of the chunks by the linear network, shape (n, M)."""
     proj = projection(linear, lanes, segments)
-    _, power = free_response(linear, lanes.inputs.shape[0])
+    _, power = free_response(linear, lanes.response.shape[0])
     forced, ends = from_rest(linear, lanes)
     at_rest = start_states(power, ends, lanes, jnp.zeros((segments, linear.output.shape[-1])))
     nuisance = fit_nuisance(proj, lanes, lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest))

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.discretize.weights import Weights
+from vibrident.network.blocks import over_blocks, step_inputs
 
 
 class Lanes(NamedTuple):
@@ -24,7 +25,7 @@ class Lanes(NamedTuple):
     A segment is an unbroken run of steps with a state of its own: a whole record, or a part between gaps.
 
     Attributes:
-        inputs: shape (L, q, M).
+        inputs: shape (L, q, M); or, where they are made only when needed, :class:`vibrident.network.blocks.Windows`.
         response: shape (L, M), zero where ``weight`` is zero.
         weight: shape (L, M), one where the sample counts, zero where not.
         first: shape (M,), True at a segment's first chunk.
@@ -50,7 +51,7 @@ class Nuisance(NamedTuple):
 def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance) -> Any:
     """Response of every lane, shape (L, M). ``weights`` carry a leading axis: one set a sampling interval."""
     forced, ends = from_rest(weights, lanes)
-    rows, power = free_response(weights, lanes.inputs.shape[0])
+    rows, power = free_response(weights, lanes.response.shape[0])
     starts = start_states(power, ends, lanes, nuisance.state)
     return forced + free_part(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]
 
@@ -64,7 +65,15 @@ def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
         lanes: the lanes.
         initial: state at the start of every segment, shape (S, n).
     """
-    return _starts(per_lane(power, lanes.rate), ends, lanes.first, initial[lanes.segment].T)
+    return chained(power, ends, lanes, initial, jnp.zeros(ends.shape[0]))[0]
+
+
+def chained(power: Any, ends: Any, lanes: Any, initial: Any, before: Any) -> tuple[Any, Any]:
+    """``start_states``, and the state behind the last lane; ``before`` is the state behind the lane before the first.
+
+    Both of shape (n,).
+    """
+    return _starts(per_lane(power, lanes.rate), ends, lanes.first, initial[lanes.segment].T, before)
 
 
 class Projection(NamedTuple):
@@ -81,23 +90,25 @@ class Projection(NamedTuple):
     inverse: Any
 
 
-def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:
-    """Prepare the projection for ``weights``."""
-    length, _, count = lanes.inputs.shape
+def projection(weights: Weights, lanes: Lanes, segments: int, blocks: int = 1) -> Projection:
+    """Prepare the projection for ``weights``, the lanes taken in so many blocks."""
+    length, count = lanes.response.shape
     n = weights.output.shape[-1]
     rows, power = free_response(weights, length)
     chunk_power = per_lane(power, lanes.rate)
-    zero = jnp.zeros((n, count))
-    carry = jnp.stack(
-        [_starts(chunk_power, zero, lanes.first, jnp.zeros((n, count)).at[i].set(1.0)) for i in range(n)], axis=1
-    )
-    weighted = lanes.weight
-    pair = [[_collect(rows[..., i] * rows[..., j], lanes.rate, weighted) for j in range(n)] for i in range(n)]
-    single = jnp.stack([_collect(rows[..., i], lanes.rate, weighted) for i in range(n)])
-    gram = jnp.stack([jnp.stack(row) for row in pair])  # (n, n, M), in the chunk's own start state
+    zero, none = jnp.zeros((n, count)), jnp.zeros(n)
+    carry = jnp.stack([_starts(chunk_power, zero, lanes.first, zero.at[i].set(1.0), none)[0] for i in range(n)], axis=1)
+
+    def collect(nothing: Any, lanes: Lanes, _: Any) -> tuple[Any, Any]:
+        weighted = lanes.weight
+        pair = [[_collect(rows[..., i] * rows[..., j], lanes.rate, weighted) for j in range(n)] for i in range(n)]
+        single = jnp.stack([_collect(rows[..., i], lanes.rate, weighted) for i in range(n)])
+        gram = jnp.stack([jnp.stack(row) for row in pair])  # (n, n, M), in the chunk's own start state
+        return nothing, (gram, single, jnp.sum(weighted, axis=0))
+
+    _, (gram, single, total) = over_blocks(collect, (), lanes, (), blocks)
     gram = jnp.einsum("iam,ijm,jbm->mab", carry, gram, carry)
     cross = jnp.einsum("iam,im->ma", carry, single)
-    total = jnp.sum(weighted, axis=0)
     top = jnp.concatenate([gram, cross[:, :, None]], axis=2)
     bottom = jnp.concatenate([cross, total[:, None]], axis=1)[:, None, :]
     normal = jax.ops.segment_sum(jnp.concatenate([top, bottom], axis=1), lanes.segment, segments)
@@ -125,7 +136,12 @@ def imitable(p: Projection, lanes: Lanes, signal: Any) -> Any:
 
 def fit_nuisance(p: Projection, lanes: Lanes, signal: Any) -> Nuisance:
     """Least-squares initial states and offsets that explain ``signal``, shape (L, M)."""
-    solved = jnp.einsum("sij,sj->si", p.inverse, imitable(p, lanes, signal * lanes.weight))
+    return nuisance_of(p, imitable(p, lanes, signal * lanes.weight))
+
+
+def nuisance_of(p: Projection, moments: Any) -> Nuisance:
+    """Initial states and offsets whose products are ``moments``, shape (S, n + 1)."""
+    solved = jnp.einsum("sij,sj->si", p.inverse, moments)
     return Nuisance(solved[:, :-1], solved[:, -1])
 
 
@@ -137,7 +153,8 @@ def nuisance_response(p: Projection, lanes: Lanes, nuisance: Nuisance) -> Any:
 
 def from_rest(weights: Weights, lanes: Lanes) -> tuple[Any, Any]:
     """Forced response from a zero state in every lane, shape (L, M), and the end states, shape (n, M)."""
-    _, terms, count = lanes.inputs.shape
+    inputs = step_inputs(lanes.inputs)
+    _, terms, count = inputs.shape
     n = weights.output.shape[-1]
     phi, gamma = per_lane(weights.transition, lanes.rate), per_lane(weights.drive, lanes.rate)
     c, d = per_lane(weights.output, lanes.rate), per_lane(weights.feedthrough, lanes.rate)
@@ -149,7 +166,7 @@ def from_rest(weights: Weights, lanes: Lanes) -> tuple[Any, Any]:
         )
         return following, output
 
-    ends, outputs = lax.scan(step, (jnp.zeros(count),) * n, lanes.inputs)
+    ends, outputs = lax.scan(step, (jnp.zeros(count),) * n, inputs)
     return outputs, jnp.stack(ends)
 
 
@@ -174,8 +191,11 @@ def _power(matrix: Any, exponent: int) -> Any:
     return result
 
 
-def _starts(power: Any, ends: Any, first: Any, initial: Any) -> Any:
-    """State at the start of every lane, shape (n, M), from the lanes' end states and the segments' initial states."""
+def _starts(power: Any, ends: Any, first: Any, initial: Any, before: Any) -> tuple[Any, Any]:
+    """State at the start of every lane, shape (n, M), from the lanes' end states and the segments' initial states.
+
+    With it the state behind the last lane; ``before`` is the one behind the lane before the first, shape (n,).
+    """
     n, count = ends.shape
     power = jnp.broadcast_to(power, (n, n, count))
 
@@ -186,8 +206,8 @@ def _starts(power: Any, ends: Any, first: Any, initial: Any) -> Any:
         return following, state
 
     lane = (jnp.moveaxis(power, -1, 0), ends.T, first, initial.T)
-    _, states = lax.scan(step, [jnp.zeros(())] * n, lane)
-    return jnp.stack(states)
+    after, states = lax.scan(step, [before[i] for i in range(n)], lane)
+    return jnp.stack(states), jnp.stack(after)
 
 
 def free_part(rows: Any, rate: Any, starts: Any) -> Any:

@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax
+from vibrident.backend import give_back, jax, jnp, lax
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.errors import InputError, ModelError
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
 from vibrident.network.forced import forced_normal, forced_response
-from vibrident.network.sensitivity import Normal, normal_equations
+from vibrident.network.sensitivity import Normal, jacobian_column, normal_equations
 from vibrident.network.unroll import (
     Lanes,
     Nuisance,
@@ -33,7 +33,8 @@ from vibrident.network.unroll import (
     respond,
 )
 from vibrident.problem.coordinates import Coordinates
-from vibrident.records import BoolArray, FloatArray, Quantity, Record
+from vibrident.problem.cutting import blocks_for, bucket, cut, pieces_of, steps_of
+from vibrident.records import FloatArray, Quantity, Record
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
 CHUNK = 256
@@ -53,6 +54,7 @@ class Layout:
     segments: int
     nodes: int = 0
     rounds: tuple[int, int] = (0, 0)
+    blocks: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,17 +118,10 @@ class TimeProblem:
         direct = len(system.numerator) > order  # the response then contains the reference itself
         fastest = 2.0 * np.pi * start["natural_frequency"] * _fastest(start["damping_ratio"])
         terms = max(method.terms(fastest * ts, direct=direct) for ts in intervals)
-        pieces, fractions = [], np.zeros(len(intervals))
-        for index, record in enumerate(records):
-            reference = np.zeros(record.samples) if record.reference is None else np.array(record.reference)
-            if record.reference is not None and model.is_linear:  # else it says where on its curve the spring works
-                reference -= reference[record.mask].mean() if record.mask.any() else 0.0
-            valid = record.mask if record.reference is not None else np.ones(record.samples, dtype=bool)
-            step = method.inputs(reference, valid, terms, delay * record.sampling_rate_hz)
-            fractions[rate[index]] = step.fraction
-            for run in _runs(step.usable):
-                if np.sum(record.mask[run]) > 2 * (order + 1):
-                    pieces.append((index, run, step.coefficients[run]))
+        steps = steps_of(records, method, terms, delay, linear=model.is_linear)
+        fractions = np.zeros(len(intervals))
+        fractions[rate] = [step.fraction for step in steps]
+        pieces = pieces_of(records, steps, fewest=2 * (order + 1))
         if not pieces:
             raise InputError(
                 "No record is long enough for the network.",
@@ -135,11 +130,12 @@ class TimeProblem:
                 where="records",
                 remedy="use longer records, or the estimator 'ml'",
             )
-        lanes, first_lanes = _cut(pieces, records, rate, terms)
+        lanes, first_lanes = cut(pieces, records, rate, terms, CHUNK)
+        blocks = blocks_for(lanes.first.shape[0], CHUNK) if model.is_linear else 1
         nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(fastest * float(np.max(intervals)))
-        layout = Layout(model, method, quantity, terms, order, _bucket(len(pieces) + 1), nodes, rounds)
-        owners = np.array([piece[0] for piece in pieces])
-        placed = tuple((p[0], p[1], lane) for p, lane in zip(pieces, first_lanes, strict=True))
+        layout = Layout(model, method, quantity, terms, order, bucket(len(pieces) + 1), nodes, rounds, blocks)
+        owners = np.array([piece.record for piece in pieces])
+        placed = tuple((p.record, p.run, lane) for p, lane in zip(pieces, first_lanes, strict=True))
         return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, placed)
 
     @property
@@ -181,10 +177,13 @@ class TimeProblem:
 
     def by_record(self, lanes_values: Any) -> list[FloatArray]:
         """Put values of the lanes, shape (L, M), back in the order of the records' samples; NaN elsewhere."""
-        flat = np.asarray(lanes_values).T.ravel()  # lane after lane
+        values = np.asarray(lanes_values)
         ordered = [np.full(record.samples, np.nan) for record in self.records]
         for owner, run, lane in self.pieces:
-            ordered[owner][run] = flat[lane * CHUNK : lane * CHUNK + run.stop - run.start]
+            whole, rest = divmod(run.stop - run.start, CHUNK)
+            end = run.stop - rest
+            ordered[owner][run.start : end].reshape(whole, CHUNK)[:] = values[:, lane : lane + whole].T
+            ordered[owner][end : run.stop] = values[:rest, lane + whole] if rest else 0.0
         return ordered
 
 
@@ -247,7 +246,21 @@ def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tupl
     def tied(z: Any) -> Weights:
         return _weights(coordinates.physical(z), layout, intervals, fractions, delay)
 
-    return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments)
+    return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments, layout.blocks)
+
+
+def physical_column(
+    index: Any, z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
+) -> Any:
+    """One of the columns of ``physical_normal``, shape (L, M)."""
+    lanes, *where = data
+
+    def tied(z: Any) -> Weights:
+        return _weights(coordinates.physical(z), layout, *where)
+
+    _, slope = jax.jvp(tied, (z,), (jnp.zeros_like(z).at[index].set(1.0),))
+    slope = jax.tree.map(lambda s: s[..., None], slope)
+    return jacobian_column(tied(z), slope, lanes, noise, layout.segments, layout.blocks)
 
 
 def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
@@ -275,47 +288,29 @@ def _fastest(damping: float) -> float:
 
 
 #: Compiled, and the one large program of the package: everything that looks at records in time goes through it.
-evaluate = jax.jit(physical_normal, static_argnames=("layout",))
+_evaluate = jax.jit(physical_normal, static_argnames=("layout",))
+_column = jax.jit(physical_column, static_argnames=("layout",))
 
 
-def _bucket(count: int) -> int:
-    """The next number of the form m·2ᵏ with 8 ≤ m ≤ 16: at most an eighth more."""
-    step = max(1, 1 << (max(count - 1, 1).bit_length() - 4)) if count > 16 else 1
-    return -(-count // step) * step
+def evaluate(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
+    """``physical_normal``, compiled; its columns are made when asked for where the lanes are taken in blocks."""
+    normal = _evaluate(z, coordinates, layout, data, noise)
+    if layout.blocks == 1:
+        return normal
+    give_back()
+    return normal._replace(columns=Columns(z, coordinates, layout, data, noise))
 
 
-def _runs(usable: BoolArray) -> list[slice]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+class Columns(Sequence[Any]):
+    """Columns of J of long records, each of shape (L, M), made when asked for and not kept."""
 
+    def __init__(self, *at: Any) -> None:
+        self._at = at
 
-def _cut(
-    pieces: list[tuple[int, slice, FloatArray]], records: Sequence[Record], rate: np.ndarray, terms: int
-) -> tuple[Lanes, list[int]]:
-    """Cut segments into chunks of CHUNK steps, the last one padded with weight zero; also each one's first lane."""
-    counts = [-(-(piece[1].stop - piece[1].start) // CHUNK) for piece in pieces]
-    total = _bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
-    padding = len(pieces)
-    inputs = np.zeros((total, CHUNK, terms))
-    response, weight = np.zeros((total, CHUNK)), np.zeros((total, CHUNK))
-    first, segment, rates = np.ones(total, dtype=bool), np.full(total, padding), np.zeros(total, dtype=int)
-    lane = 0
-    for number, ((index, run, coefficients), count) in enumerate(zip(pieces, counts, strict=True)):
-        steps = run.stop - run.start
-        mine = slice(lane, lane + count)
-        mask = records[index].mask[run].astype(float)
-        inputs[mine].reshape(-1, terms)[:steps] = coefficients
-        response[mine].reshape(-1)[:steps] = records[index].response[run] * mask
-        weight[mine].reshape(-1)[:steps] = mask
-        first[mine], segment[mine], rates[mine] = False, number, rate[index]
-        first[lane] = True
-        lane += count
-    lanes = Lanes(
-        np.ascontiguousarray(np.moveaxis(inputs, 0, -1)),
-        np.ascontiguousarray(response.T),
-        np.ascontiguousarray(weight.T),
-        first,
-        segment,
-        rates,
-    )
-    return lanes, [sum(counts[:i]) for i in range(len(counts))]
+    def __len__(self) -> int:
+        return int(self._at[0].shape[0])
+
+    def __getitem__(self, index: Any) -> Any:
+        column = _column(range(len(self))[index], *self._at)
+        give_back()
+        return column

@@ -1,0 +1,171 @@
+"""Records cut into lanes of equal length, as the unrolled network takes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.discretize import Method
+from vibrident.discretize.inputs import StepFilters, StepInputs
+from vibrident.network.blocks import Windows
+from vibrident.network.unroll import Lanes
+from vibrident.records import BoolArray, FloatArray, Record
+
+#: Records of more samples than this, in all, are run in blocks of so many lanes, their inputs made when needed, …
+MOST_AT_ONCE, LANES_IN_BLOCK = 1 << 19, 256
+#: … unless they need more filters than this: each costs as much as the first.
+MOST_FILTERS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """An unbroken run of steps of one record.
+
+    Attributes:
+        record: number of the record.
+        run: its samples.
+        step: the inputs of the record's steps, or what makes them.
+    """
+
+    record: int
+    run: slice
+    step: StepInputs | StepFilters
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return int(self.run.stop - self.run.start)
+
+
+def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:
+    """Reference as the network takes it, zero for a free decay and where it is not valid, and where it is valid."""
+    if record.reference is None:
+        return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
+    mean = record.reference[record.mask].mean() if centred and record.mask.any() else 0.0
+    return np.where(record.mask, record.reference - mean, 0.0), record.mask
+
+
+def steps_of(
+    records: Sequence[Record], method: Method, terms: int, delay_s: float, *, linear: bool
+) -> Sequence[StepInputs | StepFilters]:
+    """Inputs of every record's steps; of long records of a linear sensor, what makes them.
+
+    Args:
+        records: the records.
+        method: the discretisation.
+        terms: inputs a step.
+        delay_s: at which the inputs are taken.
+        linear: a spring that is not linear says where on its curve it works: its reference keeps its mean.
+    """
+    late = [delay_s * record.sampling_rate_hz for record in records]
+    if linear and sum(record.samples for record in records) > MOST_AT_ONCE:
+        made = [
+            method.filters(seen_by_network(r, centred=True)[1], terms, d) for r, d in zip(records, late, strict=True)
+        ]
+        if len(_distinct([step.filters for step in made])) <= MOST_FILTERS:
+            return made
+    return [method.inputs(*seen_by_network(r, centred=linear), terms, d) for r, d in zip(records, late, strict=True)]
+
+
+def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs | StepFilters], fewest: int) -> list[Piece]:
+    """The runs of usable steps that hold more than ``fewest`` samples."""
+    return [
+        Piece(index, run, step)
+        for index, (record, step) in enumerate(zip(records, steps, strict=True))
+        for run in _runs(step.usable)
+        if np.sum(record.mask[run]) > fewest
+    ]
+
+
+def _runs(usable: BoolArray) -> list[slice]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _distinct(filters: Sequence[FloatArray]) -> list[FloatArray]:
+    found: list[FloatArray] = []
+    for one in filters:
+        if not any(np.array_equal(one, other) for other in found):
+            found.append(one)
+    return found
+
+
+def bucket(count: int) -> int:
+    """The next number of the form m·2ᵏ with 8 ≤ m ≤ 16: at most an eighth more."""
+    step = max(1, 1 << (max(count - 1, 1).bit_length() - 4)) if count > 16 else 1
+    return -(-count // step) * step
+
+
+def blocks_for(lanes: int, length: int) -> int:
+    """In how many blocks so many lanes of so many steps are run."""
+    return lanes // math.gcd(lanes, LANES_IN_BLOCK) if lanes * length > MOST_AT_ONCE else 1
+
+
+def cut(
+    pieces: Sequence[Piece], records: Sequence[Record], rate: np.ndarray, terms: int, length: int
+) -> tuple[Lanes, list[int]]:
+    """Cut segments into chunks of ``length`` steps, the last one padded with weight zero; also each one's first lane.
+
+    Args:
+        pieces: the segments; all have inputs, or all have filters.
+        records: the records.
+        rate: which sampling interval each record has.
+        terms: inputs a step.
+        length: steps a chunk.
+    """
+    counts = [-(-piece.steps // length) for piece in pieces]
+    total = bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
+    response, weight = np.zeros((length, total)), np.zeros((length, total))
+    first, segment, rates = np.ones(total, dtype=bool), np.full(total, len(pieces)), np.zeros(total, dtype=int)
+    places, lane = [], 0
+    for number, (piece, count) in enumerate(zip(pieces, counts, strict=True)):
+        mine, record = slice(lane, lane + count), records[piece.record]
+        mask = record.mask[piece.run]
+        weight[:, mine] = _part(mask, 0, count * length).reshape(count, length).T
+        response[:, mine] = _part(record.response[piece.run] * mask, 0, count * length).reshape(count, length).T
+        first[mine], segment[mine], rates[mine] = False, number, rate[piece.record]
+        first[lane] = True
+        places.append(mine)
+        lane += count
+    made = isinstance(pieces[0].step, StepFilters)
+    inputs = _windows(pieces, places, records, total, length) if made else _inputs(pieces, places, total, length, terms)
+    return Lanes(inputs, response, weight, first, segment, rates), [place.start for place in places]
+
+
+def _inputs(pieces: Sequence[Piece], places: Sequence[slice], total: int, length: int, terms: int) -> FloatArray:
+    """Inputs of every step, shape (L, q, M)."""
+    inputs = np.zeros((length, terms, total))
+    for piece, mine in zip(pieces, places, strict=True):
+        assert isinstance(piece.step, StepInputs)
+        values = _part(piece.step.coefficients[piece.run], 0, (mine.stop - mine.start) * length)
+        inputs[:, :, mine] = np.moveaxis(values.reshape(-1, length, terms), 0, -1)
+    return inputs
+
+
+def _windows(
+    pieces: Sequence[Piece], places: Sequence[slice], records: Sequence[Record], total: int, length: int
+) -> Windows:
+    """The samples around every chunk, and the filters that make its inputs."""
+    steps = [piece.step for piece in pieces if isinstance(piece.step, StepFilters)]
+    distinct = _distinct([step.filters for step in steps])
+    taps = max(filters.shape[1] for filters in distinct)
+    samples, which = np.zeros((length + taps - 1, total)), np.zeros(total, dtype=int)
+    for piece, step, mine in zip(pieces, steps, places, strict=True):
+        which[mine] = next(i for i, filters in enumerate(distinct) if np.array_equal(filters, step.filters))
+        reference, _ = seen_by_network(records[piece.record], centred=True)
+        around = _part(reference, piece.run.start + step.first, (mine.stop - mine.start) * length + taps - 1)
+        samples[:, mine] = np.lib.stride_tricks.sliding_window_view(around, length + taps - 1)[::length].T
+    padded = [np.pad(filters, ((0, 0), (0, taps - filters.shape[1]))) for filters in distinct]
+    return Windows(samples, np.stack(padded), which)
+
+
+def _part(values: np.ndarray, begin: int, count: int) -> np.ndarray:
+    """``count`` values from ``begin`` on, zero beyond either end."""
+    found = np.zeros((count, *values.shape[1:]))
+    first, last = max(begin, 0), min(begin + count, values.shape[0])
+    if first < last:
+        found[first - begin : last - begin] = values[first:last]
+    return found
