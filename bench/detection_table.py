@@ -109,7 +109,7 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
     return [
         "## How small a defect is found, with 1 % of noise",
         "",
-        "The size is the one that the χ² test should find in 95 of 100 runs, as a few trial runs have it; beside it, for",
+        "The size is the one that the χ² test should find in 95 of 100 runs, as trial runs have it; beside it, for",
         "parts and multiples of that size: runs with `lack_of_fit` (in brackets: with that or `nonlinear`); the λ that",
         "was met, and the rate that the χ² test should have at that λ.",
         "",
