@@ -105,7 +105,7 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
 
     key, spread = jax.random.split(jax.random.PRNGKey(sampling.seed))
     starts = jax.random.normal(spread, (sampling.chains, len(middle)))
-    kernel = infer.NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=0.95)
+    kernel = infer.NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=0.98)
     chain = infer.MCMC(
         kernel,
         num_warmup=sampling.warm_up,
