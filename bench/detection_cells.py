@@ -108,6 +108,8 @@ NOISES = (0.01, 0.001)
 #: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; nothing at all is the first.
 CURVE = (0.0, 0.5, 0.75, 1.0, 1.5)
 DETECTED = 0.95
+#: Halvings of the interval in which the size of 95 % lies: to a hundredth of a decade.
+STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -178,26 +180,26 @@ def _seed(run: int) -> np.random.SeedSequence:
 def sized(name: str, excitation: str, noise: float) -> tuple[float, float]:
     """Size, over the nominal, that a χ² test should detect in 95 of 100 runs; the misfit of the nominal in σ, λ.
 
-    λ² is what the defect adds to χ²: the squared misfit that is left after the best fit, over the noise. It goes with
-    the square of the size, which is why it is measured where it is neither lost in noise nor bent: near the size
-    sought. (0, λ) where the nominal defect adds nothing that is clear of the noise.
+    λ² is what the defect adds to χ²: the squared misfit that is left after the best fit, over the noise. It grows with
+    the size, and the size sought is where it has the value that is needed. (0, λ) where the nominal defect adds less.
     """
-    target, size, strength = 0.0, 1.0, 0.0
-    for step in range(4):
-        looks = [look(name, excitation, size * DEFECTS[name].nominal, noise, 1_000_000 + run) for run in range(4)]
-        degrees = float(np.mean([one[2] for one in looks]))
-        added = float(np.mean([one[1] for one in looks])) - degrees
-        if step == 0:
-            strength = math.sqrt(max(added, 0.0))
-        # of four runs, χ² is known to √(2 ν/4): what is not three times clear of that is no measure of the defect
-        if added < 3.0 * math.sqrt(0.5 * degrees):
-            return (0.0, strength) if step == 0 else (size, strength)
-        target = needed(degrees)
-        factor = target / math.sqrt(added)
-        size *= factor
-        if 0.7 < factor < 1.4:
-            break
-    return size, strength
+    strength, degrees, clear = _added(name, excitation, noise, 1.0)
+    if not clear or strength < needed(degrees):
+        return 0.0, strength
+    low, high = -4.0, 0.0  # of the size's decimal logarithm; how λ goes with the size depends on the defect
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        found, degrees, _ = _added(name, excitation, noise, 10.0**middle)
+        low, high = (low, middle) if found > needed(degrees) else (middle, high)
+    return 10.0 ** (0.5 * (low + high)), strength
+
+
+def _added(name: str, excitation: str, noise: float, part: float) -> tuple[float, float, bool]:
+    """λ of a part of the nominal size by four runs, degrees of freedom, and whether λ is clear of the noise."""
+    looks = [look(name, excitation, part * DEFECTS[name].nominal, noise, 1_000_000 + run) for run in range(4)]
+    degrees = float(np.mean([one[2] for one in looks]))
+    added = float(np.mean([one[1] for one in looks])) - degrees
+    return math.sqrt(max(added, 0.0)), degrees, added > 3.0 * math.sqrt(0.5 * degrees)
 
 
 def needed(degrees: float) -> float:
