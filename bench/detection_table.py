@@ -111,7 +111,7 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
         "",
         "The size is the one that the χ² test should find in 95 of 100 runs, as trial runs have it; beside it, for",
         "parts and multiples of that size: runs with `lack_of_fit` (in brackets: with that or `nonlinear`); the λ that",
-        "was met, and the rate that the χ² test should have at that λ. No size: the nominal defect adds less than that.",
+        "was met, and the rate that the χ² test should have at that λ. No size: the nominal defect adds less.",
         "",
         "| defect | motion | size | " + " | ".join(f"× {part:g}" for part in parts) + " |",
         "|---|---|---|" + "---|" * len(parts),

@@ -64,8 +64,8 @@ def measure(options: Options) -> Section:
     remarks = (
         f"{runs} draws around the true response with the 21 standard uncertainties that `identify` states of the "
         "benchmark's records; both get the same numbers. By chance alone, one standard deviation: scatter ± "
-        f"{100 / np.sqrt(2 * (runs - 1)):.0f} %, coverage ± {100 * np.sqrt(0.95 * 0.05 / runs):.1f} %; the ratio of the "
-        "two scatters is closer, because the draws are the same.",
+        f"{100 / np.sqrt(2 * (runs - 1)):.0f} %, coverage ± {100 * np.sqrt(0.95 * 0.05 / runs):.1f} %; the ratio of "
+        "the two scatters is closer, because the draws are the same.",
     )
     return Section("fit_som", title, tuple(figures), {"runs": runs, "versions": versions}, remarks)
 
