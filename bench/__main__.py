@@ -25,6 +25,7 @@ SECTIONS = {
     "speed": "bench.speed",
     "cold": "bench.cold",
     "peers": "bench.against",
+    "fit_som": "bench.som",
 }
 
 

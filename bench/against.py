@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,9 @@ from bench.truth import COLUMNS, PARAMETERS, RATE_HZ, model, relative_errors
 from vibrident import Calibration, ResponseTable, identify
 from vibrident.estimators import Ipnn, MaximumLikelihood
 from vibrident.estimators.base import Estimate
+from vibrident.measure.response import ComplexArray
 from vibrident.problem import Evidence
+from vibrident.records import FloatArray
 
 HERE = Path(__file__).parent / "peers"
 #: Folder of the environments; BENCH_PEERS names another.
@@ -94,20 +96,32 @@ def _records(calibration: Calibration) -> list[Match]:
     return [match("L-BFGS", default), match("Adam, L-BFGS, D", longer)]
 
 
-def _response(calibration: Calibration) -> list[Match]:
+def measured_response(calibration: Calibration) -> tuple[FloatArray, ComplexArray, FloatArray]:
+    """Frequencies, complex sensitivities and the standard deviation of their parts, as measured; each of shape (n,)."""
     measured = identify(calibration, estimator="ml").measured
     frequency, magnitude, deviation = (
         np.array(column) for column in (measured.frequency_hz, measured.magnitude, measured.magnitude_uncertainty)
     )
     phase = np.deg2rad(np.array(measured.phase_deg, dtype=float))
-    sensitivity = magnitude * np.exp(1j * phase)
-    table = ResponseTable(frequency, magnitude, phase, deviation, deviation / magnitude)
+    return frequency, magnitude * np.exp(1j * phase), deviation
+
+
+def table_of(frequency: FloatArray, sensitivity: ComplexArray, deviation: FloatArray) -> ResponseTable:
+    """The same as magnitude and phase."""
+    size = np.abs(sensitivity)
+    return ResponseTable(frequency, size, np.angle(sensitivity), deviation, deviation / size)
+
+
+def _response(calibration: Calibration) -> list[Match]:
+    frequency, sensitivity, deviation = measured_response(calibration)
+    table = table_of(frequency, sensitivity, deviation)
     evidence = Evidence.gather(Calibration(table=table, model=calibration.model), model())
     _ = evidence.first_look
     data = {
         "frequency_hz": frequency,
         "parts": np.concatenate([sensitivity.real, sensitivity.imag]),
         "deviation": np.concatenate([deviation, deviation]),
+        "weighting": "cov",
     }
 
     def match(settings: str, uncertain: bool, repeats: int) -> Match:
@@ -143,9 +157,14 @@ def _played(match: Match, python: Path, pairs: int, versions: dict[str, Any]) ->
 
 
 def _peer(match: Match, python: Path) -> dict[str, Any]:
+    return ask(python, match.script, match.data)
+
+
+def ask(python: Path, script: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """What a peer's script answers to these arrays, in its environment."""
     with tempfile.TemporaryDirectory(prefix="vibrident-peer-") as folder:
         source, target = Path(folder) / "in.npz", Path(folder) / "out.json"
-        np.savez(source, **match.data)
-        command = [str(python), str(HERE / match.script), str(source), str(target)]
+        np.savez(source, **arrays)
+        command = [str(python), str(HERE / script), str(source), str(target)]
         subprocess.run(command, check=True, capture_output=True, text=True)
         return json.loads(target.read_text())

@@ -1,8 +1,9 @@
 """PyDynamic on the response of the benchmark, in its own environment: ``python pydynamic_peer.py IN.npz OUT.json``.
 
 IN: frequency_hz, shape (n,); parts and deviation of parts, shape (2 n,), real parts first; uncertain (with
-uncertainties, the fit weighted by them) and repeats. OUT: parameters, median seconds of ``fit_som`` after one
-untimed call, versions. Imports only what that environment holds.
+uncertainties), weighting (of the fit) and repeats; where there are draws, shape (m, 2 n), each is fitted too. OUT:
+parameters, median seconds of ``fit_som`` after one untimed call, versions, and values and standard uncertainties of the
+draws in the order of the parameters, each of shape (m, 3). Imports only what that environment holds.
 """
 
 import importlib.metadata
@@ -26,7 +27,8 @@ def main(source: str, target: str) -> None:
     frequency, parts = data["frequency_hz"], data["parts"]
     settings = {}
     if bool(data["uncertain"]):
-        settings = {"UH": data["deviation"], "weighting": "cov", "MCruns": MONTE_CARLO_RUNS}
+        weighting = str(data["weighting"]) or None  # empty: its default, equal weights
+        settings = {"UH": data["deviation"], "weighting": weighting, "MCruns": MONTE_CARLO_RUNS}
     np.random.seed(1)  # noqa: NPY002 - the generator it uses
     found = fit_som(frequency, parts, **settings)
     taken = []
@@ -42,6 +44,11 @@ def main(source: str, target: str) -> None:
     }
     versions = {name: importlib.metadata.version(name) for name in ("PyDynamic", "numpy", "scipy")}
     out = {"parameters": parameters, "seconds": float(np.median(taken)), "versions": versions}
+    if "draws" in data:
+        fits = [fit_som(frequency, draw, **settings) for draw in data["draws"]]
+        order = [0, 2, 1]  # it gives S0, damping, natural frequency
+        out["values"] = [np.asarray(values)[order].tolist() for values, _ in fits]
+        out["uncertainties"] = [np.sqrt(np.diag(covariance))[order].tolist() for _, covariance in fits]
     Path(target).write_text(json.dumps(out))
 
 

@@ -29,6 +29,7 @@ from vibrident.uncertainty import correlation, curve, doubts, parameter_table
 from vibrident.uncertainty.budget import Row, as_settings, effective_degrees_of_freedom, rows_of_effects
 from vibrident.uncertainty.curve import frequencies
 from vibrident.uncertainty.parameters import coverage_factor, slopes, unit_fields
+from vibrident.uncertainty.posterior import Sampling, sample_posterior, sampler
 
 Uncertainty = Literal["auto", "noise", "inflated"]
 EstimatorName = Literal["auto", "ipnn", "ml", "lsm"]
@@ -47,6 +48,7 @@ def identify(
     estimator: EstimatorName | Estimator = "auto",
     *,
     uncertainty: Uncertainty = "auto",
+    posterior: Sampling | None = None,
     progress: Progress = silent,
 ) -> Result:
     """Identify a sensor from its calibration.
@@ -61,6 +63,8 @@ def identify(
             ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
             records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
             uncertainties of a table are never scaled unasked.
+        posterior: settings for sampling the parameters' posterior distribution, which ``settings.posterior`` then
+            sums up; for the estimator ``ml``, with the extra ``bayes``. None: not sampled.
         progress: called after each iteration of the optimiser.
 
     Returns:
@@ -72,6 +76,8 @@ def identify(
         NotConverged: no start leads to a finite fit.
     """
     begin = time.perf_counter()
+    if posterior is not None:
+        sampler()  # before the fit that it would come after
     _looked_after()
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
@@ -85,6 +91,8 @@ def identify(
     doubtful = [*(ResultWarning(finding.code, finding.message) for finding in drifts), *stated.warnings]
     result = _result(evidence, estimate, judgement, replace(stated, warnings=doubtful))
     settings = {**result.settings, "estimator_choice": reason, "time_s": time.perf_counter() - begin}
+    if posterior is not None:
+        settings["posterior"] = sample_posterior(evidence, estimate, _data_scale(estimate, stated), posterior)
     return replace(result, settings=settings)
 
 
@@ -96,6 +104,12 @@ _count = itertools.count(1)
 def _looked_after() -> None:
     if next(_count) % LOOK_EVERY == 0:
         let_go_of_kernels()
+
+
+def _data_scale(estimate: Estimate, stated: _Stated) -> float:
+    """Factor on the data's standard deviations that the stated covariance carries: scatter, or the Birge ratio."""
+    part, whole = (float(np.trace(c)) for c in (estimate.covariance, stated.rows[0].covariance))
+    return float(np.sqrt(whole / part)) if part > 0.0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)

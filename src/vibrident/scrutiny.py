@@ -20,6 +20,7 @@ from vibrident.uncertainty.adequacy import Adequacy, Points
 from vibrident.uncertainty.agreement import estimators_disagree
 from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.band import band_sensitive
+from vibrident.uncertainty.bend import bend
 from vibrident.uncertainty.linearised import Linearised
 
 #: Another reading of the data is proposed where it fits this many times better, and well.
@@ -62,8 +63,11 @@ def _nonlinear(
             f"most at {worst.strongest} times that{more}; a linear sensor adds none."
         )
         yield ResultWarning("nonlinear", text)
+    if not evidence.model.is_linear:
+        return
+    yield from _bent(evidence, estimate, judgement)
     tones = judgement.tones
-    if tones is None or alone is None or not evidence.model.is_linear:
+    if tones is None or alone is None:
         return
     points = judgement.points[0]
     values = estimate.coordinates.values(estimate.z)
@@ -73,6 +77,27 @@ def _nonlinear(
         text = (
             f"The response depends on the amplitude, as with a spring that is not linear: up to "
             f"{100 * found.largest:.2g} % at the tones ({found.sigma:.1f} standard deviations)."
+        )
+        yield ResultWarning("nonlinear", text)
+
+
+def _bent(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
+    """A spring that is not linear, under motion that is not a sine."""
+    core = evidence.model.core
+    moved = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
+    if core.name != "accelerometer" or not moved or estimate.settings.get("discretisation") != "bandlimited":
+        return
+    values = estimate.coordinates.values(estimate.z)
+    alone, gain = SensorModel(core.name, core), values[evidence.model.gain_name]
+    found = bend(
+        [evidence.records[i] for i in moved],
+        [judgement.predicted[i] for i in moved],
+        lambda frequency: np.asarray(alone.frequency_response(values, frequency)) / gain,
+    )
+    if found is not None:
+        text = (
+            f"The spring is not linear: what a cubic stiffness would add is {100 * found.share:.2g} % of the response "
+            f"and stands out of the residual by {found.sigma:.1f} standard deviations."
         )
         yield ResultWarning("nonlinear", text)
 

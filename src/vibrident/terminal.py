@@ -25,6 +25,7 @@ __all__ = [
     "fit_line",
     "inspection_table",
     "model_table",
+    "posterior_table",
     "summary",
     "truth_table",
     "warning_lines",
@@ -142,6 +143,19 @@ def weights_table(result: Result) -> Table:
     table.add_column("value", no_wrap=True)
     for row in weight_rows(result.weights):
         table.add_row(*(_plain(cell) for cell in (row.name, row.layer, row.euler, "\n".join(row.lines))))
+    return table
+
+
+def posterior_table(result: Result) -> Table:
+    """What the sampled posterior says of each parameter, in ``settings.posterior``."""
+    table = _table("Posterior distribution")
+    for header in ("mean", "standard deviation", "95 % credible interval", "unit", "R̂", "effective draws"):
+        table.add_column(header, justify="right", no_wrap=True)
+    for key, row in result.settings["posterior"]["parameters"].items():
+        low, high = row["interval_95"]
+        cells = (f"{row['mean']:.6g}", f"{row['standard_deviation']:.2g}", f"{low:.6g} to {high:.6g}")
+        more = (pretty(result.parameters[key].unit), f"{row['r_hat']:.3f}", f"{row['effective_sample_size']:.0f}")
+        table.add_row(*(_plain(cell) for cell in (words.parameter_name(key).words, *cells, *more)))
     return table
 
 

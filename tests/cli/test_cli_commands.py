@@ -316,3 +316,16 @@ def test_true_values_that_cannot_be_read(tmp_path):
     (tmp_path / "truth.json").write_text('{"schema": "vibrident.truth/1", "parameters": {"a": 1}}')
     with pytest.raises(InputError, match="true values"):
         read_truth(tmp_path / "truth.json")
+
+
+def test_identify_samples_the_posterior_where_asked(run, made, tmp_path):
+    done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", "--posterior")
+    assert done.exit_code == 0, done.output
+    document = json.loads((tmp_path / "result.json").read_text())
+    rows = document["settings"]["posterior"]["parameters"]
+    assert set(rows) == set(document["parameters"])
+    assert "Posterior distribution" in done.output
+    refused = run("identify", made / "calibration.toml", "--out", tmp_path / "no", "--estimator", "ipnn", "--posterior")
+    assert refused.exit_code == 2
+    assert "--estimator ml" in refused.output
+    assert not (tmp_path / "no" / "result.json").exists()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from known import DECENT, known_result
@@ -86,6 +88,31 @@ def test_within_half_a_percent_where_the_raw_output_is_off(sensor: str, pulse: f
         result = known_result(truth.model, truth.parameters, small, rng=rng)
         found = vibrident.correct(result, with_noise(clean, response_noise=1e-4, seed=seed)).corrections[0].peak
         assert found.value == pytest.approx(peak, rel=5e-3)
+
+
+def test_the_misfit_of_a_rejected_model_is_in_the_interval() -> None:
+    """A second mode of 2 % within the calibrated band, left out: the peaks are off, and the intervals know by how much.
+
+    Without the misfit (``adequate`` set by hand) the same calibrations state a u that is many times too small.
+    """
+    values = {**SENSORS["paper"].parameters, "mode2_frequency": 300.0, "mode2_damping": 0.05, "mode2_gain": 0.02}
+    tones = np.geomspace(20.0, 1500.0, 16).tolist()
+    sensor = ("accelerometer+mode2", values)
+    shape = {"sampling_rate_hz": 51200.0, "samples": 4000}
+    sines = simulate(sensor, "sine", frequencies_hz=tones, start="steady", amplitude=9.8, response_noise=1e-3, **shape)
+    result = vibrident.identify(sines, model="accelerometer")
+    assert not result.fit.adequate
+    trusted = replace(result, fit=replace(result.fit, adequate=True))
+    with_misfit, without = [], []
+    for pulse in np.geomspace(0.7e-3, 8e-3, 12):
+        noisy = simulate(sensor, HalfSineShock(9.8, pulse, 0.012), response_noise=1e-3, **shape)
+        peak = float(np.max(np.abs(resample(noisy.records[0].reference, 8 * 4000))))
+        for sensor_result, offs in ((result, with_misfit), (trusted, without)):
+            found = vibrident.correct(sensor_result, noisy).corrections[0].peak
+            offs.append((found.value - peak) / found.standard_uncertainty)
+    assert np.mean(np.abs(with_misfit) < 2.0) > 0.9
+    assert np.sqrt(np.mean(np.square(with_misfit))) > 0.2  # and the interval is no excuse for anything
+    assert np.sqrt(np.mean(np.square(without))) > 2.0 * np.sqrt(np.mean(np.square(with_misfit)))
 
 
 def test_every_sample_has_an_uncertainty_that_covers() -> None:

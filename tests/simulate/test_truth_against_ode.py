@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from vibrident.errors import InputError
 from vibrident.models import parse
 from vibrident.simulation import (
     BandLimitedRandom,
@@ -117,6 +118,25 @@ def test_steady_tones_have_the_frequency_response(model, p):
     coefficients = np.linalg.lstsq(np.hstack([basis.real, -basis.imag]), y, rcond=None)[0]
     found = (coefficients[:3] + 1j * coefficients[3:]) / motion.tones.phasor
     np.testing.assert_allclose(found, m.frequency_response(p, f), rtol=1e-11)
+
+
+@pytest.mark.parametrize(("name", "start"), [*((m, "rest") for m in MOTIONS), *((m, "steady") for m in TONAL)])
+def test_a_boxcar_averages_the_response_over_its_window(name, start):
+    """∫ V(t − u) du / L by 200 Gauss–Legendre nodes: V at each node is that of a sensor with a delay u."""
+    length = 7.3 / RATE
+    found = exact("accelerometer+boxcar", ACCELEROMETER | {"boxcar_length": length}, MOTIONS[name], start)
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    expected = np.zeros(SAMPLES)
+    for node, weight in zip(nodes, weights, strict=True):
+        late = ACCELEROMETER | {"delay": 0.5 * length * (1.0 + node)}
+        expected += 0.5 * weight * exact("accelerometer+delay", late, MOTIONS[name], start)
+    # At the corners of a motion V has a jump in its second derivative or higher, which costs the quadrature digits.
+    assert relative(found, expected) < (1e-11 if start == "steady" else 1e-7)
+
+
+def test_what_averages_cannot_be_held_until_it_is_let_go():
+    with pytest.raises(InputError, match="averages"):
+        exact("accelerometer+boxcar", ACCELEROMETER | {"boxcar_length": 1e-3}, Decay(9.8))
 
 
 @pytest.mark.parametrize("name", TONAL)

@@ -9,6 +9,7 @@ from scipy.stats import t as student
 import vibrident
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.verdict import rejected
 from vibrident.records import Calibration
 from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
 from vibrident.uncertainty.parameters import coverage_factor
@@ -82,6 +83,20 @@ def test_adequate_models_are_hardly_ever_rejected_and_a_forgotten_delay_always(t
         for s in range(20)
     ]
     assert all(found)
+
+
+@pytest.mark.parametrize(("freedom", "points"), [(10.0, 75), (20.0, 75), (50.0, 12), (1e6, 12)])
+def test_the_level_of_the_verdict_is_what_it_says(freedom: float, points: int) -> None:
+    """Rejections of right models at the level 10⁻³, by Monte Carlo over squares whose variances are estimated."""
+    rng, runs, parameters = np.random.default_rng(1), 40_000, 3
+    counted = 0
+    for _ in range(10):
+        squares = rng.chisquare(2.0, (runs // 10, points)) / (rng.chisquare(freedom, (runs // 10, points)) / freedom)
+        degrees = 2 * points - parameters
+        chi2 = np.sum(squares, axis=1) * (1.0 - 2.0 / freedom) * degrees / (2 * points)
+        known = np.full(points, freedom)
+        counted += sum(rejected(float(value), degrees, known) for value in chi2)
+    assert 3e-4 < counted / runs < 3e-3
 
 
 @pytest.mark.parametrize("freedom", [3.0, 10.0, 1e4])

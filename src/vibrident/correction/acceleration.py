@@ -5,7 +5,8 @@
 Its uncertainty has these origins, each a series over the samples:
 
 - noise: of the response, with its spectrum, through the filter;
-- model: the covariance of the parameters through ∂â/∂θ, with their correlation;
+- model: the covariance of the parameters through ∂â/∂θ, with their correlation; and, of a model that its calibration
+  rejected, a relative error as large as its deviations from the measured points;
 - band: what the low-pass removes: it is to the highest octave kept, at each instant, as the spectrum beyond the band
   is to that octave's (an envelope where the spectrum has sunk in the noise);
 - offset: of the response, where a rest before the motion tells it;
@@ -233,11 +234,19 @@ def _components(
         offset = np.zeros(values.size)
     return {
         "noise": compensation.noise_deviation(around),
-        "model": np.sqrt(np.maximum(variance, 0.0)),
+        "model": np.hypot(np.sqrt(np.maximum(variance, 0.0)), _misfit(spectrum, compensation)),
         "band": _removed(spectrum, compensation, around, found),
         "offset": offset,
         "ends": compensation.end_deviation(values),
     }
+
+
+def _misfit(spectrum: np.ndarray, compensation: Compensation) -> FloatArray:
+    """Standard uncertainty for the misfit of a rejected model: that part of what moves nearby; shape (samples,)."""
+    values = compensation.restored(spectrum)
+    width = max(1, round(LOCAL_PERIODS * compensation.rate / compensation.band.high_hz))
+    nearby = np.sqrt(np.maximum(ndimage.uniform_filter1d(values**2, width, mode="nearest"), 0.0))
+    return compensation.sensor.misfit * np.maximum(np.abs(values), nearby)
 
 
 def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundings, found: Content) -> FloatArray:

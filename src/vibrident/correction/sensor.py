@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +30,14 @@ class KnownSensor:
         values: name to value, SI units, frequencies in Hz.
         covariance: of the values in the model's order, shape (parameters, parameters).
         degrees_of_freedom: behind the covariance.
+        misfit: relative error of a model that its calibration rejected, as large as at the measured points; else 0.
     """
 
     model: SensorModel
     values: Mapping[str, float]
     covariance: FloatArray
     degrees_of_freedom: float = np.inf
+    misfit: float = 0.0
 
     @classmethod
     def of(cls, result: Result) -> KnownSensor:
@@ -81,7 +83,7 @@ class KnownSensor:
         correlation = np.array(result.correlation.matrix, dtype=float)[np.ix_(order, order)]
         freedom = result.settings.get("effective_degrees_of_freedom")
         freedom = float(freedom) if freedom is not None else np.inf
-        return cls(model, values, correlation * np.outer(deviation, deviation), freedom)
+        return cls(model, values, correlation * np.outer(deviation, deviation), freedom, _misfit(result))
 
     def response(self, frequency_hz: FloatArray) -> ComplexArray:
         """Complex sensitivity to acceleration, response unit per m/s²; shape (points,)."""
@@ -110,3 +112,19 @@ class KnownSensor:
         while count < len(numerator) and numerator[count] == 0.0:
             count += 1
         return count
+
+
+def _misfit(result: Result) -> float:
+    """Rms relative deviation of a rejected model from the measured points, beyond their uncertainty."""
+    measured = result.measured
+    if result.fit.adequate or not measured.frequency_hz:
+        return 0.0
+
+    def squares(column: Sequence[float | None], scale: FloatArray | float) -> FloatArray:
+        return np.array([0.0 if value is None else value for value in column]) ** 2 * np.square(scale)
+
+    degree = np.pi / 180.0
+    found = squares(measured.deviation_percent, 0.01) + squares(measured.deviation_phase_deg, degree)
+    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(np.array(measured.magnitude)))
+    known += squares(measured.phase_deg_uncertainty, degree)
+    return float(np.sqrt(max(np.mean(found - known), 0.0)))

@@ -9,6 +9,8 @@ from vibrident.records import FloatArray
 
 #: A model is rejected below this probability.
 REJECTION = 1e-3
+#: Variances of fewer degrees of freedom are taken as of these: theirs has no spread to speak of.
+LEAST_FREEDOM = 6.0
 
 
 def probability(chi2: float, degrees: int, freedom: FloatArray | None = None) -> float:
@@ -17,12 +19,17 @@ def probability(chi2: float, degrees: int, freedom: FloatArray | None = None) ->
     Args:
         chi2: sum of squared deviations over their variance.
         degrees: degrees of freedom.
-        freedom: degrees of freedom behind each variance, where variances are estimates; they widen χ² by 1 + 4/ν.
+        freedom: degrees of freedom behind each variance, where variances are estimates. With the mean brought back by
+            1 − 2/ν, each square of two parts then has ν/(ν − 4) times the variance of a χ² (it is an F's), and the sum
+            is compared with the multiple of a χ² that has its mean and variance (Satterthwaite 1946).
     """
     if degrees <= 0:
         return 1.0
-    spread = 1.0 if freedom is None else 1.0 + 4.0 / float(np.mean(freedom))
-    return float(chdtrc(degrees, chi2 / spread))
+    spread = 1.0
+    if freedom is not None:
+        known = np.maximum(freedom, LEAST_FREEDOM)
+        spread = float(np.mean(known / (known - 4.0)))
+    return float(chdtrc(degrees / spread, chi2 / spread))
 
 
 def rejected(chi2: float, degrees: int, freedom: FloatArray | None = None) -> bool:

@@ -79,6 +79,17 @@ class Coordinates:
         scale = {"time": 1.0 / unit, "inverse": size, "inverse_square": size**2}
         return np.array([steps.get(kind, v * scale.get(kind, 1.0)) for kind, v in pairs])
 
+    @property
+    def edges(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinate of the range searched, each of shape (parameters,); infinite where open."""
+        low, high = float(self.band_hz[0]) / MARGIN_BELOW, float(self.band_hz[1]) * BAND_MARGIN
+        ends = {"log": (low, high), "duration": (1.0 / (BAND_MARGIN * high), 1.0 / low)}
+        rows = [
+            np.log(np.array(ends[spec.kind]) / float(start)) if spec.kind in ends else np.array([-np.inf, np.inf])
+            for spec, start in zip(self.model.parameters, np.asarray(self.start), strict=True)
+        ]
+        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
     def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced. ``xp``: array library of the few functions needed."""
         values = {}

@@ -57,9 +57,9 @@ def rk4_response(
         where="simulate",
         remedy="correct substeps",
     )
-    if not model.is_linear:
+    if not (model.is_linear and model.has_network):
         raise ModelError(
-            "Runge–Kutta of fourth order simulates linear sensors.",
+            "Runge–Kutta of fourth order simulates linear sensors that are rational up to a delay.",
             expected="method 'exact' for this model",
             found=f"method 'rk4' with {model.name!r}",
             where="simulate",

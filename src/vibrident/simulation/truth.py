@@ -3,12 +3,14 @@
 Sums of tones: steady response through the frequency response, plus the free motion that meets the start condition.
 Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
 Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`). Cubic stiffness: what it adds to the
-linear sensor's response, integrated (:mod:`vibrident.simulation.cubic`).
+linear sensor's response, integrated (:mod:`vibrident.simulation.cubic`). An average over a window: the difference of
+the response's integral at the window's ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +18,7 @@ import numpy as np
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES, Rational
 from vibrident.records import FloatArray, Quantity
+from vibrident.simulation.checks import require
 from vibrident.simulation.excitation import Decay, HalfSineShock
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.linear import LinearSystem, exponential, propagate
@@ -54,6 +57,8 @@ def exact_response(
         InputError: an undamped sensor is excited at its natural frequency, or the motion is too rough.
     """
     grid = SampleGrid(-float(model.delay_s(parameters)), sampling_rate_hz, samples)
+    if not model.has_network:
+        return _averaged(model, parameters, motion, grid, start)
     system = LinearSystem.of(model.rational(parameters))
     if not model.is_linear:
         from vibrident.simulation.cubic import cubic_response  # loads JAX
@@ -67,6 +72,25 @@ def exact_response(
             held=_held(system, motion),
         )
     return system_response(system, motion, grid, start)
+
+
+def _averaged(
+    model: SensorModel, parameters: Mapping[str, float], motion: Motion, grid: SampleGrid, start: Start
+) -> FloatArray:
+    """The mean of the response over the window that ends at each instant (``boxcar``)."""
+    require(
+        not isinstance(motion, Decay) and model.is_linear,
+        "A sensor that averages is simulated with a linear core, and with motion that begins at or after t = 0.",
+        expected="an excitation other than 'decay', and a model without 'cubic'",
+        found=f"{motion.kind!r} with {model.name!r}",
+        where="simulate",
+        remedy="leave the boxcar or the decay out",
+    )
+    length, rational = float(parameters["boxcar_length"]), model.rational(parameters)
+    integral = LinearSystem.of(replace(rational, denominator=(0.0, *rational.denominator)))
+    early = replace(grid, start_s=grid.start_s - length)
+    end, begin = (system_response(integral, motion, instants, start) for instants in (grid, early))
+    return (end - begin) / length
 
 
 def _has_tones(motion: Motion) -> bool:

@@ -76,6 +76,14 @@ _Residual = Annotated[
         rich_help_panel=_DETAILS,
     ),
 ]
+_Posterior = Annotated[
+    bool,
+    typer.Option(
+        "--posterior",
+        help="ml: sample the parameters' posterior too, and print it; for what is weakly determined. Needs the extra "
+        "bayes.",
+    ),
+]
 
 
 def identify(
@@ -110,6 +118,7 @@ def identify(
     learning_rate: _LearningRate = None,
     weighting: _Weighting = None,
     residual: _Residual = False,
+    posterior: _Posterior = False,
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
 
@@ -118,7 +127,8 @@ def identify(
     settings = EstimatorOptions(discretisation, optimiser, steps, learning_rate, weighting, residual or None)
     checked(estimator_name, settings, weights=weights)
     with written_whole(folder) as output:
-        result = _identified(calibration, model, (estimator_name, settings), uncertainty, output.path, plots)
+        how = {"uncertainty": uncertainty, "posterior": posterior}
+        result = _identified(calibration, model, (estimator_name, settings), how, output.path, plots)
     _show(result, output.files, quiet=quiet, weights=weights)
     if strict and result.warnings:
         note(f"Strict: the result carries a warning ({', '.join(result.warning_codes)}).")
@@ -126,7 +136,7 @@ def identify(
 
 
 def _identified(
-    file: Path, model: str | None, chosen: tuple[str, EstimatorOptions], uncertainty: Any, place: Path, plots: bool
+    file: Path, model: str | None, chosen: tuple[str, EstimatorOptions], how: dict[str, Any], place: Path, plots: bool
 ) -> Any:
     from vibrident.io import read
 
@@ -138,8 +148,17 @@ def _identified(
     with painters(wanted=plots) as artists:
         with Busy("Identifying") as progress:
             from vibrident.identification import identify as run
+            from vibrident.uncertainty.posterior import Sampling
 
-            result = run(calibration, model, estimator(*chosen), uncertainty=uncertainty, progress=progress)
+            sampling = Sampling() if how["posterior"] else None
+            result = run(
+                calibration,
+                model,
+                estimator(*chosen),
+                uncertainty=how["uncertainty"],
+                posterior=sampling,
+                progress=progress,
+            )
         saved = result.save(place / "result.json")
         if plots:
             with Busy("Drawing"):
@@ -157,6 +176,9 @@ def _show(result: Any, files: list[Path], *, quiet: bool, weights: bool) -> None
         out().print(terminal.summary(result, files), crop=False)  # a path is never cut
         if residual := result.settings.get("residual_network"):
             out().print(_residual_line(residual), soft_wrap=True)
+        if posterior := result.settings.get("posterior"):
+            out().print(terminal.posterior_table(result), crop=False)
+            out().print(_posterior_line(posterior), soft_wrap=True)
     if weights and result.weights:
         out().print(terminal.weights_table(result))
     elif weights:
@@ -170,3 +192,12 @@ def _residual_line(residual: dict[str, Any]) -> str:
         f"Learned residual ({' and '.join(residual['structure'])}): {100 * residual['share']:.3g} % of the response; "
         f"rmse {residual['rmse']:.3g}, of the physics alone {residual['rmse_of_physics_alone']:.3g}."
     )
+
+
+def _posterior_line(posterior: dict[str, Any]) -> str:
+    words = f"Posterior: {posterior['chains']} chains of {posterior['draws']} draws, {posterior['sampler']}."
+    if names := posterior["ends_by_prior"]:
+        words += f" The range searched, not the data, ends {', '.join(names)} on one side at least."
+    if not posterior["converged"]:
+        words += " The chains do not agree, or steps diverged: take it as a warning and not as numbers."
+    return words

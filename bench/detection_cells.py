@@ -1,0 +1,223 @@
+"""The cells of the detection study: what the sensor has and the fitted model lacks, how it is shaken, and the noise."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
+
+from vibrident import identify
+from vibrident.measure.verdict import REJECTION
+from vibrident.records import Calibration
+from vibrident.simulation import SENSORS, simulate, with_noise
+
+FITTED = "accelerometer"
+SAMPLES, SEED = 4000, 2
+_PAPER = dict(SENSORS["paper"].parameters)
+#: A micromechanical sensor: far below its resonance, but for what averages its samples.
+_MEMS = {"sensitivity": 0.1, "natural_frequency": 4000.0, "damping_ratio": 0.05}
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Something that the sensor has and the fitted model lacks.
+
+    Attributes:
+        name: short name.
+        title: what it is.
+        model: the sensor's true model.
+        sensor: its parameters but for the defect.
+        parameters: the defect's parameters, given its size.
+        nominal: the size that must be detected.
+        write: a size in words.
+        band_hz: lowest and highest frequency of the sines; random and sweep go as far.
+        rate_hz: samples per second.
+    """
+
+    name: str
+    title: str
+    model: str
+    sensor: Mapping[str, float]
+    parameters: Callable[[float], Mapping[str, float]]
+    nominal: float
+    write: Callable[[float], str]
+    band_hz: tuple[float, float]
+    rate_hz: float
+
+
+_BAND = (30.0, 1000.0)
+DEFECTS = {
+    defect.name: defect
+    for defect in (
+        Defect(
+            "mode2",
+            "a second mode at 300 Hz, damping 0.02, of this gain",
+            "accelerometer+mode2",
+            _PAPER,
+            lambda gain: {"mode2_frequency": 300.0, "mode2_damping": 0.02, "mode2_gain": gain},
+            0.01,
+            lambda gain: f"{100.0 * gain:.2g} %",
+            _BAND,
+            25_600.0,
+        ),
+        Defect(
+            "delay",
+            "a delay of the response",
+            "accelerometer+delay",
+            _PAPER,
+            lambda delay: {"delay": delay},
+            10e-6,
+            lambda delay: f"{1e6 * delay:.2g} µs",
+            _BAND,
+            25_600.0,
+        ),
+        Defect(
+            "cubic",
+            "a spring with this third harmonic at 1 g, well below resonance",
+            "accelerometer+cubic",
+            _PAPER,
+            # k3 A²/4 of the fundamental A, which is 1.02 V
+            lambda third: {"cubic_stiffness": 4.0 * third / 1.02**2},
+            0.01,
+            lambda third: f"{100.0 * third:.2g} %",
+            _BAND,
+            25_600.0,
+        ),
+        Defect(
+            "boxcar",
+            "an average over this window, resonance at 4 kHz",
+            "accelerometer+boxcar",
+            _MEMS,
+            lambda length: {"boxcar_length": length},
+            2e-3,
+            lambda length: f"{1e3 * length:.2g} ms",
+            (5.0, 250.0),
+            4_000.0,
+        ),
+    )
+}
+EXCITATIONS = ("sine", "random", "sweep")
+NOISES = (0.01, 0.001)
+#: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; nothing at all is the first.
+CURVE = (0.0, 0.5, 0.75, 1.0, 1.5)
+DETECTED = 0.95
+#: Halvings of the interval in which the size of 95 % lies: to a hundredth of a decade.
+STEPS = 8
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One defect, excitation, noise; ``part`` is a part of the size of 95 %, None for the nominal size."""
+
+    defect: str
+    excitation: str
+    noise: float
+    part: float | None = None
+
+    @property
+    def name(self) -> str:
+        """For files and the command line."""
+        size = "nominal" if self.part is None else f"{self.part:g}"
+        return f"{self.defect}/{self.excitation}/{self.noise:g}/{size}"
+
+    @property
+    def size(self) -> float:
+        """Of the defect."""
+        nominal = DEFECTS[self.defect].nominal
+        return (
+            nominal if self.part is None else self.part * nominal * sized(self.defect, self.excitation, self.noise)[0]
+        )
+
+
+_ROWS = tuple(itertools.product(DEFECTS, EXCITATIONS, NOISES))
+NOMINAL = tuple(Cell(*row) for row in _ROWS)
+#: Curves where 1 % of noise makes the defect hard to see; the sensors without a defect, at both noises.
+CURVES = tuple(
+    Cell(*row, part)
+    for row, part in itertools.product(_ROWS, CURVE)
+    if (row[2] == NOISES[0] and row[1] != "sweep") or (part == 0.0 and row[0] in ("mode2", "boxcar"))
+)
+CELLS = (*NOMINAL, *CURVES)
+
+
+@functools.lru_cache(maxsize=8)
+def truth(name: str, excitation: str, size: float) -> Calibration:
+    """The calibration without noise."""
+    defect = DEFECTS[name]
+    model, parameters = defect.model, {**defect.sensor, **defect.parameters(size)}
+    if size == 0.0:
+        model, parameters = FITTED, dict(defect.sensor)
+    low, high = defect.band_hz
+    shape = {"sampling_rate_hz": defect.rate_hz, "samples": SAMPLES, "amplitude": 9.80665, "seed": SEED}
+    if excitation == "sine":
+        tones = np.geomspace(low, high, 12).tolist()
+        return simulate((model, parameters), "sine", frequencies_hz=tones, start="steady", **shape)
+    return simulate((model, parameters), excitation, frequencies_hz=[low, high], repeats=2, start="rest", **shape)
+
+
+def look(name: str, excitation: str, size: float, noise: float, run: int) -> tuple[tuple[str, ...], float, int]:
+    """Warnings, χ² and degrees of freedom of one run of the model that lacks the defect."""
+    calibration = with_noise(truth(name, excitation, size), response_noise=noise, seed=_seed(run))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = identify(calibration, model=FITTED)
+    degrees = result.fit.degrees_of_freedom
+    return result.warning_codes, (result.fit.chi2_reduced or math.nan) * degrees, degrees
+
+
+def _seed(run: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(SEED, spawn_key=(run,))
+
+
+@functools.lru_cache(maxsize=64)
+def sized(name: str, excitation: str, noise: float) -> tuple[float, float]:
+    """Size, over the nominal, that a χ² test should detect in 95 of 100 runs; the misfit of the nominal in σ, λ.
+
+    λ² is what the defect adds to χ²: the squared misfit that is left after the best fit, over the noise. It grows with
+    the size, and the size sought is where it has the value that is needed. (0, λ) where the nominal defect adds less.
+    """
+    strength, degrees, clear = _added(name, excitation, noise, 1.0)
+    if not clear or strength < needed(degrees):
+        return 0.0, strength
+    low, high = -4.0, 0.0  # of the size's decimal logarithm; how λ goes with the size depends on the defect
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        found, degrees, _ = _added(name, excitation, noise, 10.0**middle)
+        low, high = (low, middle) if found > needed(degrees) else (middle, high)
+    return 10.0 ** (0.5 * (low + high)), strength
+
+
+def _added(name: str, excitation: str, noise: float, part: float) -> tuple[float, float, bool]:
+    """λ of a part of the nominal size by four runs, degrees of freedom, and whether λ is clear of the noise."""
+    looks = [look(name, excitation, part * DEFECTS[name].nominal, noise, 1_000_000 + run) for run in range(4)]
+    degrees = float(np.mean([one[2] for one in looks]))
+    added = float(np.mean([one[1] for one in looks])) - degrees
+    return math.sqrt(max(added, 0.0)), degrees, added > 3.0 * math.sqrt(0.5 * degrees)
+
+
+def needed(degrees: float) -> float:
+    """λ at which the χ² test with these degrees of freedom rejects in 95 of 100 cases."""
+    limit = float(chi2.isf(REJECTION, degrees))
+    return math.sqrt(brentq(lambda power: float(ncx2.sf(limit, degrees, power)) - DETECTED, 1e-6, 10.0 * limit + 1e3))
+
+
+def block(name: str, first: int, count: int) -> dict:
+    """Some runs of a cell: the warnings of each, its χ² and degrees of freedom."""
+    cell = next(cell for cell in CELLS if cell.name == name)
+    looks = [look(cell.defect, cell.excitation, cell.size, cell.noise, run) for run in range(first, first + count)]
+    return {
+        "cell": name,
+        "first": first,
+        "count": count,
+        "size": cell.size,
+        "flags": [list(flags) for flags, _, _ in looks],
+        "chi2": [value for _, value, _ in looks],
+        "degrees": [degrees for _, _, degrees in looks],
+    }
