@@ -1,0 +1,1 @@
+"""One joint fit of several calibrations of one sensor."""
