@@ -48,6 +48,7 @@ class Descent:
         numbers: the parameters of the joint fit.
         places: of each calibration.
         balance: the joint estimate.
+        near: each calibration's residual near it.
         trace: of the optimiser.
         alone: calibrations whose own estimate is of use; the fits of the others ended where the joint one betters them,
             or too far from it to be told from there.
@@ -57,6 +58,7 @@ class Descent:
     numbers: tuple[Joint, ...]
     places: tuple[Place, ...]
     balance: Balance
+    near: tuple[Score, ...]
     trace: Trace
     alone: tuple[int, ...]
     fitted: tuple[Fitted, ...]
@@ -112,7 +114,7 @@ def descend(
         lost |= left
     trace = _followed(trace, balance.theta, summed(parts, [score.local for score in near]))
     alone = tuple(i for i in range(len(fitted)) if i not in lost)
-    return Descent(numbers, parts, balance, trace, alone, tuple(fitted))
+    return Descent(numbers, parts, balance, tuple(near), trace, alone, tuple(fitted))
 
 
 @dataclass(frozen=True, eq=False)
