@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from vibrident.joint.sharing import joined
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
 from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
+from vibrident.uncertainty.parameters import parameter_table, unit_fields
 
 #: What is covered of a calibration whose own fit is of no use.
 RESIDUAL = "what its residual holds at the joint fit, noise and misfit (its own fit was of no use)"
@@ -124,8 +125,7 @@ def _documents(descent: Descent, uncertainty: Uncertainty) -> list[Result]:
         results.append(document(one, rows, told))
     if count == 1:
         return results
-    separate = [document(one, own_rows(one, uncertainty)) if i in descent.alone else None
-                for i, one in enumerate(descent.fitted)]  # fmt: skip
+    separate = [_alone(one, uncertainty) if i in descent.alone else None for i, one in enumerate(descent.fitted)]
     about = _about(descent, labels, results, separate, consistency)
     return [
         replace(result, settings={**result.settings, "joint": {"position": i, **about}})
@@ -229,7 +229,7 @@ def _about(
     descent: Descent,
     labels: Sequence[str],
     results: Sequence[Result],
-    separate: Sequence[Result | None],
+    separate: Sequence[Mapping[str, Parameter] | None],
     consistency: Consistency | None,
 ) -> dict[str, Any]:
     """What ``settings["joint"]`` holds."""
@@ -266,8 +266,16 @@ def _about(
     }  # fmt: skip
 
 
-def _parameter(result: Result | None, name: str) -> Parameter | None:
-    return None if result is None else result.parameters[name]
+def _alone(one: Fitted, uncertainty: Uncertainty) -> dict[str, Parameter]:
+    """The parameters of a separate fit, with everything that its own budget holds."""
+    rows, estimate = own_rows(one, uncertainty), one.estimate
+    covariance = np.sum([row.covariance for row in rows], axis=0)
+    units = unit_fields(one.evidence.calibration)
+    return parameter_table(estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {})
+
+
+def _parameter(table: Mapping[str, Parameter] | None, name: str) -> Parameter | None:
+    return None if table is None else table[name]
 
 
 def _stated(parameter: Parameter | None) -> dict[str, float | None] | None:
