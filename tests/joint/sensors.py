@@ -15,13 +15,14 @@ MECHANICS = {"natural_frequency": 630.0, "damping_ratio": 0.2}
 SENSITIVITY = {"sensitivity": 0.1}
 #: Relative standard uncertainty of a table's magnitudes, and of its phases in rad.
 NOISE = 0.003
+POINTS_HZ = np.geomspace(50.0, 1500.0, 12)
 
 
 def table(
     seed: int,
     model: str = "accelerometer",
     values: Mapping[str, float] = MECHANICS | SENSITIVITY,
-    frequency_hz: np.ndarray = np.geomspace(50.0, 1500.0, 12),
+    frequency_hz: np.ndarray = POINTS_HZ,
     **more: Any,
 ) -> Calibration:
     """A table of sine points; ``more`` goes to the calibration."""

@@ -119,7 +119,7 @@ def identify(
             "--share",
             metavar="A,B",
             help="Several files: the parameters they share, these and no others.",
-            show_default="the mechanics; gains where outputs are alike",
+            show_default="the oscillator, and gains of like outputs",
         ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
@@ -147,7 +147,7 @@ def identify(
     shared = options.listed("--share")(share)
     if shared and len(calibrations) == 1:
         raise _several("--share", f"--share {share}")
-    asked = _Asked(calibrations, options.listed("--model")(model), (estimator_name, settings), uncertainty, shared)
+    asked = _Asked(calibrations, _models(model), (estimator_name, settings), uncertainty, shared)
     with written_whole(folder) as output:
         results = _identified(asked, output.path, plots)
     _show(results, output.files, quiet=quiet, weights=weights)
@@ -166,6 +166,11 @@ class _Asked:
     estimator: tuple[str, EstimatorOptions]
     uncertainty: Any
     share: list[str] | None
+
+
+def _models(text: str | None) -> list[str] | None:
+    """Names joined by commas; the same one may stand for several files."""
+    return None if text is None else [part.strip() for part in text.split(",")]
 
 
 def _several(option: str, found: str) -> InputError:
