@@ -6,9 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
-from conftest import SMALL
 from vibrident.result import Result
 
+#: As the calibration `made` of the folder's conftest.
+SMALL = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "--samples", "2000", "--response-noise", "0.01")
 MECHANICS = ("natural_frequency", "damping_ratio")
 
 
