@@ -244,4 +244,5 @@ def _followed(trace: Trace, theta: FloatArray, objective: Callable[[Any, Any], L
     """The way with the last step, by the moments."""
     cost = float(objective(theta, None).cost)
     path = np.concatenate([trace.coordinates, theta[None]])
-    return Trace(trace.optimiser, trace.converged, trace.status, (*trace.costs, cost), path)
+    status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"
+    return Trace(trace.optimiser, trace.converged, status, (*trace.costs, cost), path)
