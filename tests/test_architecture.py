@@ -38,6 +38,7 @@ LAYERS = (
     "assemble",
     "scrutiny",
     "identification",
+    "joint",
     "validation",
     "prediction",
     "correction",

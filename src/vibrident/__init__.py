@@ -25,6 +25,7 @@ _WHERE = {
     "VibridentError": "vibrident.errors",
     "read": "vibrident.io",
     "identify": "vibrident.identification",
+    "identify_together": "vibrident.joint",
     "simulate": "vibrident.simulation",
     "predict": "vibrident.prediction",
     "correct": "vibrident.correction",

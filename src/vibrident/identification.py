@@ -6,7 +6,7 @@ import datetime
 import itertools
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from vibrident.backend import let_go_of_kernels
 from vibrident.errors import ModelError
 from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
 from vibrident.estimators.optimise import Progress, silent
+from vibrident.measure import Finding
 from vibrident.measure.drift import without_drift
 from vibrident.models import SensorModel, parse
 from vibrident.problem import Evidence
@@ -26,8 +27,9 @@ from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
-from vibrident.uncertainty.budget import Row, as_settings, effective_degrees_of_freedom, rows_of_effects
+from vibrident.uncertainty.budget import DATA, Row, as_settings, effective_degrees_of_freedom, rows_of_effects
 from vibrident.uncertainty.curve import frequencies
+from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, slopes, unit_fields
 from vibrident.uncertainty.posterior import Sampling, sample_posterior, sampler
 
@@ -78,6 +80,58 @@ def identify(
     begin = time.perf_counter()
     if posterior is not None:
         sampler()  # before the fit that it would come after
+    fitted = fit(calibration, model, estimator, uncertainty=uncertainty, progress=progress)
+    rows = own_rows(fitted, uncertainty)
+    result = document(fitted, rows)
+    settings = {**result.settings, "time_s": time.perf_counter() - begin}
+    if posterior is not None:
+        scale = _data_scale(fitted.estimate, rows[0])
+        settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, scale, posterior)
+    return replace(result, settings=settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A calibration with its estimate, before anything is stated of it.
+
+    Attributes:
+        evidence: the data, without drift where there was one.
+        estimate: the fit.
+        judgement: what the estimate says of the data.
+        linear: the fit at all excited frequencies, linearised at the estimate.
+        estimator: that made it.
+        reason: why that one.
+        drifts: what was taken out.
+    """
+
+    evidence: Evidence
+    estimate: Estimate
+    judgement: Judgement
+    linear: Linearised
+    estimator: Estimator
+    reason: str
+    drifts: tuple[Finding, ...] = ()
+
+    def at(self, estimate: Estimate) -> Fitted:
+        """The same data judged at another estimate."""
+        judgement = _judged(self.evidence, estimate)
+        linear = linearised(self.evidence, estimate, judgement)
+        return replace(self, estimate=estimate, judgement=judgement, linear=linear)
+
+    def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
+        """The same data fitted once more, from these values of the parameters."""
+        return self.at(self.estimator.fit(replace(self.evidence, start=dict(values)), progress))
+
+
+def fit(
+    calibration: Calibration,
+    model: str | None,
+    estimator: EstimatorName | Estimator,
+    *,
+    uncertainty: Uncertainty,
+    progress: Progress,
+) -> Fitted:
+    """Estimate and judge; arguments and errors as :func:`identify`."""
     _looked_after()
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
@@ -87,13 +141,26 @@ def identify(
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = _fitted(evidence, chosen, progress)
-    stated = _stated(evidence, estimate, judgement, uncertainty)
-    doubtful = [*(ResultWarning(finding.code, finding.message) for finding in drifts), *stated.warnings]
-    result = _result(evidence, estimate, judgement, replace(stated, warnings=doubtful))
-    settings = {**result.settings, "estimator_choice": reason, "time_s": time.perf_counter() - begin}
-    if posterior is not None:
-        settings["posterior"] = sample_posterior(evidence, estimate, _data_scale(estimate, stated), posterior)
-    return replace(result, settings=settings)
+    linear = linearised(evidence, estimate, judgement)
+    return Fitted(evidence, estimate, judgement, linear, chosen, reason, tuple(drifts))
+
+
+def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[Row]:
+    """The budget of a calibration by itself: its data, then each systematic effect."""
+    evidence, estimate = fitted.evidence, fitted.estimate
+    covariance, freedom, scope = _scaled(evidence, estimate, fitted.judgement, uncertainty)
+    effects = effects_of(evidence.calibration)
+    rows = rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, fitted.linear)
+    return [Row(scope, DATA, None, "", freedom, covariance), *rows]
+
+
+def document(fitted: Fitted, rows: Sequence[Row], more: Sequence[ResultWarning] = ()) -> Result:
+    """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
+    stated = _stated(fitted, rows)
+    drifts = [ResultWarning(finding.code, finding.message) for finding in fitted.drifts]
+    stated = replace(stated, warnings=[*drifts, *stated.warnings, *more])
+    result = _result(fitted.evidence, fitted.estimate, fitted.judgement, stated)
+    return replace(result, settings={**result.settings, "estimator_choice": fitted.reason})
 
 
 #: Identifications between two looks at the memory maps.
@@ -106,9 +173,9 @@ def _looked_after() -> None:
         let_go_of_kernels()
 
 
-def _data_scale(estimate: Estimate, stated: _Stated) -> float:
+def _data_scale(estimate: Estimate, data: Row) -> float:
     """Factor on the data's standard deviations that the stated covariance carries: scatter, or the Birge ratio."""
-    part, whole = (float(np.trace(c)) for c in (estimate.covariance, stated.rows[0].covariance))
+    part, whole = (float(np.trace(c)) for c in (estimate.covariance, data.covariance))
     return float(np.sqrt(whole / part)) if part > 0.0 else 1.0
 
 
@@ -124,17 +191,17 @@ class _Stated:
     warnings: list[ResultWarning]
 
 
-def _stated(evidence: Evidence, estimate: Estimate, judgement: Judgement, choice: Uncertainty) -> _Stated:
-    covariance, freedom, scope = _scaled(evidence, estimate, judgement, choice)
+def _stated(fitted: Fitted, rows: Sequence[Row]) -> _Stated:
+    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+    data = [row for row in rows if row.kind == DATA]
+    covariance = np.sum([row.covariance for row in data], axis=0)
     weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
-    linear = linearised(evidence, estimate, judgement)
-    warnings += second_thoughts(evidence, estimate, judgement, covariance, linear)
+    warnings += second_thoughts(evidence, estimate, judgement, covariance, fitted.linear)
     warnings += _learned(estimate)
-    effects = _effects(evidence.calibration)
-    rows = [Row(scope, "data", None, "", freedom, covariance)]
-    rows += rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, linear)
     total = np.sum([row.covariance for row in rows], axis=0)
-    return _Stated(total, float(np.min(effective_degrees_of_freedom(rows))), scope, rows, weak, warnings)
+    freedom = float(np.min(effective_degrees_of_freedom(rows)))
+    scope = "; ".join(dict.fromkeys(row.source for row in data))
+    return _Stated(total, freedom, scope, list(rows), weak, warnings)
 
 
 def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated: _Stated) -> Result:
@@ -175,8 +242,12 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
 
 def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
     estimate = estimator.fit(evidence, progress)
+    return estimate, _judged(evidence, estimate)
+
+
+def _judged(evidence: Evidence, estimate: Estimate) -> Judgement:
     judge = judge_table if evidence.calibration.table else judge_records
-    return estimate, judge(evidence, estimate)
+    return judge(evidence, estimate)
 
 
 def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
@@ -250,7 +321,7 @@ def _learned(estimate: Estimate) -> list[ResultWarning]:
     return [ResultWarning("lack_of_fit", text)]
 
 
-def _effects(calibration: Calibration) -> list[SystematicEffect]:
+def effects_of(calibration: Calibration) -> list[SystematicEffect]:
     """The systematic effects stated, the calibration of the reference first."""
     relative = calibration.reference_standard_uncertainty
     reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []

@@ -7,6 +7,7 @@ the delay from the phase; then a few Levenberg–Marquardt runs from the best an
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,11 +56,14 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
 def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     """The best fit of the nonparametric response from the grid's candidates.
 
-    What makes a model nonlinear has no part in the response to small signals, and starts at zero.
+    What makes a model nonlinear has no part in the response to small signals, and starts at zero. A start that the
+    problem knows is taken as it is.
 
     Raises:
         NotConverged: no candidate leads to a finite fit.
     """
+    if problem.start is not None:
+        return _known(problem, model, problem.start)
     whole, model = model, model.linear
     candidates = _with_guesses(_grid_candidates(problem, model), problem, model)
     best: Start | None = None
@@ -84,6 +88,13 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     if best is None:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
     return best
+
+
+def _known(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float]) -> Start:
+    coordinates = Coordinates.at(model, values, problem.band_hz)
+    kind = (problem.polar, problem.has_phase, problem.quantity)
+    local = response_objective(coordinates.first, (coordinates, kind, problem.data))
+    return Start(dict(values), (float(local.cost),), problem.equations, (dict(values),))
 
 
 def _grid_candidates(problem: FrequencyProblem, model: SensorModel) -> list[dict[str, float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ class Evidence:
         tones: what the sine records say at their frequencies; ``record`` counts in ``records``. None without sines.
         bands: the same for other motion with a reference; None without.
         findings: doubts about the data.
+        start: values of the parameters to begin with, where they are known; found in the response otherwise.
     """
 
     calibration: Calibration
@@ -34,6 +36,7 @@ class Evidence:
     tones: MeasuredResponse | None
     bands: MeasuredResponse | None
     findings: tuple[Finding, ...]
+    start: Mapping[str, float] | None = None
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
@@ -79,6 +82,10 @@ class Evidence:
     @functools.cached_property
     def first_look(self) -> FrequencyProblem | None:
         """The response before any model, for start values; None where nothing but free decays was recorded."""
+        found = self._first_look()
+        return found if found is None else dataclasses.replace(found, start=self.start)
+
+    def _first_look(self) -> FrequencyProblem | None:
         if self.calibration.table is not None:
             return FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
         parts = [m for m in (self.tones, self.bands) if m is not None]

@@ -9,6 +9,7 @@ residual is in those coordinates, (|H| − m)/u_m and (arg H − φ)/u_φ.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,7 @@ class FrequencyProblem:
         polar: True for a table, whose uncertainties belong to magnitude and phase.
         has_phase: False for a table of magnitudes alone.
         data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or (f, m, φ, u_m, u_φ).
+        start: values of the parameters to begin with, where they are known.
     """
 
     model: SensorModel
@@ -39,6 +41,7 @@ class FrequencyProblem:
     polar: bool
     has_phase: bool
     data: tuple[Any, ...]
+    start: Mapping[str, float] | None = None
 
     @classmethod
     def of_measured(

@@ -100,11 +100,11 @@ _WORDS: dict[WarningCode, Words] = {
         "uncertainty in the calibration file.",
     ),
     "estimators_disagree": Words(
-        "two estimators give different values",
-        "Independent estimators on the same data differ by more than their uncertainties. At least one of them "
-        "rests on an assumption that these data do not meet.",
+        "two estimates give different values",
+        "Independent estimators on the same data, or calibrations of one sensor that were fitted together, differ by "
+        "more than their uncertainties. At least one of them rests on an assumption that these data do not meet.",
         "Run `vibrident compare`, look at the residuals of both, and find the record or band that makes the "
-        "difference.",
+        "difference; of a joint fit, share fewer parameters, or ask what changed between the calibrations.",
     ),
     "units_suspect": Words(
         "the units look wrong",

@@ -26,10 +26,12 @@ from numpy.typing import NDArray
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity, SystematicEffect
 from vibrident.uncertainty.linearised import Linearised, log_slopes
-from vibrident.uncertainty.parameters import with_reference
+from vibrident.uncertainty.parameters import reference_direction
 
 #: Relative step of the central difference in frequency.
 STEP = 1e-5
+#: Kind of a row of type A.
+DATA = "data"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +69,28 @@ def rows_of_effects(
     """
     rows = []
     for effect in effects:
-        u = effect.standard_uncertainty
-        if effect.kind == "gain":  # exact, whatever the data determine of the rest
-            covariance = with_reference(np.zeros((len(z), len(z))), z, coordinates.model, u)
-        else:
-            pattern = _pattern(effect, coordinates, z, quantity, linear.frequency_hz)
-            part = np.where(linear.is_phase, np.imag(pattern), np.real(pattern))
-            shift, _ = replace(linear, rest=part * linear.weight).solve()
-            covariance = np.outer(u * shift, u * shift)
-        rows.append(Row(effect.source, effect.kind, u, effect.unit, effect.degrees_of_freedom, covariance))
+        shift = shift_of_effect(effect, coordinates, z, quantity, linear)
+        rows.append(row_of_effect(effect, np.outer(shift, shift)))
     return rows
+
+
+def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> Row:
+    """The row of an effect that adds ``covariance``, shape (p, p)."""
+    freedom = effect.degrees_of_freedom
+    return Row(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance)
+
+
+def shift_of_effect(
+    effect: SystematicEffect, coordinates: Coordinates, z: FloatArray, quantity: Quantity, linear: Linearised
+) -> FloatArray:
+    """What one standard uncertainty of the effect does to z, shape (p,); arguments as :func:`rows_of_effects`."""
+    u = effect.standard_uncertainty
+    if effect.kind == "gain":  # exact, whatever the data determine of the rest
+        return reference_direction(z, coordinates.model, u)
+    pattern = _pattern(effect, coordinates, z, quantity, linear.frequency_hz)
+    part = np.where(linear.is_phase, np.imag(pattern), np.real(pattern))
+    shift, _ = replace(linear, rest=part * linear.weight).solve()
+    return u * shift
 
 
 def _pattern(
@@ -120,7 +134,7 @@ def as_settings(rows: Sequence[Row], names: Sequence[str], slopes: FloatArray) -
         table.append(
             {
                 "source": row.source,
-                "type": "A" if row.kind == "data" else "B",
+                "type": "A" if row.kind == DATA else "B",
                 "kind": row.kind,
                 "standard_uncertainty": row.standard_uncertainty,
                 "unit": row.unit,

@@ -39,10 +39,16 @@ def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, re
     """Covariance of z with the reference's own calibration in it: a common factor on the gain, type B."""
     if relative == 0.0:
         return covariance
+    direction = reference_direction(z, model, relative)
+    return covariance + np.outer(direction, direction)
+
+
+def reference_direction(z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
+    """What a relative change of the whole response does to z, shape (p,)."""
     index = model.parameter_names.index(model.gain_name)
     direction = np.zeros_like(z)
     direction[index] = z[index] * relative
-    return covariance + np.outer(direction, direction)
+    return direction
 
 
 def parameter_table(

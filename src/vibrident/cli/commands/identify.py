@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +14,7 @@ from vibrident.cli.console import note, out
 from vibrident.cli.estimators import EstimatorOptions, checked, estimator
 from vibrident.cli.folder import written_whole
 from vibrident.cli.options import choice
+from vibrident.errors import InputError
 
 WARNED = 3
 _DETAILS = "Settings of an estimator"
@@ -87,10 +90,22 @@ _Posterior = Annotated[
 
 
 def identify(
-    calibration: options.CalibrationFile,
+    calibrations: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CAL.toml...",
+            help="Calibration file; several of one sensor are fitted together.",
+            show_default=False,
+        ),
+    ],
     model: Annotated[
         str | None,
-        typer.Option("--model", metavar="NAME", help="Sensor model, in place of the file's; add-ons with +."),
+        typer.Option(
+            "--model",
+            metavar="NAME",
+            help="Sensor model, in place of the file's; add-ons with +. For several files "
+            "one for all, or one each, joined by commas.",
+        ),
     ] = None,
     estimator_name: Annotated[
         str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data and says why.")
@@ -106,6 +121,15 @@ def identify(
             "What they cover: noise alone; inflated, the misfit too; auto, the misfit of records whose model fails.",
         ),
     ] = "auto",
+    share: Annotated[
+        str | None,
+        typer.Option(
+            "--share",
+            metavar="A,B",
+            help="Several files: the parameters they share, these and no others.",
+            show_default="the oscillator, and gains of like outputs",
+        ),
+    ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw pictures (PNG) into the folder.")] = True,
     weights: Annotated[
@@ -122,67 +146,143 @@ def identify(
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
 
+    Several files make one joint fit: the first one's result is DIR/result.json, each other one's DIR/NAME/result.json,
+    NAME being the file's without .toml.
+
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
     """
     settings = EstimatorOptions(discretisation, optimiser, steps, learning_rate, weighting, residual or None)
     checked(estimator_name, settings, weights=weights)
+    shared = options.listed("--share")(share)
+    if shared and len(calibrations) == 1:
+        raise _several("--share", f"--share {share}")
+    if posterior and len(calibrations) > 1:
+        raise InputError(
+            "The posterior is sampled for one calibration at a time.",
+            expected="one calibration file with --posterior",
+            found=f"{len(calibrations)} files",
+            where="command line",
+            remedy="leave --posterior out, or identify each file by itself",
+        )
+    asked = _Asked(calibrations, _models(model), (estimator_name, settings), uncertainty, shared, posterior)
     with written_whole(folder) as output:
-        how = {"uncertainty": uncertainty, "posterior": posterior}
-        result = _identified(calibration, model, (estimator_name, settings), how, output.path, plots)
-    _show(result, output.files, quiet=quiet, weights=weights)
-    if strict and result.warnings:
-        note(f"Strict: the result carries a warning ({', '.join(result.warning_codes)}).")
+        results = _identified(asked, output.path, plots)
+    _show(results, output.files, quiet=quiet, weights=weights)
+    codes = dict.fromkeys(code for result in results for code in result.warning_codes)
+    if strict and codes:
+        note(f"Strict: the result carries a warning ({', '.join(codes)}).")
         raise typer.Exit(WARNED)
 
 
-def _identified(
-    file: Path, model: str | None, chosen: tuple[str, EstimatorOptions], how: dict[str, Any], place: Path, plots: bool
-) -> Any:
+@dataclass(frozen=True)
+class _Asked:
+    """What is to be identified, and how."""
+
+    files: list[Path]
+    models: list[str] | None
+    estimator: tuple[str, EstimatorOptions]
+    uncertainty: Any
+    share: list[str] | None
+    posterior: bool
+
+
+def _models(text: str | None) -> list[str] | None:
+    """Names joined by commas; the same one may stand for several files."""
+    return None if text is None else [part.strip() for part in text.split(",")]
+
+
+def _several(option: str, found: str) -> InputError:
+    return InputError(
+        f"The option {option} is for several calibrations.",
+        expected=f"two or more calibration files with {option}",
+        found=f"{found} with one",
+        where="command line",
+        remedy=f"name the other calibrations of this sensor, or leave {option} out",
+    )
+
+
+def _identified(asked: _Asked, place: Path, plots: bool) -> list[Any]:
     from vibrident.io import read
 
-    calibration = read(file)
+    calibrations = [read(file) for file in asked.files]
     # From here on it takes seconds: what a bad file needs is loaded already, what it does not need is not.
     from vibrident.cli.drawing import painters
     from vibrident.cli.progress import Busy
 
-    with painters(wanted=plots) as artists:
+    places = _places(asked.files, place)
+    with contextlib.ExitStack() as open_:
+        artists = [open_.enter_context(painters(wanted=plots))]
         with Busy("Identifying") as progress:
-            from vibrident.identification import identify as run
-            from vibrident.uncertainty.posterior import Sampling
-
-            sampling = Sampling() if how["posterior"] else None
-            result = run(
-                calibration,
-                model,
-                estimator(*chosen),
-                uncertainty=how["uncertainty"],
-                posterior=sampling,
-                progress=progress,
-            )
-        saved = result.save(place / "result.json")
-        if plots:
-            with Busy("Drawing"):
-                artists.draw(result, saved)
-    return result
+            results = _run(asked, calibrations, progress)
+        for number, (result, folder) in enumerate(zip(results, places, strict=True)):
+            saved = result.save(folder / "result.json")
+            if plots:
+                artist = artists[0] if number == 0 else open_.enter_context(painters())
+                with Busy("Drawing"):
+                    artist.draw(result, saved)
+    return results
 
 
-def _show(result: Any, files: list[Path], *, quiet: bool, weights: bool) -> None:
+def _run(asked: _Asked, calibrations: list[Any], progress: Any) -> list[Any]:
+    chosen, models = estimator(*asked.estimator), asked.models
+    if len(calibrations) == 1:
+        from vibrident.identification import identify as run
+
+        if models is not None and len(models) > 1:
+            raise _several("--model A,B", f"--model {','.join(models)}")
+        from vibrident.uncertainty.posterior import Sampling
+
+        model, sampling = None if models is None else models[0], Sampling() if asked.posterior else None
+        return [
+            run(calibrations[0], model, chosen, uncertainty=asked.uncertainty, posterior=sampling, progress=progress)
+        ]
+    from vibrident.joint import identify_together
+
+    one = models[0] if models is not None and len(models) == 1 else models
+    return list(
+        identify_together(
+            calibrations, one, chosen, share=asked.share, uncertainty=asked.uncertainty, progress=progress
+        )
+    )
+
+
+def _places(files: list[Path], place: Path) -> list[Path]:
+    """Where each result goes: the first one's in ``place``, each other one's in a folder of its file's name."""
+    places = [place]
+    for file in files[1:]:
+        name, number = file.stem, 2
+        while place / name in places:
+            name, number = f"{file.stem}-{number}", number + 1
+        places.append(place / name)
+    return places
+
+
+def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) -> None:
     from vibrident import terminal
 
-    if quiet:
-        for warning in result.warnings:
-            note(f"Warning ({warning.code}): {warning.message}")
-    else:
-        out().print(terminal.summary(result, files), crop=False)  # a path is never cut
-        if residual := result.settings.get("residual_network"):
-            out().print(_residual_line(residual), soft_wrap=True)
-        if posterior := result.settings.get("posterior"):
-            out().print(terminal.posterior_table(result), crop=False)
-            out().print(_posterior_line(posterior), soft_wrap=True)
-    if weights and result.weights:
-        out().print(terminal.weights_table(result))
-    elif weights:
-        note(f"No weights: {result.estimator} trains no network; --estimator ipnn does.")
+    if len(results) > 1 and not quiet:
+        from vibrident.terminal.joint import joint_table
+
+        out().print(joint_table(results[0]))
+    for result in results:
+        written = files if result is results[-1] else []
+        if quiet:
+            for warning in result.warnings:
+                note(f"Warning ({warning.code}): {warning.message}")
+        else:
+            if len(results) > 1:
+                joint = result.settings["joint"]
+                out().print(joint["calibrations"][joint["position"]]["file"], soft_wrap=True)
+            out().print(terminal.summary(result, written), crop=False)  # a path is never cut
+            if residual := result.settings.get("residual_network"):
+                out().print(_residual_line(residual), soft_wrap=True)
+            if sampled := result.settings.get("posterior"):
+                out().print(terminal.posterior_table(result), crop=False)
+                out().print(_posterior_line(sampled), soft_wrap=True)
+        if weights and result.weights:
+            out().print(terminal.weights_table(result))
+        elif weights:
+            note(f"No weights: {result.estimator} trains no network; --estimator ipnn does.")
 
 
 def _residual_line(residual: dict[str, Any]) -> str:

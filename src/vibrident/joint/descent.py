@@ -1,0 +1,248 @@
+"""The joint fit: first the sum of the calibrations' costs, which no bad separate fit can spoil, then their moments.
+
+The sum of costs finds the place: Levenberg–Marquardt on the summed normal equations, from the separate estimates in
+turn, each record weighted by its residual there. A separate fit that this betters on its own data had stopped at a
+lesser optimum, and is repeated from there. The moments (:mod:`vibrident.joint.moments`) then give each calibration the
+weight that its stated covariance gives it, which is the least variance that these estimates allow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.backend import jnp
+from vibrident.errors import NotConverged
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.estimators.objectives import Local
+from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.identification import Fitted
+from vibrident.joint.moments import Moments
+from vibrident.joint.score import Score
+from vibrident.joint.sharing import CHANNELS, Joint, Place, places
+from vibrident.records import FloatArray
+
+#: Rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance.
+ROUNDS = 4
+#: Change of the joint coordinates, in standard uncertainties, that needs no further round.
+SETTLED = 1e-3
+#: Most evaluations of the moments in a round.
+STEPS = 25
+#: A separate fit whose cost the joint one undercuts by this part was no optimum; one that draws the joint fit to where
+#: its own data cost this part more is out of reach.
+BETTERED = 0.2
+#: A coordinate with less than this part of the largest information is not seen at all.
+UNSEEN = 1e-24
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """The joint estimate.
+
+    Attributes:
+        numbers: the parameters of the joint fit.
+        places: of each calibration.
+        balance: the joint estimate.
+        near: each calibration's residual near it.
+        trace: of the optimiser.
+        alone: calibrations whose own estimate is of use; the fits of the others ended where the joint one betters them,
+            or too far from it to be told from there.
+        fitted: the separate fits, those repeated in place of the first ones.
+    """
+
+    numbers: tuple[Joint, ...]
+    places: tuple[Place, ...]
+    balance: Balance
+    near: tuple[Score, ...]
+    trace: Trace
+    alone: tuple[int, ...]
+    fitted: tuple[Fitted, ...]
+
+
+def summed(parts: Sequence[Place], local: Sequence[Callable[[FloatArray], Local]]) -> Callable[[Any, Any], Local]:
+    """The calibrations' costs in the joint coordinates, as an objective."""
+
+    def objective(theta: Any, _: Any) -> Local:
+        at = np.asarray(theta)
+        found = [one(place.z(at)) for place, one in zip(parts, local, strict=True)]
+        matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(parts, found, strict=True))
+        gradient = sum(p.matrix.T @ f.gradient for p, f in zip(parts, found, strict=True))
+        return Local(jnp.asarray(matrix), jnp.asarray(gradient), jnp.asarray(sum(f.cost for f in found)))
+
+    return objective
+
+
+def descend(
+    fitted: Sequence[Fitted],
+    numbers: tuple[Joint, ...],
+    covariance: Callable[[Fitted], FloatArray],
+    progress: Progress,
+) -> Descent:
+    """Fit all calibrations together.
+
+    Args:
+        fitted: the separate fits.
+        numbers: of :func:`vibrident.joint.sharing.joined`.
+        covariance: what is stated of a separate fit from its data alone, shape (p, p).
+        progress: called after each iteration of the optimiser.
+
+    Raises:
+        NotConverged: no start leads to a finite joint fit.
+    """
+    fitted = list(fitted)
+    theta, near, trace = _found(fitted, numbers, progress)
+    parts = places(numbers, [one.estimate.coordinates for one in fitted])
+    repeated = [i for i, one in enumerate(fitted) if _bettered(one, near[i], parts[i].z(theta))]
+    if repeated:
+        for i in repeated:
+            values = fitted[i].estimate.coordinates.values(parts[i].z(theta))
+            with contextlib.suppress(NotConverged):  # then the first fit stays, and is bettered once more
+                fitted[i] = fitted[i].again(values, progress)
+        theta, near, trace = _found(fitted, numbers, progress)
+        parts = places(numbers, [one.estimate.coordinates for one in fitted])
+    lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], parts[i].z(theta))}
+    while True:
+        balance = _balanced(_moments(fitted, near, parts, theta, lost, covariance), parts, theta, progress)
+        left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], parts[i], theta, balance)}
+        if not left:
+            break
+        lost |= left
+    trace = _followed(trace, balance.theta, summed(parts, [score.local for score in near]))
+    alone = tuple(i for i in range(len(fitted)) if i not in lost)
+    return Descent(numbers, parts, balance, tuple(near), trace, alone, tuple(fitted))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The joint estimate by moments.
+
+    Attributes:
+        theta: joint coordinates, shape (q,).
+        covariance: of theta, shape (q, q).
+        information: of each calibration's coordinates, shapes (p, p).
+        steps: from the joint estimate to where each calibration by itself would go, to first order, shapes (p,).
+    """
+
+    theta: FloatArray
+    covariance: FloatArray
+    information: tuple[FloatArray, ...]
+    steps: tuple[FloatArray, ...]
+
+
+def _moments(
+    fitted: Sequence[Fitted],
+    near: Sequence[Score],
+    parts: Sequence[Place],
+    theta: FloatArray,
+    lost: set[int],
+    covariance: Callable[[Fitted], FloatArray],
+) -> list[Moments]:
+    found = []
+    for i, one in enumerate(fitted):
+        z = parts[i].z(theta)
+        if i in lost:
+            scatter = one.judgement.scatter or 1.0
+            found.append(Moments.plain(near[i], z, near[i].colour(z) * scatter**2))
+        else:
+            own = Score.of(one).near(one.estimate.z)
+            found.append(Moments.of(own, one.estimate.z, covariance(one), near[i]))
+    return found
+
+
+def _balanced(moments: Sequence[Moments], parts: Sequence[Place], theta: FloatArray, progress: Progress) -> Balance:
+    for _ in range(ROUNDS):
+        weights = [m.weight(place.z(theta)) for m, place in zip(moments, parts, strict=True)]
+        local = [_held(m, weight) for m, weight in zip(moments, weights, strict=True)]
+        way = levenberg_marquardt(summed(parts, local), theta, None, tolerance=1e-6, most=STEPS, progress=progress)
+        information = tuple(m.information(place.z(way.last)) for m, place in zip(moments, parts, strict=True))
+        whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(parts, information, strict=True))
+        joint = inverse_normal(np.asarray(whole))
+        moved = np.abs(way.last - theta) / np.sqrt(np.maximum(np.diag(joint), np.finfo(float).tiny))
+        theta = way.last
+        if np.max(moved) < SETTLED:
+            break
+    steps = tuple(m.step(place.z(theta)) for m, place in zip(moments, parts, strict=True))
+    return Balance(theta, joint, information, steps)
+
+
+def _held(moments: Moments, weight: FloatArray) -> Callable[[FloatArray], Local]:
+    return lambda z: moments.local(z, weight)
+
+
+def _found(
+    fitted: Sequence[Fitted], numbers: tuple[Joint, ...], progress: Progress
+) -> tuple[FloatArray, list[Score], Trace]:
+    """The best optimum of the summed costs, the residuals weighted there, and the way."""
+    parts = places(numbers, [one.estimate.coordinates for one in fitted])
+    best: tuple[float, FloatArray, list[Score], Trace] | None = None
+    for theta in _starts(fitted, numbers, parts):
+        scores = [Score.of(one).near(p.z(theta)) for one, p in zip(fitted, parts, strict=True)]
+        try:
+            for _ in range(ROUNDS):
+                objective = summed(parts, [score.local for score in scores])
+                trace = levenberg_marquardt(objective, theta, None, tolerance=1e-6, progress=progress)
+                settled = bool(np.allclose(trace.last, theta, rtol=0.0, atol=1e-6))
+                theta = trace.last
+                scores = [score.near(p.z(theta)) for score, p in zip(scores, parts, strict=True)]
+                if settled:
+                    break
+        except NotConverged:
+            continue
+        deviance = sum(score.deviance(p.z(theta)) for score, p in zip(scores, parts, strict=True))
+        if np.isfinite(deviance) and (best is None or deviance < best[0]):
+            best = (deviance, theta, scores, trace)
+    if best is None:
+        raise NotConverged("No start value gives a finite joint fit: do these calibrations belong to one sensor?")
+    return best[1:]
+
+
+def _starts(fitted: Sequence[Fitted], numbers: tuple[Joint, ...], parts: Sequence[Place]) -> list[FloatArray]:
+    """Joint coordinates by each calibration in turn: what is shared from it, and once more with its delay for all."""
+    starts = []
+    for preferred, by_preferred in itertools.product(range(len(fitted)), (False, True)):
+        values = fitted[preferred].estimate.coordinates.values(fitted[preferred].estimate.z)
+        theta = np.zeros(len(numbers))
+        for column, number in enumerate(numbers):
+            owner, index = next((m for m in number.members if m[0] == preferred), number.members[0])
+            offset, scale = parts[owner].offset[index], parts[owner].matrix[index, column]
+            theta[column] = (fitted[owner].estimate.z[index] - offset) / scale
+            if by_preferred and number.name in CHANNELS:
+                unit = fitted[owner].estimate.coordinates.time_unit_s
+                theta[column] = (values.get(number.name, 0.0) / unit - offset) / scale
+        if not any(np.allclose(theta, other, rtol=0.0, atol=1e-9) for other in starts):
+            starts.append(theta)
+    return starts
+
+
+def _bettered(one: Fitted, near: Score, z: FloatArray) -> bool:
+    """Whether the joint fit explains these data better than their own fit did."""
+    before = replace(Score.of(one), noise=near.noise).local(one.estimate.z).cost
+    return _at_end(one) or near.local(z).cost < (1.0 - BETTERED) * before
+
+
+def _left(one: Fitted, near: Score, place: Place, theta: FloatArray, balance: Balance) -> bool:
+    """Whether the moments have left the place where these data are explained."""
+    if near.noise is None:
+        return False
+    own = replace(Score.of(one), noise=near.noise).local(one.estimate.z).cost
+    most = (1.0 + BETTERED) * max(near.local(place.z(theta)).cost, own)
+    return not near.local(place.z(balance.theta)).cost < most
+
+
+def _at_end(one: Fitted) -> bool:
+    """Whether a parameter lies where the data have no say in it: at the end of the range searched."""
+    diagonal = np.diag(Score.of(one).local(one.estimate.z).matrix)
+    return not np.all(diagonal > UNSEEN * np.max(diagonal))  # of numbers that are none, too
+
+
+def _followed(trace: Trace, theta: FloatArray, objective: Callable[[Any, Any], Local]) -> Trace:
+    """The way with the last step, by the moments."""
+    cost = float(objective(theta, None).cost)
+    path = np.concatenate([trace.coordinates, theta[None]])
+    status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"
+    return Trace(trace.optimiser, trace.converged, status, (*trace.costs, cost), path)

@@ -1,0 +1,284 @@
+"""Several calibrations of one sensor → one joint fit → a result for each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.errors import InputError, ModelError
+from vibrident.estimators import Estimate, Estimator, ResidualIpnn
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.estimators.optimise import Progress, silent
+from vibrident.identification import EstimatorName, Fitted, Uncertainty, document, effects_of, fit, own_rows
+from vibrident.joint.consistency import Consistency, compare
+from vibrident.joint.descent import Descent, descend
+from vibrident.joint.sharing import joined
+from vibrident.records import Calibration, FloatArray, SystematicEffect
+from vibrident.result import Parameter, Result, ResultWarning
+from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
+from vibrident.uncertainty.parameters import parameter_table, unit_fields
+
+#: What is covered of a calibration whose own fit is of no use.
+RESIDUAL = "what its residual holds at the joint fit, noise and misfit (its own fit was of no use)"
+
+
+def identify_together(
+    calibrations: Sequence[Calibration],
+    model: str | Sequence[str | None] | None = None,
+    estimator: EstimatorName | Estimator = "auto",
+    *,
+    share: Sequence[str] | None = None,
+    uncertainty: Uncertainty = "auto",
+    progress: Progress = silent,
+) -> tuple[Result, ...]:
+    """Identify one sensor from several of its calibrations: by sine and by shock, or by two of its outputs.
+
+    Each calibration keeps its own model, units and estimator. What they share is estimated once, from all of them, each
+    with the weight that its own covariance gives it.
+
+    Args:
+        calibrations: of one sensor.
+        model: name of the sensor model, one for all or one for each; None takes the calibration's.
+        estimator: as for :func:`vibrident.identify`, for each by itself.
+        share: names of the parameters to share, these and no others. None: natural frequency, damping ratio, frequency
+            and damping of a second mode; and where core model, unit of the response and kind of reference are the same
+            also gain, ``mode2_gain``, ``cubic_stiffness``, ``highpass_frequency`` and ``boxcar_length``. A delay is
+            shared where it is named.
+        uncertainty: as for :func:`vibrident.identify`.
+        progress: called after each iteration of the optimiser.
+
+    Returns:
+        a result for each calibration, in order, with the joint values and their covariance. ``settings["joint"]`` names
+        the companions, what was shared, what each calibration says of it alone, and whether that is consistent; where
+        it is not, each result carries the warning ``estimators_disagree``.
+
+    Raises:
+        InputError: the data cannot be used, a name is no parameter, or nothing can be shared.
+        ModelError: model, estimator and data do not fit together.
+        NotConverged: no start leads to a finite fit.
+    """
+    begin = time.perf_counter()
+    names = _models(model, len(calibrations))
+    if isinstance(estimator, ResidualIpnn):
+        raise ModelError(
+            "A learned residual belongs to one calibration.",
+            expected="an estimator without it for a joint fit",
+            found=f"{len(calibrations)} calibrations",
+            where="estimator",
+            remedy="leave the residual out, or identify one calibration at a time",
+        )
+    fitted = [
+        fit(one, name, estimator, uncertainty=uncertainty, progress=progress)
+        for one, name in zip(calibrations, names, strict=True)
+    ]
+    numbers = joined(calibrations, [one.evidence.model for one in fitted], share)
+    descent = descend(fitted, numbers, lambda one: own_rows(one, uncertainty)[0].covariance, progress)
+    results = _documents(descent, uncertainty)
+    spent = time.perf_counter() - begin
+    return tuple(replace(result, settings={**result.settings, "time_s": spent}) for result in results)
+
+
+def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | None]:
+    if count == 0:
+        raise InputError("There is no calibration.", expected="one or more", found="none", where="calibrations")
+    if model is None or isinstance(model, str):
+        return [model] * count
+    if len(model) != count:
+        raise InputError(
+            "Models and calibrations do not go together.",
+            expected=f"one model for all, or {count}",
+            found=f"{len(model)} models",
+            where="model",
+            remedy="name one model, or as many as there are calibrations",
+        )
+    return list(model)
+
+
+@dataclass(frozen=True, eq=False)
+class _Effect:
+    """A systematic effect, and what it does to each calibration that has it, (p,), and to the joint fit, (q,)."""
+
+    effect: SystematicEffect
+    shifts: dict[int, FloatArray]
+    theta: FloatArray
+
+
+def _documents(descent: Descent, uncertainty: Uncertainty) -> list[Result]:
+    count = len(descent.fitted)
+    placed = [one.at(_estimate(descent, i)) for i, one in enumerate(descent.fitted)]
+    alone = [own_rows(one, uncertainty)[0] for one in descent.fitted]
+    data = [row if i in descent.alone else _left(descent, i) for i, row in enumerate(alone)]
+    effects = _effects(descent, placed)
+    consistency = _consistency(descent, data, effects)
+    labels = _labels([one.evidence.calibration for one in placed])
+    told = [] if consistency is None or consistency.whole.consistent else [_disagreement(consistency, labels, descent)]
+    results = []
+    for i, one in enumerate(placed):
+        rows = [_data_row(descent, i, j, data[j], labels[j] if count > 1 else "") for j in range(count)]
+        onto = descent.places[i].matrix
+        rows += [row_of_effect(e.effect, np.outer(onto @ e.theta, onto @ e.theta)) for e in effects if np.any(e.theta)]
+        results.append(document(one, rows, told))
+    if count == 1:
+        return results
+    separate = [_alone(one, uncertainty) if i in descent.alone else None for i, one in enumerate(descent.fitted)]
+    about = _about(descent, labels, results, separate, consistency)
+    return [
+        replace(result, settings={**result.settings, "joint": {"position": i, **about}})
+        for i, result in enumerate(results)
+    ]
+
+
+def _estimate(descent: Descent, index: int) -> Estimate:
+    """A calibration's estimate in the joint fit."""
+    estimate, place, near = descent.fitted[index].estimate, descent.places[index], descent.near[index]
+    settings = dict(estimate.settings)
+    if index not in descent.alone:
+        settings = {name: value for name, value in settings.items() if not name.startswith("reference_noise")}
+    more: dict[str, Any] = {}
+    if near.noise is not None:
+        settings["noise"] = near.noise.tolist()
+        more["problem"] = near.problem
+    theta, trace = descent.balance.theta, descent.trace
+    return replace(
+        estimate,
+        z=place.z(theta),
+        covariance=place.matrix @ descent.balance.covariance @ place.matrix.T,
+        trace=replace(trace, coordinates=place.offset + trace.coordinates @ place.matrix.T),
+        settings=settings,
+        tones=None,  # measured anew, with what the network explains at the joint values
+        predicted=None,
+        begin=None,
+        equations=sum(one.estimate.equations for one in descent.fitted),
+        **more,
+    )
+
+
+def _left(descent: Descent, index: int) -> Row:
+    """What stands in for the data row of a calibration whose own fit is of no use."""
+    covariance = inverse_normal(descent.balance.information[index])
+    return Row(RESIDUAL, DATA, None, "", descent.fitted[index].estimate.degrees_of_freedom, covariance)
+
+
+def _data_row(descent: Descent, index: int, other: int, row: Row, label: str) -> Row:
+    """What the data of calibration ``other`` add to the covariance of calibration ``index``."""
+    gain = descent.balance.covariance @ descent.places[other].matrix.T
+    share = gain @ descent.balance.information[other] @ gain.T
+    onto = descent.places[index].matrix
+    source = f"{label}: {row.source}" if label else row.source
+    return replace(row, source=source, covariance=onto @ share @ onto.T)
+
+
+def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
+    """Every systematic effect once: stated alike in two calibrations it is one and the same, as of one instrument."""
+    found: dict[SystematicEffect, dict[int, FloatArray]] = {}
+    for index, one in enumerate(placed):
+        coordinates, z, quantity = one.estimate.coordinates, one.estimate.z, one.evidence.quantity
+        for effect in effects_of(one.evidence.calibration):
+            shift = shift_of_effect(effect, coordinates, z, quantity, one.linear)
+            found.setdefault(effect, {})[index] = shift
+    effects = []
+    for effect, shifts in found.items():
+        pull = sum(descent.places[i].matrix.T @ descent.balance.information[i] @ s for i, s in shifts.items())
+        effects.append(_Effect(effect, shifts, descent.balance.covariance @ np.asarray(pull)))
+    return effects
+
+
+def _consistency(descent: Descent, data: Sequence[Row], effects: Sequence[_Effect]) -> Consistency | None:
+    estimates = []
+    for i, one in enumerate(descent.fitted):
+        there = descent.places[i].z(descent.balance.theta) + descent.balance.steps[i]
+        estimates.append(one.estimate.z if i in descent.alone else there)
+    sizes = [len(z) for z in estimates]
+    stacked = [np.concatenate([e.shifts.get(i, np.zeros(size)) for i, size in enumerate(sizes)]) for e in effects]
+    fewest = min(row.degrees_of_freedom for row in data)
+    return compare(descent.numbers, descent.places, estimates, [row.covariance for row in data], stacked, fewest)
+
+
+def _labels(calibrations: Sequence[Calibration]) -> list[str]:
+    """A short name for each calibration: its file, with the folder where files share a name."""
+    names = [Path(one.source).name or f"calibration {i}" for i, one in enumerate(calibrations, 1)]
+    return [
+        name if names.count(name) == 1 else one.source or f"calibration {i}"
+        for i, (name, one) in enumerate(zip(names, calibrations, strict=True), 1)
+    ]
+
+
+def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Descent) -> ResultWarning:
+    name, whole = consistency.worst, consistency.whole
+    number = next(n for n in descent.numbers if n.name == name and len(n.members) > 1)
+    values = []
+    for owner, _ in number.members:
+        estimate = descent.fitted[owner].estimate
+        text = f"{estimate.coordinates.values(estimate.z)[name]:.6g}" if owner in descent.alone else "elsewhere"
+        values.append(f"{text} ({labels[owner]})")
+    said = f"{name} differs most: {', '.join(values)}. " if name in consistency.each else ""
+    return ResultWarning(
+        "estimators_disagree",
+        f"The calibrations disagree on what they share: χ² = {whole.chi2:.4g} with {whole.degrees_of_freedom} degrees "
+        f"of freedom, probability {whole.probability:.2g}. {said}The joint values lie between, and their "
+        "uncertainties do not cover the difference.",
+    )
+
+
+def _about(
+    descent: Descent,
+    labels: Sequence[str],
+    results: Sequence[Result],
+    separate: Sequence[Mapping[str, Parameter] | None],
+    consistency: Consistency | None,
+) -> dict[str, Any]:
+    """What ``settings["joint"]`` holds."""
+    shared = []
+    for number in descent.numbers:
+        if len(number.members) < 2:
+            continue
+        owners = [owner for owner, _ in number.members]
+        joint = results[owners[0]].parameters[number.name]
+        verdict = None if consistency is None else consistency.each.get(number.name)
+        shared.append(
+            {
+                "name": number.name,
+                "unit": joint.unit,
+                "joint": _stated(joint),
+                "separate": {labels[o]: _stated(_parameter(separate[o], number.name)) for o in owners},
+                "chi2": None if verdict is None else verdict.chi2,
+                "probability": None if verdict is None else verdict.probability,
+            }
+        )
+    whole = None if consistency is None else consistency.whole
+    return {
+        "calibrations": [
+            {"file": label, "model": r.model, "estimator": r.estimator, "own_fit_used": i in descent.alone}
+            for i, (label, r) in enumerate(zip(labels, results, strict=True))
+        ],
+        "shared": shared,
+        "consistency": None if whole is None else {
+            "chi2": whole.chi2,
+            "degrees_of_freedom": whole.degrees_of_freedom,
+            "probability": whole.probability,
+            "consistent": whole.consistent,
+        },
+    }  # fmt: skip
+
+
+def _alone(one: Fitted, uncertainty: Uncertainty) -> dict[str, Parameter]:
+    """The parameters of a separate fit, with everything that its own budget holds."""
+    rows, estimate = own_rows(one, uncertainty), one.estimate
+    covariance = np.sum([row.covariance for row in rows], axis=0)
+    units = unit_fields(one.evidence.calibration)
+    return parameter_table(estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {})
+
+
+def _parameter(table: Mapping[str, Parameter] | None, name: str) -> Parameter | None:
+    return None if table is None else table[name]
+
+
+def _stated(parameter: Parameter | None) -> dict[str, float | None] | None:
+    if parameter is None:
+        return None
+    return {"value": parameter.value, "standard_uncertainty": parameter.standard_uncertainty}

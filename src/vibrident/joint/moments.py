@@ -1,0 +1,108 @@
+"""A calibration's estimate as moments of a joint fit: its score, and how well that is known.
+
+An estimate ẑ with covariance C solves g(z) = 0, g the gradient of its cost (with what the estimator did beside: weights
+by the noise's own spectrum, a bias taken away). Elsewhere
+
+    m(z) = g(z) − g(ẑ),   cov m = S = M^½ K M^½,   K = M(ẑ)^½ C M(ẑ)^½,
+
+with M the normal matrix JᵀJ. K is one for white noise whose level is known; it holds what the estimator states beyond
+that: coloured noise, a misfit that the uncertainties are to cover. The joint estimate minimises Σ mᵀ S⁻¹ m over the
+calibrations (generalised method of moments; Hansen 1982), which uses of each what it is worth. Near ẑ this is
+(z − ẑ)ᵀ C⁻¹ (z − ẑ), so that a joint fit of one calibration is its own fit; further off it follows the residual, where
+a quadratic would not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.estimators.covariance import inverse_normal
+from vibrident.estimators.objectives import Local
+from vibrident.joint.score import Score
+from vibrident.records import FloatArray
+
+#: Scaled eigenvalues below this are rounding: such a direction is not seen.
+SMALLEST = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """The score of a calibration.
+
+    Attributes:
+        score: near the joint estimate.
+        offset: g(ẑ), shape (p,).
+        scale: square roots of the diagonal of M(ẑ), shape (p,).
+        inverse_colour: K⁻¹ in the scaled coordinates, shape (p, p).
+    """
+
+    score: Score
+    offset: FloatArray
+    scale: FloatArray
+    inverse_colour: FloatArray
+
+    @classmethod
+    def of(cls, own: Score, z: FloatArray, covariance: FloatArray, near: Score) -> Moments:
+        """From an estimate ``z``, shape (p,), with its covariance as stated, shape (p, p).
+
+        Args:
+            own: the residual, with its records weighted by what is left of them at the estimate.
+            z: the estimate.
+            covariance: of it.
+            near: the residual near the joint estimate, weighted by what is left there: where that is more, the
+                calibration says less.
+        """
+        here = own.local(z)
+        scale = _scale(here.matrix)
+        root, _ = _roots(here.matrix, scale)
+        colour = root @ (covariance * np.outer(scale, scale)) @ root
+        offset = replace(own, noise=near.noise).local(z).gradient
+        return cls(near, offset, scale, _inverse(colour))
+
+    @classmethod
+    def plain(cls, near: Score, z: FloatArray, variance: float) -> Moments:
+        """Of a calibration without an estimate of its own: its cost as it is, noise of this many times its level."""
+        here = near.local(z)
+        return cls(near, np.zeros_like(here.gradient), _scale(here.matrix), np.eye(len(z)) / variance)
+
+    def weight(self, z: FloatArray) -> FloatArray:
+        """S⁻¹ at ``z``, shape (p, p)."""
+        _, inverse = _roots(self.score.local(z).matrix, self.scale)
+        return (inverse @ self.inverse_colour @ inverse) / np.outer(self.scale, self.scale)
+
+    def information(self, z: FloatArray) -> FloatArray:
+        """What the calibration tells of its parameters at ``z``: C⁻¹ at its own estimate; shape (p, p)."""
+        root, _ = _roots(self.score.local(z).matrix, self.scale)
+        return (root @ self.inverse_colour @ root) * np.outer(self.scale, self.scale)
+
+    def local(self, z: FloatArray, weight: FloatArray) -> Local:
+        """Cost, gradient and normal matrix of mᵀ S⁻¹ m, with S⁻¹ held."""
+        found = self.score.local(z)
+        moment = found.gradient - self.offset
+        return Local(
+            found.matrix @ weight @ found.matrix, found.matrix @ weight @ moment, float(moment @ weight @ moment)
+        )
+
+    def step(self, z: FloatArray) -> FloatArray:
+        """Where the calibration by itself would go from ``z``, to first order, shape (p,)."""
+        found = self.score.local(z)
+        return inverse_normal(found.matrix) @ (found.gradient - self.offset)
+
+
+def _scale(matrix: FloatArray) -> FloatArray:
+    diagonal = np.diag(matrix)
+    return np.sqrt(np.maximum(diagonal, 1e-30 * max(float(np.max(diagonal)), np.finfo(float).tiny)))
+
+
+def _roots(matrix: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """M^½ and M^−½ in scaled coordinates; a direction that is not seen counts as seen by rounding."""
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    kept = np.maximum(values, SMALLEST * np.max(values))
+    return (vectors * np.sqrt(kept)) @ vectors.T, (vectors / np.sqrt(kept)) @ vectors.T
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(matrix)
+    return (vectors / np.maximum(values, SMALLEST * np.max(values))) @ vectors.T

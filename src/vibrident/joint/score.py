@@ -1,0 +1,104 @@
+"""What a calibration says near any parameters: cost, gradient and normal matrix of the residual its estimator used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.backend import jnp
+from vibrident.discretize import method
+from vibrident.estimators.ml import weighted_problem
+from vibrident.estimators.objectives import Local, response_objective, time_objective
+from vibrident.identification import Fitted
+from vibrident.problem import Coordinates, FrequencyProblem, TimeProblem
+from vibrident.records import FloatArray
+
+#: Noise below this part of a record's response is not believed.
+LEAST_NOISE = 1e-7
+#: Part of a sample by which the delay may leave that of the interpolated inputs.
+DELAY_SETTLED = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """A calibration's residual.
+
+    Attributes:
+        coordinates: in which it is a function.
+        problem: in time (``ipnn``) or in frequency (every other estimator).
+        noise: standard deviation by which each record is weighted, shape (records,); None in frequency.
+    """
+
+    coordinates: Coordinates
+    problem: TimeProblem | FrequencyProblem
+    noise: FloatArray | None = None
+
+    @classmethod
+    def of(cls, fitted: Fitted) -> Score:
+        """The residual of an estimate, weighted as there."""
+        evidence, estimate = fitted.evidence, fitted.estimate
+        if estimate.estimator == "ipnn":
+            assert estimate.problem is not None
+            return cls(estimate.coordinates, estimate.problem, np.array(estimate.settings["noise"]))
+        if estimate.tones is None:
+            assert evidence.first_look is not None
+            return cls(estimate.coordinates, evidence.first_look)
+        values = estimate.coordinates.values(estimate.z)
+        problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
+        error = estimate.settings.get("model_error", 0.0)
+        frequency, reference, response, deviation = problem.data
+        wider = np.hypot(deviation, error * np.abs(response))
+        return cls(estimate.coordinates, replace(problem, data=(frequency, reference, response, wider)))
+
+    def local(self, z: FloatArray) -> Local:
+        """Cost, gradient and normal matrix at ``z``, shape (p,)."""
+        at = jnp.asarray(z)
+        if isinstance(self.problem, TimeProblem):
+            assert self.noise is not None
+            noise = jnp.asarray(self.problem.by_lane(self.noise))
+            found = time_objective(at, (self.coordinates, self.problem.layout, self.problem.data, noise))
+        else:
+            kind = (self.problem.polar, self.problem.has_phase, self.problem.quantity)
+            found = response_objective(at, (self.coordinates, kind, self.problem.data))
+        return Local(np.asarray(found.matrix), np.asarray(found.gradient), float(found.cost))
+
+    def deviance(self, z: FloatArray) -> float:
+        """−2 log likelihood at ``z`` up to a constant, with each record's noise as it is found there."""
+        if self.noise is None or not isinstance(self.problem, TimeProblem):
+            return self.local(z).cost
+        return float(2.0 * self.problem.degrees_of_freedom @ np.log(self.noise))
+
+    def colour(self, z: FloatArray) -> float:
+        """Mean of the residual's spectrum at ``z`` where the response is, one for white noise; at least one."""
+        if self.noise is None or not isinstance(self.problem, TimeProblem):
+            return 1.0
+        level, power = 0.0, 0.0
+        for record, series, noise in zip(
+            self.problem.records, self.problem.predict(self.coordinates, z), self.noise, strict=True
+        ):
+            used = record.mask & np.isfinite(series)
+            residual = np.where(used, (record.response - series) / noise, 0.0)
+            response = np.abs(np.fft.rfft(np.where(used, series - series[used].mean(), 0.0))) ** 2 / noise**2
+            level += float(np.abs(np.fft.rfft(residual)) ** 2 @ response) / max(float(used.sum()), 1.0)
+            power += float(np.sum(response))
+        return max(level / max(power, np.finfo(float).tiny), 1.0)
+
+    def near(self, z: FloatArray) -> Score:
+        """The same with inputs interpolated at the delay of ``z``, and each record weighted by its residual there."""
+        if not isinstance(self.problem, TimeProblem):
+            return self
+        assert self.noise is not None
+        problem, values = self.problem, self.coordinates.values(z)
+        if abs(values.get("delay", 0.0) - problem.delay_s) > DELAY_SETTLED * np.min(problem.intervals_s):
+            layout = problem.layout
+            step = method(layout.method.name)
+            problem = TimeProblem.build(problem.records, layout.model, step, layout.quantity, values)
+        predicted = problem.predict(self.coordinates, z)
+        noise = []
+        for record, series, freedom in zip(problem.records, predicted, problem.degrees_of_freedom, strict=True):
+            used = record.mask & np.isfinite(series)
+            squares = float(np.sum((record.response[used] - series[used]) ** 2))
+            floor = LEAST_NOISE * float(np.std(record.response[record.mask]))
+            noise.append(max(np.sqrt(squares / max(freedom, 1.0)), floor, np.finfo(float).tiny))
+        return replace(self, problem=problem, noise=np.array(noise))

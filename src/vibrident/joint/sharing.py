@@ -1,0 +1,152 @@
+"""Which parameters of several calibrations are one and the same, and how each calibration's coordinates follow.
+
+A sensor's mechanics are the same whatever is read from it: natural frequency, damping ratio and those of a second mode.
+What belongs to an output (gain, a second mode's share, cubic stiffness, high-pass, averaging) is the same where core
+model, unit of the response and kind of reference are. The delay belongs to the channels of a calibration.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.models import SensorModel
+from vibrident.problem import Coordinates
+from vibrident.records import Calibration, FloatArray
+
+#: Parameters of the oscillator itself.
+MECHANICS = ("natural_frequency", "damping_ratio", "mode2_frequency", "mode2_damping")
+#: Parameters of a calibration's channels, shared only where asked for.
+CHANNELS = ("delay",)
+#: Kinds of coordinates that are logarithms.
+LOGARITHMIC = ("log", "duration")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One number of the joint fit.
+
+    Attributes:
+        name: of the parameter.
+        members: calibration, and index in its model, of each parameter that is this number.
+    """
+
+    name: str
+    members: tuple[tuple[int, int], ...]
+
+
+def joined(
+    calibrations: Sequence[Calibration], models: Sequence[SensorModel], share: Sequence[str] | None
+) -> tuple[Joint, ...]:
+    """The numbers of the joint fit: each shared parameter once, each other one for itself.
+
+    Args:
+        calibrations: of one sensor.
+        models: of each.
+        share: names of the parameters to share, these and no others; None: the mechanics, and what belongs to an
+            output where outputs are alike.
+
+    Raises:
+        InputError: a name is none of the parameters', or is no parameter of two calibrations that can share it.
+    """
+    if share is not None:
+        _check(share, models)
+    found: dict[tuple[object, ...], list[tuple[int, int]]] = {}
+    for number, (calibration, model) in enumerate(zip(calibrations, models, strict=True)):
+        for index, name in enumerate(model.parameter_names):
+            key = _key(name, calibration, model)
+            alone = name in CHANNELS if share is None else name not in share
+            found.setdefault((number, name) if alone else key, []).append((number, index))
+    numbers = tuple(
+        Joint(models[members[0][0]].parameter_names[members[0][1]], tuple(members)) for members in found.values()
+    )
+    if len(calibrations) > 1:
+        _check_common(numbers, share, calibrations)
+    return numbers
+
+
+def _key(name: str, calibration: Calibration, model: SensorModel) -> tuple[object, ...]:
+    """What two parameters of this name must have in common to be one."""
+    if name in MECHANICS or name in CHANNELS:
+        return (name,)
+    drive = calibration.reference_unit if calibration.quantity == "drive" else None
+    return (name, model.core.name, calibration.response_unit, drive)
+
+
+def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
+    known = list(dict.fromkeys(name for model in models for name in model.parameter_names))
+    for name in share:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            raise InputError(
+                f"{name!r} is no parameter of these models.",
+                expected=" | ".join(known),
+                found=repr(name),
+                where="share",
+                remedy=f"did you mean {near[0]!r}?" if near else "choose one of the expected",
+            )
+
+
+def _check_common(numbers: Sequence[Joint], share: Sequence[str] | None, calibrations: Sequence[Calibration]) -> None:
+    common = {number.name for number in numbers if len(number.members) > 1}
+    lacking = [name for name in share or () if name not in common]
+    if lacking or not common:
+        raise InputError(
+            f"The calibrations have no {lacking[0]} in common." if lacking else "The calibrations share nothing.",
+            expected="a parameter of two or more calibrations; a gain: of the same model, response unit and reference",
+            found="; ".join(f"{c.model}, response in {c.response_unit}, reference {c.quantity}" for c in calibrations),
+            where="share",
+            remedy="share other parameters, or identify these calibrations one by one",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a calibration's coordinates lie in those of the joint fit: z = offset + matrix @ theta.
+
+    Attributes:
+        offset: shape (p,).
+        matrix: one entry a row, shape (p, q).
+    """
+
+    offset: FloatArray
+    matrix: FloatArray
+
+    def z(self, theta: FloatArray) -> FloatArray:
+        """The calibration's coordinates, shape (p,), at those of the joint fit, shape (q,)."""
+        return self.offset + self.matrix @ theta
+
+
+def places(numbers: Sequence[Joint], coordinates: Sequence[Coordinates]) -> tuple[Place, ...]:
+    """The place of each calibration; a joint coordinate is that of its first member."""
+    offsets = [np.zeros(len(c.model.parameters)) for c in coordinates]
+    matrices = [np.zeros((len(c.model.parameters), len(numbers))) for c in coordinates]
+    for column, number in enumerate(numbers):
+        first, first_index = number.members[0]
+        for owner, index in number.members:
+            offset, scale = _onto(coordinates[first], first_index, coordinates[owner], index)
+            offsets[owner][index] = offset
+            matrices[owner][index, column] = scale
+    return tuple(Place(offset, matrix) for offset, matrix in zip(offsets, matrices, strict=True))
+
+
+def _onto(one: Coordinates, i: int, other: Coordinates, j: int) -> tuple[float, float]:
+    """Offset and scale from a coordinate to another of the same physical value."""
+    spec = one.model.parameters[i]
+    if spec.kind in LOGARITHMIC:
+        return float(np.log(np.asarray(one.start)[i] / np.asarray(other.start)[j])), 1.0
+    return 0.0, _one(one, spec.name) / _one(other, spec.name)
+
+
+def _one(coordinates: Coordinates, name: str) -> float:
+    """Physical value at the coordinate one, of a kind that is proportional to it."""
+    return coordinates.values(np.ones(len(coordinates.model.parameters)))[name]
+
+
+def gathered(numbers: Sequence[Joint], values: Sequence[Mapping[str, float]]) -> list[list[float]]:
+    """Each number's values in the calibrations that have it."""
+    return [[values[owner][number.name] for owner, _ in number.members] for number in numbers]
