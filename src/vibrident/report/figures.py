@@ -259,7 +259,8 @@ def signals(result: Result) -> list[tuple[str, Figure]]:
     found = []
     for signal in ordered:
         frequency = frequencies.get(signal.record)
-        named = f"{frequency_text(frequency)}, {signal.record}" if frequency else signal.record
+        called = frequency_text(frequency) if frequency else ""
+        named = f"{called}, {signal.record}" if called and called != signal.record else signal.record
         found.append((named, _signal(signal, _drawn(signal, frequency, most))))
     return found
 
@@ -359,5 +360,5 @@ def training(result: Result) -> Figure | None:
     line = {"x": list(range(len(loss))), "y": listed(loss), "mode": "lines+markers", "marker": {"size": 4}}
     trace = {**line, "line": {"color": BLUE}, "name": "loss", "hovertemplate": "%{x}: %{y:.4g}<extra></extra>"}
     kind = "log" if np.nanmin(loss) > 0 else "linear"
-    yaxis = axis("mean squared weighted residual", type=kind)
+    yaxis = axis("weighted mean square", type=kind)
     return figure([trace], 300, xaxis=axis("iteration"), yaxis=yaxis, showlegend=False)
