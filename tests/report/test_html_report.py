@@ -15,6 +15,7 @@ from sample_results import SAMPLES, dense_points, pickup, table2, troubled
 
 from vibrident import report
 from vibrident.errors import InputError
+from vibrident.plots.units import frequency_text
 from vibrident.report import words
 from vibrident.report.figures import MOST_POINTS
 from vibrident.report.residual_tests import residual_tests
