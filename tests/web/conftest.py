@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent))
+
 #: Pictures that the tests take, to be looked at.
 PICTURES = Path(__file__).resolve().parents[2] / "out" / "page"
 LIMIT_MB = 100
