@@ -46,7 +46,6 @@ pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; m
 #command pre { white-space: pre-wrap; padding-right: 40px; }
 .q-btn-toggle { display: inline-flex; margin: 4px 0 10px; }
 .uploader { width: 100%; margin-top: 10px; max-height: 320px;
- 
   border: 2px dashed #5c7f99 !important; border-radius: 8px; }
 .uploader .q-uploader__header { background: #eaf2f8; color: #0a4b78; }
 .uploader .q-uploader__title { font-size: 1rem; white-space: normal; }
