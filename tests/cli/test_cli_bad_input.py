@@ -236,3 +236,8 @@ def test_comparisons_that_cannot_be(arguments, words, made, identified, run, tmp
     files = {"CAL": made / "calibration.toml", "RESULT": identified}
     done = run("compare", *(files.get(argument, argument) for argument in arguments), "--out", tmp_path / "out")
     assert_refused(done, tmp_path / "out", *words)
+
+
+def test_a_calibration_file_in_the_place_of_a_result(made, identified, run, tmp_path):
+    done = run("correct", made / "calibration.toml", identified, "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", "A result is wanted here", "calibration.toml", "the result first")

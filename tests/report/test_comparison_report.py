@@ -14,8 +14,9 @@ from sample_results import pickup, table2, table_only
 
 from vibrident import report
 from vibrident.comparison import normalized_error, not_comparable
+from vibrident.plots.units import Scale
 from vibrident.report.history import date_of, drift_table, histories
-from vibrident.report.side_by_side import comparison_tables, quantities
+from vibrident.report.side_by_side import Quantity, Value, comparison_tables, difference, quantities
 
 FACTORS = (1.0, 1.0012, 1.0031, 0.9990)
 DATES = ("2021-03-01", "2022-04-11", "2023-03-02", "2025-03-31")
@@ -162,3 +163,12 @@ def test_files_have_names_of_their_own(results, tmp_path):
     assert report.write(results[:1], "html", tmp_path / "deep" / "er" / "x.html").is_file()
     with pytest.raises(report.InputError, match=r"html \| pdf \| md"):
         report.write(results[0], "docx", tmp_path)
+
+
+def test_differences_stand_to_the_place_of_their_uncertainty():
+    row = Quantity("", Scale(1.0, "V"), (), relative=True)
+    assert difference(Value(100.002, 0.002), Value(100.0, 0.002), row) == "+0.0020 %"  # U of it is 0.0057 %
+    assert difference(Value(99.9996, 0.002), Value(100.0, 0.002), row) == "-0.0004 %"
+    assert difference(Value(-101.0, None), Value(-100.0, None), row) == "+1.0 %"
+    phase = Quantity("", Scale(1.0, "°"), (), relative=False)
+    assert difference(Value(-1.1e-5, 2e-6), Value(0.0, 2e-6), phase) == "-0.0000110"

@@ -15,6 +15,7 @@ from sample_results import SAMPLES, dense_points, pickup, table2, troubled
 
 from vibrident import report
 from vibrident.errors import InputError
+from vibrident.plots.units import frequency_text
 from vibrident.report import words
 from vibrident.report.figures import MOST_POINTS
 from vibrident.report.residual_tests import residual_tests
@@ -284,3 +285,54 @@ def test_without_plotly_the_remedy_is_named(monkeypatch):
     with pytest.raises(InputError, match=r"vibrident\[report\]"):
         report.content(table2(), "html")
     page._plotly.cache_clear()
+
+
+def test_the_budget_states_what_each_source_adds():
+    result = table2()
+    parts = {"natural_frequency": 0.0123456, "sensitivity": 3.456e-6}
+    rows = [
+        {
+            "source": "noise",
+            "type": "A",
+            "kind": "data",
+            "standard_uncertainty": None,
+            "unit": "",
+            "contributions": parts,
+        },
+        {
+            "source": "amplifier",
+            "type": "B",
+            "kind": "gain",
+            "standard_uncertainty": 0.001,
+            "unit": "1",
+            "degrees_of_freedom": 50.0,
+            "contributions": {"sensitivity": 1.02e-4, "natural_frequency": 0.0},
+        },
+    ]
+    page = read(replace(result, settings={"uncertainty_budget": rows}))
+    table = next(t for t in page.tables if t[0][:4] == ["source", "type", "kind", "u"])
+    columns = {head.split(" / ")[0]: j for j, head in enumerate(table[0])}
+    assert [row[:5] for row in table[1:3]] == [
+        ["noise", "A", "data", "–", "–"],
+        ["amplifier", "B", "gain", "0.001", "50"],
+    ]
+    for name in parts:
+        parameter, j = result.parameters[name], columns[words.parameter_name(name).words]
+        unit = table[0][j].split(" / ")[1]
+        factor = factor_to(unit.removeprefix("(").removesuffix(")") if unit.startswith("(") else unit, parameter.unit)
+        for row, text in zip(rows, (table[1][j], table[2][j]), strict=True):
+            assert_rounded(text, row["contributions"][name], factor)
+        assert_rounded(table[3][j], parameter.standard_uncertainty, factor)
+
+
+def test_a_record_named_by_its_frequency_is_named_once():
+    result = table2()
+    old = result.signals[0].record
+    frequency = result.measured.frequency_hz[result.measured.record.index(old)]
+    name = frequency_text(frequency)
+    records = tuple(name if record == old else record for record in result.measured.record)
+    measured = replace(result.measured, record=records)
+    signals = (replace(result.signals[0], record=name), *result.signals[1:])
+    page = report.content(replace(result, measured=measured, signals=signals), "html").decode()
+    assert f"<option>{name}</option>" in page
+    assert f"{name}, {name}" not in page

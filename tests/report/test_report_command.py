@@ -89,3 +89,14 @@ def test_from_the_calibration_file_to_the_certificate(tmp_path):
     for item in series(100.0, 800.0, again.measured.frequency_hz):
         assert item.frequency_hz in grid
         assert item.frequency_hz == item.nominal_hz  # the data were taken at nominal values
+
+
+def test_results_are_called_by_what_tells_them_apart(two, tmp_path):
+    for folder in "ab":
+        (tmp_path / folder / "out").mkdir()
+        (tmp_path / folder / "result.json").rename(tmp_path / folder / "out" / "result.json")
+    done = run(*(tmp_path / folder / "out" / "result.json" for folder in "ab"), "--out", tmp_path / "beside")
+    assert done.exit_code == 0, done.output
+    assert {path.name for path in (tmp_path / "beside").iterdir() if path.is_dir()} == {"a", "b"}
+    same = run(two[0].parent / "out" / "result.json", two[0].parent / "out" / "result.json", "--out", tmp_path / "same")
+    assert {path.name for path in (tmp_path / "same").iterdir() if path.is_dir()} == {"result-1", "result-2"}, same

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -13,9 +14,22 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent))
+
 #: Pictures that the tests take, to be looked at.
 PICTURES = Path(__file__).resolve().parents[2] / "out" / "page"
 LIMIT_MB = 100
+CHROMIUM_FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
 
 
@@ -75,19 +89,25 @@ def _ready(process: subprocess.Popen[str], begin: float) -> Server:
     raise AssertionError("the page does not answer")
 
 
+def _chromium() -> str | None:
+    """The browser to start: the one that VIBRIDENT_CHROMIUM names, else the system's. None leaves it to playwright."""
+    installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+    return os.environ.get("VIBRIDENT_CHROMIUM") or next(filter(None, installed), None)
+
+
 @pytest.fixture(scope="session")
 def browser():
-    """Headless Chromium: the one that VIBRIDENT_CHROMIUM names, else playwright's own."""
+    """Headless Chromium that asks the network for nothing of its own."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as started:
-        chromium = os.environ.get("VIBRIDENT_CHROMIUM")
         try:
-            running = started.chromium.launch(
-                executable_path=chromium, args=["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-            )
+            running = started.chromium.launch(executable_path=_chromium(), args=CHROMIUM_FLAGS)
         except playwright.Error as error:
             reason = str(error).splitlines()[0]
-            pytest.skip(f"no Chromium ({reason}): playwright install chromium, or set VIBRIDENT_CHROMIUM")
+            pytest.skip(
+                f"no Chromium ({reason}): install the system's, run playwright install chromium, or set "
+                "VIBRIDENT_CHROMIUM"
+            )
         yield running
         running.close()
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from typing import Any
 
 import pytest
 
+from vibrident.errors import InputError
 from vibrident.web.guard import POLICY, Guard
-from vibrident.web.server import LOOPBACK
+from vibrident.web.server import LOOPBACK, serve
 
 LIMIT, ENVELOPE = 2_000_000, 1_000_000
 HERE = "127.0.0.1:8080"
@@ -97,3 +99,14 @@ def test_a_body_beyond_the_limit_is_refused_announced_or_not():
 @pytest.mark.parametrize("length", ["many", "-1", "1e3", "1_0", "²", "9" * 5000])
 def test_a_length_that_is_no_number_is_refused(length):
     assert ask(host=HERE, content_length=length)[0]["status"] == 400
+
+
+def test_a_place_that_cannot_be_had_gets_the_remedy_that_helps():
+    pytest.importorskip("nicegui")
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(InputError, match="leave --port out"):
+            serve(host="127.0.0.1", port=other.getsockname()[1], show=False, limit_mb=1.0)
+    with pytest.raises(InputError, match="leave --host out"):
+        serve(host="203.0.113.7", port=0, show=False, limit_mb=1.0)  # of the block for documentation, RFC 5737

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 
 import h5py
+import pytest
+from contrast import texts, too_faint
 from pypdf import PdfReader
 
 from realdata import real_data
-from vibrident.report import content
-from vibrident.result import Result
 
 WAIT_MS = 120_000
 
@@ -34,12 +34,15 @@ def download(page, name: str) -> bytes:
     return Path(waiting.value.path()).read_bytes()
 
 
-def shell(folder: Path, shown: str) -> dict:
-    """Run the command that the page shows."""
-    _, *arguments = shlex.split(shown)
-    command = [sys.executable, "-c", "from vibrident.cli import main; main()", *arguments, "--no-plots", "--out", "out"]
+def run(folder: Path, *arguments: str) -> None:
+    command = [sys.executable, "-c", "from vibrident.cli import main; main()", *arguments]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def shell(folder: Path, shown: str) -> dict:
+    """Run the command that the page shows."""
+    run(folder, *shlex.split(shown)[1:], "--no-plots", "--out", "out")
     return json.loads((folder / "out" / "result.json").read_text())
 
 
@@ -48,6 +51,26 @@ def alike(document: dict) -> dict:
     settings = {key: value for key, value in document["settings"].items() if key != "time_s"}
     provenance = {key: value for key, value in document["provenance"].items() if key != "time"}
     return {**document, "settings": settings, "provenance": provenance}
+
+
+def agrees_with_the_command(page, folder: Path) -> None:
+    """What is downloaded is, to the last digit, what the command shown on the page gives in the folder of the data."""
+    (folder / "calibration.toml").write_bytes(download(page, "toml"))
+    taken = download(page, "json")
+    assert alike(json.loads(taken)) == alike(shell(folder, page.locator("#command code").inner_text()))
+
+    (folder / "taken.json").write_bytes(taken)
+    (folder / "page.pdf").write_bytes(download(page, "pdf"))
+    run(folder, "report", "out/result.json", "--out", "shell.pdf")
+    printed = [words_and_numbers(folder / name) for name in ("page.pdf", "shell.pdf")]
+    assert printed[0] == printed[1]
+    assert len(re.findall(r"\d", printed[0])) > 100
+
+
+def words_and_numbers(pdf: Path) -> str:
+    """The text of a PDF, but for the second in which the result was made."""
+    text = "".join(sheet.extract_text() for sheet in PdfReader(pdf).pages)
+    return re.sub(r"\d{4}-\d\d-\d\dT[\d:]+\+00:00", "", text)
 
 
 def test_the_page_is_ready_soon(server):
@@ -63,10 +86,10 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
     choose(page, "Reference: column", "FuncGen")
     choose(page, "Reference: quantity", "drive, its own unit")
-    page.get_by_label("Reference: SI unit per unit in the file", exact=True).locator("visible=true").fill("0.9425e-6")
-    page.get_by_label("Reference: unit", exact=True).locator("visible=true").fill("V")
+    page.get_by_label("Reference: SI units per unit of the file", exact=True).locator("visible=true").fill("0.9425e-6")
+    page.get_by_label("Reference: unit, for reports", exact=True).locator("visible=true").fill("V")
     choose(page, "Response: column", "Laser")
-    page.get_by_label("Response: unit below per unit in the file", exact=True).locator("visible=true").fill(
+    page.get_by_label("Response: such units per unit of the file", exact=True).locator("visible=true").fill(
         "0.95066e-9"
     )
     page.get_by_label("Response: unit", exact=True).locator("visible=true").fill("m")
@@ -84,21 +107,10 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.wait_for_timeout(800)
     picture(page, "result")
 
-    (tmp_path / "calibration.toml").write_bytes(download(page, "toml"))
     for name in names:
         (tmp_path / name).symlink_to(data / name)
-    taken = download(page, "json")
-    assert alike(json.loads(taken)) == alike(shell(tmp_path, page.locator("#command code").inner_text()))
-
-    (tmp_path / "taken.json").write_bytes(taken)
-    (tmp_path / "page.pdf").write_bytes(download(page, "pdf"))
-    (tmp_path / "shell.pdf").write_bytes(content(Result.load(tmp_path / "taken.json"), "pdf"))
-    printed = [
-        "".join(sheet.extract_text() for sheet in PdfReader(tmp_path / name).pages)
-        for name in ("page.pdf", "shell.pdf")
-    ]
-    assert printed[0] == printed[1]
-    assert len(re.findall(r"\d", printed[0])) > 100
+    agrees_with_the_command(page, tmp_path)
+    assert not too_faint(page)
 
 
 def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, picture, tmp_path):
@@ -109,6 +121,7 @@ def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, pi
     one.get_by_text("A cell that must hold a number holds text.").wait_for()
     assert one.get_by_text("broken.csv, line 3, column 2 ('reference')").is_visible()
     picture(one, "broken")
+    assert not too_faint(one)
     assert other.locator("#files").inner_text().strip() in ("", "No data yet.")
 
     other.get_by_role("button", name="Load the simulated demo").click()
@@ -122,6 +135,7 @@ def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, pi
     other.wait_for_timeout(800)
     picture(other, "phone")
     assert other.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert not too_faint(other)
     assert not one.locator("#result").is_visible()
     assert "broken.csv" in one.locator("#files").inner_text()
 
@@ -181,3 +195,61 @@ def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(vis
     page.get_by_text("2 files").wait_for()
     page.locator("#start").wait_for(state="hidden")
     page.get_by_text("Guessed from the names in a.csv").wait_for()
+
+
+def upload_simulated(page, folder: Path) -> None:
+    """A short calibration of known truth, its columns to be guessed."""
+    run(folder, *shlex.split("simulate --out . --samples 2000 --rate 12800 --seed 4 --response-noise 0.01"))
+    (folder / "calibration.toml").rename(folder / "as-simulated.toml")
+    upload(page, *sorted(folder.glob("*.csv")))
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(visit, picture, tmp_path, width):
+    """Without the real data too. Every stop of the tabulator is visible, and all that is done is done by keys."""
+    page = visit(width, 844)
+    picture(page, f"empty-{width}")
+    assert len(texts(page)) >= 6
+    assert not too_faint(page)
+    upload_simulated(page, tmp_path)
+    press(page, "#confirm", "#columns")
+    press(page, "#start", "#identify")
+    page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+    page.locator("#result .js-plotly-plot").first.wait_for()
+    page.wait_for_timeout(800)
+    picture(page, f"simulated-{width}")
+    assert not too_faint(page)
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    stops_are_seen(page)
+    if width == 1280:
+        agrees_with_the_command(page, tmp_path)
+
+
+def press(page, wanted: str, section: str) -> None:
+    """Go to an element by the tabulator, from the heading of its section, and press Enter."""
+    page.locator(section).wait_for()
+    page.locator(section).evaluate("section => { section.tabIndex = -1; section.focus(); }")
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        if page.evaluate("wanted => document.activeElement.closest(wanted) !== null", wanted):
+            page.keyboard.press("Enter")
+            return
+    raise AssertionError(f"the tabulator does not reach {wanted}")
+
+
+def stops_are_seen(page) -> None:
+    """The outline, or the border of the field, of whatever has the focus."""
+    page.locator("#data").evaluate("section => { section.tabIndex = -1; section.focus(); }")
+    for _ in range(25):
+        page.keyboard.press("Tab")
+        page.wait_for_timeout(30)
+        seen = page.evaluate(
+            """() => {
+              const at = document.activeElement, field = at.closest('.q-field');
+              const line = getComputedStyle(at);
+              return at === document.body || (line.outlineStyle !== 'none' && parseFloat(line.outlineWidth) >= 2)
+                || (field !== null && field.classList.contains('q-field--focused'));
+            }"""
+        )
+        assert seen, page.evaluate("document.activeElement.outerHTML.slice(0, 200)")

@@ -19,6 +19,14 @@ def load_result(path: Path) -> Result:
     """
     from vibrident.result import Result
 
+    if path.suffix.lower() == ".toml" and path.is_file():
+        raise InputError(
+            "A result is wanted here, not a calibration file.",
+            expected="a result.json that `vibrident identify` wrote",
+            found=path.name,
+            where=str(path),
+            remedy="name the result first and the calibration file after it, or identify first",
+        )
     try:
         return Result.load(path)
     except InputError as error:

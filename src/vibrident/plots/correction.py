@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
-    from vibrident.correction import Correction, Corrections
+    from vibrident.correction import Correction, Corrections, Peak
 
 #: Most records in the picture.
 MOST = 4
@@ -79,7 +79,7 @@ def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str
     band = correction.band
     heading = f"{style.shortened(record.name, 28)} · {_range(band.low_hz, band.high_hz)}"
     if correction.peak is not None:
-        heading += f"\npeak {correction.peak.value:.5g}, u = {correction.peak.standard_uncertainty:.2g}"
+        heading += f"\npeak {_peak(correction.peak, style.printable(pretty(unit)))}"
     upper.set_title(heading, fontsize=8)
     whole = float(np.nanmedian(u)) if np.isfinite(u).any() else 0.0
     shown = [u]
@@ -94,8 +94,15 @@ def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str
     lower.set_xlabel(f"Time in {time_scale.unit}")
     if named:
         upper.set_ylabel(f"Acceleration\nin {style.printable(pretty(unit))}")
-        lower.set_ylabel("Standard\nuncertainty")
+        lower.set_ylabel(f"u, standard\nuncertainty\nin {style.printable(pretty(unit))}")
     upper.tick_params(labelbottom=False)
+
+
+def _peak(peak: Peak, unit: str) -> str:
+    """Value and u, both to the second digit of u."""
+    value, u = peak.value, peak.standard_uncertainty
+    decimals = max(0, 1 - int(np.floor(np.log10(u)))) if np.isfinite(u) and u > 0 else 4
+    return f"{value:.{decimals}f} {unit}, u = {u:.{decimals}f} {unit}"
 
 
 def _range(low_hz: float, high_hz: float) -> str:

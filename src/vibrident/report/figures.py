@@ -60,6 +60,11 @@ def frequency_axis(frequency: FloatArray, **more: Any) -> dict[str, Any]:
     return axis("frequency in Hz", type="log", **log_marks(frequency), **{"mirror": "all", **more})
 
 
+def whole_numbers(title: str, count: int) -> dict[str, Any]:
+    """An axis that counts: its ticks are whole numbers, about eight of them."""
+    return axis(title, tick0=0, dtick=max(1, round(count / 8)))
+
+
 def log_marks(values: FloatArray) -> dict[str, Any]:
     """Whole numbers at the ticks of a logarithmic axis, where plotly would write powers and single digits."""
     usable = values[np.isfinite(values) & (values > 0)]
@@ -259,7 +264,8 @@ def signals(result: Result) -> list[tuple[str, Figure]]:
     found = []
     for signal in ordered:
         frequency = frequencies.get(signal.record)
-        named = f"{frequency_text(frequency)}, {signal.record}" if frequency else signal.record
+        called = frequency_text(frequency) if frequency else ""
+        named = f"{called}, {signal.record}" if called and called != signal.record else signal.record
         found.append((named, _signal(signal, _drawn(signal, frequency, most))))
     return found
 
@@ -359,5 +365,5 @@ def training(result: Result) -> Figure | None:
     line = {"x": list(range(len(loss))), "y": listed(loss), "mode": "lines+markers", "marker": {"size": 4}}
     trace = {**line, "line": {"color": BLUE}, "name": "loss", "hovertemplate": "%{x}: %{y:.4g}<extra></extra>"}
     kind = "log" if np.nanmin(loss) > 0 else "linear"
-    yaxis = axis("mean squared weighted residual", type=kind)
-    return figure([trace], 300, xaxis=axis("iteration"), yaxis=yaxis, showlegend=False)
+    yaxis = axis("weighted mean square", type=kind, **(log_marks(loss) if kind == "log" else {}))
+    return figure([trace], 300, xaxis=whole_numbers("iteration", len(loss)), yaxis=yaxis, showlegend=False)

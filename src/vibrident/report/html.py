@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from vibrident.plots.units import sensor_name
 from vibrident.report import figures, figures_beside, page, tables, words
+from vibrident.report.budget import budget
 from vibrident.report.certificate import certificate
 from vibrident.report.history import drift_table, histories
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, stated
@@ -93,7 +94,7 @@ def _cards(result: Result) -> str:
         value, _, rest = content_text.partition(", U = ")
         below = f"U = {rest}" if rest else "U not known"
         cards.append(
-            f'<div class="card"><span>{page.text(label)}</span><b>{page.text(value)}</b>'
+            f'<div class="card"><span>{page.text(label[:1].upper() + label[1:])}</span><b>{page.text(value)}</b>'
             f"<span>{page.text(below)}</span></div>"
         )
     return f'<div class="cards">{"".join(cards)}</div>' if cards else ""
@@ -163,7 +164,9 @@ def _residuals(made: Page, result: Result) -> list[str]:
 
 
 def _budget(result: Result) -> list[str]:
-    """Whatever budget the settings hold."""
+    """What each source adds; a budget of another form as it stands."""
+    if (table := budget(result)) is not None:
+        return [page.table(table)]
     return [page.tree(value) for key, value in result.settings.items() if "budget" in key and value]
 
 

@@ -159,12 +159,12 @@ def _interval(low: float | None, high: float | None, u: float | None, *, stated_
 
 
 def percent(value: float | None, digits: int = 2) -> str:
-    """A signed percentage: two significant digits, never more than three places; ``+0.12 %``."""
+    """A signed percentage: two significant digits, never more than six places; ``+0.12 %``."""
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0:
         return "0 %"
-    if abs(value) < 5e-4:
+    if abs(value) < 5e-6:
         return f"{value:+.{digits - 1}e} %".replace("e-0", "e-")
-    places = min(3, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
+    places = min(6, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
     return f"{value:+.{places}f} %"

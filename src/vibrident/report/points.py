@@ -72,7 +72,8 @@ def sensitivity_at(result: Result, where: Nominal) -> Point | None:
     """The model's sensitivity: the curve's own point where it has one there, else between its neighbours.
 
     Between neighbours the ratio of the curve to the result's model is interpolated, which is one but for rounding, so a
-    sharp resonance is followed; uncertainties are interpolated themselves. None outside the curve.
+    sharp resonance is followed; of the uncertainties the magnitude's relative one and the phase's own. None outside
+    the curve.
     """
     curve = result.response
     frequency = np.asarray(curve.frequency_hz, dtype=float)
@@ -108,8 +109,10 @@ def _between(result: Result, pair: slice, where: Nominal) -> Point:
         offset[1] -= 360.0 * round(float(offset[1] - offset[0]) / 360.0)
         phase = float(np.rad2deg(np.angle(model[2])) + offset[0] + share * (offset[1] - offset[0]))
         phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
-    uncertainties = (_mixed(curve.magnitude_uncertainty[pair], share), _mixed(curve.phase_deg_uncertainty[pair], share))
-    return Point(where.name, f, magnitude, phase, *uncertainties)
+    sizes = zip(curve.magnitude_uncertainty[pair], curve.magnitude[pair], strict=False)
+    relative = _mixed([None if u is None else u / abs(size) for u, size in sizes], share)
+    u = None if relative is None else relative * magnitude
+    return Point(where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share))
 
 
 def _mixed(ends: Sequence[float | None], share: float) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 from vibrident.comparison import normalized_error, not_comparable
 from vibrident.plots.units import Scale, pretty, reference_unit, scaled, sensor_name
@@ -16,6 +17,8 @@ from vibrident.result import Result
 
 #: Results in one table, the first among them; more make further tables.
 MOST_COLUMNS = 5
+#: Differences smaller than this carry a power of ten.
+_LEAST_FIXED = 1e-7
 EN = (
     "E_n = (value − first)/√(U² + U_first²) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that the two "
     "agree within their uncertainties. It takes them as independent: where both rest on the same reference, E_n is too "
@@ -208,10 +211,22 @@ def difference(value: Value | None, base: Value, row: Quantity) -> str:
     """Difference from the base, relative where the quantity allows it."""
     if value is None or value.value is None or base.value is None:
         return NONE
-    if row.relative and base.value:
-        return percent(100.0 * (value.value / base.value - 1.0))
-    text, _ = pair((value.value - base.value) * row.scale.factor, _joint(value, base, row.scale.factor))
-    return text if text.startswith("-") or not text.strip("0.") else f"+{text}"
+    relative = bool(row.relative and base.value)
+    off = value.value - base.value
+    factor = 100.0 / base.value if relative and base.value else row.scale.factor
+    joint = _joint(value, base, abs(factor))
+    if relative and not joint:
+        return percent(off * factor)
+    text = _fixed_point(pair(off * factor, joint)[0])
+    signed = text if text.startswith("-") or not text.strip("0.") else f"+{text}"
+    return f"{signed} %" if relative else signed
+
+
+def _fixed_point(text: str) -> str:
+    """Without a power of ten where few zeros do: numbers below each other are compared."""
+    if "e" not in text or abs(float(text)) < _LEAST_FIXED:
+        return text
+    return f"{Decimal(text):f}"
 
 
 def _joint(value: Value, base: Value, factor: float) -> float | None:

@@ -127,7 +127,7 @@ def fit(result: Result) -> Table:
             text, label = plain(value * scale.factor, 4), scale.unit
         else:
             text = plain(value, 6 if field == "r2" else 4)
-            label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²"}[power]
+            label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²"}[power]
         rows.append((metric.label, text, label, metric.definition))
     verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"
     lead = (
@@ -198,7 +198,9 @@ def worst(points: MeasuredCurve) -> str:
         return ""
     largest, where = max(known)
     mean = sum(d for d, _ in known) / len(known)
-    return f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g} Hz."
+    return (
+        f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g}\N{NO-BREAK SPACE}Hz."
+    )
 
 
 def training(result: Result) -> str:

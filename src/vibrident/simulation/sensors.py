@@ -97,11 +97,11 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
     {
         sensor.name: sensor
         for sensor in (
-            _paper("paper", 1.0, "the sensor of Table 2: 630 Hz, 1020 mV/g"),
-            _paper("table2", 1.0, "the sensor of Table 2: 630 Hz, 1020 mV/g"),
-            _paper("inverted", -1.0, "the sensor of Table 2 with its leads exchanged"),
-            _beside_paper("cubic", "the sensor of Table 2 with a hardening spring", "cubic", _CUBIC),
-            _beside_paper("two-mode", "the sensor of Table 2 with a mount that sways at 300 Hz", "mode2", _TWO_MODES),
+            _paper("paper", 1.0, "accelerometer of Table 2, 630 Hz, 1020 mV/g"),
+            _paper("table2", 1.0, "accelerometer of Table 2, 630 Hz, 1020 mV/g"),
+            _paper("inverted", -1.0, "accelerometer of Table 2, its leads exchanged"),
+            _beside_paper("cubic", "accelerometer of Table 2, a hardening spring", "cubic", _CUBIC),
+            _beside_paper("two-mode", "accelerometer of Table 2, on a mount that sways at 300 Hz", "mode2", _TWO_MODES),
             Sensor(
                 "piezo", "piezoelectric accelerometer, 30 kHz", "accelerometer", _PIEZO, (20.0, 20e3), 102400.0, 50.0
             ),

@@ -85,31 +85,34 @@ class ColumnsStep:
             self._table(choices)
         self._model()
         with ui.element("div").classes("actions"):
-            ui.button("Show", on_click=self._plot).props("outline id=show")
-            ui.button("Confirm", on_click=self._confirm).props("id=confirm")
-        self.errors = ui.element("div").props("aria-live=assertive")
+            ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
         self.plot, self.chart = ui.element("div").classes("chart"), None
+        self.errors = ui.element("div").props("aria-live=assertive")
+        with ui.element("div").classes("actions"):
+            ui.button("Confirm", on_click=self._confirm).props("id=confirm")
 
     def _records(self, choices: dict[int | str, str]) -> None:
         given = self.given
-        with ui.element("div").classes("fields"):
+        with _group("Reference: what moved the sensor"):
             _select(choices, "Reference: column", given, "reference", "reference-column")
             _select(QUANTITIES, "Reference: quantity", given, "quantity", "quantity")
-            _number("Reference: SI unit per unit in the file", given, "scale", "scale")
-            _text("Reference: unit", given, "unit")
+            _number("Reference: SI units per unit of the file", given, "scale", "scale")
+            _text("Reference: unit, for reports", given, "unit")
             _number("Reference: relative u (optional)", given, "standard_uncertainty")
+        with _group("Response: what the sensor gave"):
             _select(choices, "Response: column", given, "response", "response-column")
-            _number("Response: unit below per unit in the file", given, "response_scale", "response-scale")
             _text("Response: unit", given, "response_unit", "response-unit")
+            _number("Response: such units per unit of the file", given, "response_scale", "response-scale")
+        with _group("Sampling and excitation"):
             _select({None: "none"} | choices, "Time column, in s", given, "time", "time-column")
-            _number("Sampling rate in Hz (or the file's)", given, "rate_hz", "rate").bind_enabled_from(
+            _number("Sampling rate in Hz (or the file's)", given, "rate_hz", "rate").bind_visibility_from(
                 given, "time", backward=lambda time: time is None
             )
             _select(EXCITATIONS, "Excitation", given, "excitation", "excitation")
 
     def _table(self, choices: dict[int | str, str]) -> None:
         given, optional = self.given, {None: "none"} | choices
-        with ui.element("div").classes("fields"):
+        with _group("Columns of the table"):
             _select(choices, "Frequency, in Hz", given, "frequency")
             _select(choices, "Magnitude", given, "magnitude")
             _select(optional, "Phase", given, "phase")
@@ -122,10 +125,11 @@ class ColumnsStep:
 
     def _model(self) -> None:
         given = self.given
-        ui.html("<h3>Sensor and model</h3>", sanitize=False)
-        with ui.element("div").classes("fields"):
+        with _group("Sensor and model"):
             for key in given.sensor:
-                ui.input(key.replace("_", " ")).bind_value(given.sensor, key).props("dense outlined stack-label")
+                ui.input(key.replace("_", " ").capitalize()).bind_value(given.sensor, key).props(
+                    "dense outlined stack-label"
+                )
             _select(CORES, "Model", given, "core", "core")
             _select(ADD_ONS, "Add-ons", given, "add_ons", "add-ons").props("multiple use-chips")
 
@@ -155,6 +159,12 @@ class ColumnsStep:
             return
         session.write_calibration(text)
         await self.on_confirmed(CALIBRATION, self.given)
+
+
+def _group(title: str) -> ui.element:
+    """Fields that belong together, below their heading."""
+    ui.html(f"<h3>{title}</h3>", sanitize=False)
+    return ui.element("div").classes("fields").props(f'role=group aria-label="{title}"')
 
 
 def _select(choices: Any, label: str, given: Any, name: str, identity: str = "") -> Any:

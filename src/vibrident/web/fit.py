@@ -7,12 +7,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
 from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.errors import VibridentError
 from vibrident.plots.style import BLUE
-from vibrident.report.figures import axis, figure
+from vibrident.report.figures import axis, figure, log_marks, whole_numbers
 from vibrident.result import Result
 from vibrident.web import frame
 from vibrident.web.choices import Choices
@@ -47,7 +48,7 @@ class FitStep:
                 self.estimator = ui.select(ESTIMATORS, value="auto", label="Estimator")
                 self.discretisation = ui.select(
                     list(DISCRETISATIONS), value="bandlimited", label="Discretisation (ipnn)"
-                ).bind_enabled_from(self.estimator, "value", backward=lambda value: value == "ipnn")
+                ).bind_visibility_from(self.estimator, "value", backward=lambda value: value == "ipnn")
                 self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label="Uncertainties cover")
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
@@ -98,6 +99,8 @@ class FitStep:
             label = f"{name}: {result.model}, {result.estimator}"
             self.user.results.append(frame.Named(label, result, content, text, choices))
             self.status.text = "Identified."
+            if result.training is not None:  # the result draws the whole of it
+                self._forget_curve()
             self.on_result()
         except VibridentError as error:
             self.status.text = ""
@@ -126,17 +129,27 @@ class FitStep:
                 self.curve = ui.plotly(_curve(costs)).classes("chart")
         self.curve.update_figure(_curve(costs))
 
+    def _forget_curve(self) -> None:
+        self.place.clear()
+        self.curve = None
+
     def _working(self, now: bool) -> None:
         self.start.set_enabled(not now)
         self.stop.visible = self.spinner.visible = now
         if now:
             self.errors.clear()
-            self.place.clear()
-            self.curve = None
+            self._forget_curve()
             self.status.text = "Reading the data, loading the libraries …"
 
 
 def _curve(costs: list[float]) -> dict[str, Any]:
     points = [cost for cost in costs if cost > 0]
     line = {"y": points, "mode": "lines+markers", "line": {"color": BLUE}, "marker": {"size": 4}}
-    return figure([line], 230, xaxis=axis("iteration"), yaxis=axis("cost", type="log"), showlegend=False)
+    ticks = log_marks(np.array(points))
+    return figure(
+        [line],
+        230,
+        xaxis=whole_numbers("iteration", len(points)),
+        yaxis=axis("cost", type="log", **ticks),
+        showlegend=False,
+    )

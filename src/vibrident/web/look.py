@@ -1,9 +1,11 @@
 """Colours, type and widths of the page: readable contrast, one column on a phone, a visible focus.
 
+Quasar's own important rules stand in layers, and of these the first wins: the outline of the focus is in it.
 Quasar gives meaning to short class names of its own (``row``, ``column``) and to ``main``: they are left alone here.
 """
 
 STYLE = """
+@layer theme { :focus-visible { outline: 3px solid #d55e00 !important; outline-offset: 2px; } }
 body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; }
 .nicegui-content { padding: 0 !important; gap: 0 !important; max-width: none !important;
   align-items: stretch !important; }
@@ -32,16 +34,26 @@ body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; 
 .verdict { border-left: 5px solid #14632f; background: #eef7f0; padding: 8px 14px; }
 .doubt, .warning { border-left: 5px solid #b06a00; background: #fff6e5; padding: 8px 14px; margin: 8px 0; }
 .warning h3 { margin-top: 0; } .warning p { margin: 4px 0; }
-.scroll { overflow-x: auto; max-width: 100%; }
+.scroll { overflow-x: auto; max-width: 100%; background: /* a shadow where a table goes on beyond the edge */
+  linear-gradient(90deg, #fff 30%, #fff0) 0 0 / 36px 100% no-repeat local,
+  linear-gradient(270deg, #fff 30%, #fff0) 100% 0 / 36px 100% no-repeat local,
+  linear-gradient(90deg, #0004, #0000) 0 0 / 12px 100% no-repeat scroll,
+  linear-gradient(270deg, #0004, #0000) 100% 0 / 12px 100% no-repeat scroll; }
 table { border-collapse: collapse; font-size: .92rem; margin: 8px 0; } th, td { padding: 4px 10px; text-align: left;
   border-bottom: 1px solid #dde2e6; white-space: nowrap; } th { border-bottom: 2px solid #44505a; }
 td.number, th.number, .right { text-align: right; font-variant-numeric: tabular-nums; }
 pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; margin: 6px 0; }
 #command pre { white-space: pre-wrap; padding-right: 40px; }
 .q-btn-toggle { display: inline-flex; margin: 4px 0 10px; }
-.uploader { width: 100%; max-height: 320px; } .q-uploader__list { max-height: 140px; }
+.uploader { width: 100%; margin-top: 10px; max-height: 320px;
+  border: 2px dashed #5c7f99 !important; border-radius: 8px; }
+.uploader .q-uploader__header { background: #eaf2f8; color: #0a4b78; }
+.uploader .q-uploader__title { font-size: 1rem; white-space: normal; }
+.uploader .q-uploader__subtitle { display: none; }
+.q-chip .q-icon { opacity: 1 !important; color: #44505a; }
+.uploader .q-uploader__list { max-height: 140px; min-height: 0; padding: 0 8px; }
+.nicegui-code button { opacity: 1 !important; color: #44505a !important; }
 .chart { width: 100%; min-width: 0; }
-:focus-visible { outline: 3px solid #d55e00 !important; outline-offset: 2px; }
-.q-field__label, .q-field__bottom { color: #44505a; } .q-btn { text-transform: none; min-height: 40px; }
+.q-field__label, .q-field__bottom { color: #44505a !important; } .q-btn { text-transform: none; min-height: 40px; }
 @media (max-width: 600px) { .steps { padding: 8px; } .step { padding: 12px; border-radius: 4px; } }
 """

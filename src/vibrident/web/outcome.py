@@ -53,7 +53,10 @@ class OutcomeStep:
         with self.body:
             _verdict(named.result)
             self._downloads(named)
+            self.errors = ui.element("div").props("aria-live=assertive")
             _curves(named.result)
+            self._exports(named)
+            self.export_errors = ui.element("div").props("aria-live=assertive")
 
     def _downloads(self, named: frame.Named) -> None:
         ui.html("<h3>Download</h3>", sanitize=False)
@@ -69,19 +72,27 @@ class OutcomeStep:
                 "hint"
             )
             ui.code(named.choices.command, language="bash").classes("w-full").props("id=command")
+
+    def _exports(self, named: frame.Named) -> None:
+        """Other formats, each with the option that it alone needs."""
+        from vibrident.export.formats import FORMATS
+
+        titles = {name: f"{name}: {FORMATS[name].title}" for name in EXPORTS}
+        ui.html("<h3>Other formats</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            form = (
-                ui.select(list(EXPORTS), value="csv", label="Export")
-                .props("dense outlined stack-label")
-                .style("min-width: 9rem")
+            form = ui.select(titles, value="csv", label="Export as").style("min-width: 15rem")
+            options = (
+                (rate := ui.number("Sampling rate in Hz"), ("c", "fmu")),
+                (channel := ui.input("Channel, NET.STA.LOC.CHA"), ("stationxml", "sacpz")),
+                (country := ui.input("Country, two letters"), ("dcc",)),
             )
-            rate = ui.number("Rate in Hz (c, fmu)").props("dense outlined stack-label step=any")
-            channel = ui.input("Channel (stationxml, sacpz)").props("dense outlined stack-label")
-            country = ui.input("Country (dcc)").props("dense outlined stack-label")
+            for field, forms in options:
+                field.bind_visibility_from(form, "value", backward=lambda value, forms=forms: value in forms)
+            for field in (form, rate, channel, country):
+                field.props("dense outlined stack-label")
             ui.button(
                 "Export", on_click=lambda: self._export(named, form.value, rate.value, channel.value, country.value)
             ).props("outline id=get-export")
-        self.errors = ui.element("div").props("aria-live=assertive")
 
     async def _report(self, named: frame.Named, form: Any) -> None:
         self.errors.clear()
@@ -93,11 +104,11 @@ class OutcomeStep:
         ui.download.content(made or b"", FILE_NAMES[form][0])
 
     async def _export(self, named: frame.Named, form: str, rate: Any, channel: Any, country: Any) -> None:
-        self.errors.clear()
+        self.export_errors.clear()
         try:
             made = await run.io_bound(_exported, named.result, form, rate, channel or None, country or None)
         except InputError as error:
-            frame.show_error(self.errors, error)
+            frame.show_error(self.export_errors, error)
             return
         if made is not None:
             ui.download.content(*made)
@@ -151,8 +162,7 @@ def _curves(result: Result) -> None:
     if signals := figures.signals(result):
         ui.html("<h3>Signals</h3>", sanitize=False)
         shown = dict(signals)
-        plot = ui.plotly(signals[0][1]).classes("chart")
         if len(signals) > 1:
-            ui.select(list(shown), value=signals[0][0], label="Record").props(
-                "dense outlined stack-label"
-            ).on_value_change(lambda event: plot.update_figure(shown[event.value]))
+            choice = ui.select(list(shown), value=signals[0][0], label="Record").props("dense outlined stack-label")
+            choice.style("max-width: 20rem").on_value_change(lambda event: plot.update_figure(shown[event.value]))
+        plot = ui.plotly(signals[0][1]).classes("chart")

@@ -81,7 +81,9 @@ def _free_port(host: str, port: int) -> int:
                     expected="an address of this machine and a port that is free",
                     found=f"{error.strerror or error}",
                     where=f"--host {host} --port {number}",
-                    remedy="leave --port out, and a free one is taken",
+                    remedy="leave --port out, and a free one is taken"
+                    if error.errno in (errno.EADDRINUSE, errno.EACCES)
+                    else "leave --host out, and the page is for this machine alone",
                 ) from error
             return probe.getsockname()[1]
     raise AssertionError("unreachable")

@@ -103,7 +103,7 @@ def _show(document: dict[str, Any], folder: Path, *, drawn: bool) -> None:
                 "record": row["name"],
                 "band / Hz": f"{band['low_hz']:.4g} to {band['high_hz']:.4g}",
                 f"peak / {unit}": None if peak is None else peak["value"],
-                "95 % interval": None if peak is None else "{:.6g} … {:.6g}".format(*peak["interval_95"]),
+                "95 % interval": None if peak is None else _interval(peak),
                 "u / peak": None if peak is None else f"{100 * _ratio(peak):.2g} %",
                 f"rmse / {unit}": None if reference is None else reference["rmse"],
             }
@@ -113,6 +113,13 @@ def _show(document: dict[str, Any], folder: Path, *, drawn: bool) -> None:
     csv = folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"
     written = [folder / "correction.json", csv, *([folder / "correction.png"] if drawn else [])]
     wrote(written)
+
+
+def _interval(peak: dict[str, Any]) -> str:
+    """Both ends to the second digit of u."""
+    from vibrident.report.numbers import pair
+
+    return " … ".join(pair(end, peak["standard_uncertainty"])[0] for end in peak["interval_95"])
 
 
 def _ratio(peak: dict[str, Any]) -> float:

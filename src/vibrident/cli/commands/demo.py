@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -66,6 +67,9 @@ def _steps(place: Path, folder: Path) -> None:
             from vibrident.identification import identify
 
             result = identify(io.read(place / "calibration.toml"), progress=progress)
+        # Where the file will be, not where it is being written.
+        provenance = {**result.provenance, "calibration_file": str(folder / "calibration.toml")}
+        result = dataclasses.replace(result, provenance=provenance)
         console.print(terminal.summary(result))
         _say(
             "3  The truth",

@@ -109,7 +109,7 @@ def _contradiction(target: Path, form: str) -> InputError:
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """A name for each result: its own folder's where the files are all called alike, else the file's."""
-    alike = len({path.stem for path in paths}) == 1
-    names = [(path.resolve().parent.name or "result") if alike else path.stem for path in paths]
+    """A name for each result: the first part of the path, from its end, that is not the same for all."""
+    parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
+    names = next((list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1), [p[0] for p in parts])
     return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
