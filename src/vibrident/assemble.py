@@ -79,12 +79,13 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
     predicted, weights = _predict(evidence, estimate)
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
-    noise = estimate.settings.get("reference_noise", ())
+    noise, hum = estimate.settings.get("reference_noise", ()), estimate.settings.get("hum_hz", ())
     points += band_points(
         [evidence.records[i] for i in others],
         [predicted[i] for i in others],
         response,
         [noise[i] for i in others] if noise else (),
+        [hum[i] for i in others] if hum else (),
     )
     adequacy = assess(points, len(estimate.z))
     added = () if tones is None else audible(overtones(evidence.records, tones, predicted))

@@ -92,7 +92,7 @@ def _bent(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Itera
     found = bend(
         [evidence.records[i] for i in moved],
         [judgement.predicted[i] for i in moved],
-        lambda frequency: np.asarray(alone.frequency_response(values, frequency)) / gain,
+        lambda frequency: np.asarray(alone.frequency_response(values, frequency), dtype=complex) / gain,
     )
     if found is not None:
         text = (

@@ -127,6 +127,8 @@ class Ipnn:
             settings["reference_noise_doubt"] = dict(zip(evidence.model.parameter_names, doubt.tolist(), strict=True))
             if np.any(end.reference_noise > 0):
                 settings["reference_noise"] = end.reference_noise.tolist()
+            if any(end.hum_hz):
+                settings["hum_hz"] = [list(tones) for tones in end.hum_hz]
         return Estimate(
             "ipnn",
             coordinates,

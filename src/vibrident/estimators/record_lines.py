@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
+from vibrident.discretize import Weights
 from vibrident.measure.response import ComplexArray
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, TimeProblem
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: Free responses of a record in pieces are not looked at beyond so many numbers: its samples keep equal weights.
-LARGEST = 3e7
+#: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
+#: equal weights.
+MOST_COLUMNS, LARGEST = 400, 1e8
 #: Step of the central differences of the response.
 STEP = 1e-5
 
@@ -30,8 +33,7 @@ class RecordLines:
         used: shape (n,).
         twice: how often a line counts in a sum over all, shape (lines,).
         slopes: of the response with z, shape (p, lines).
-        free: what initial states, offset and drift of each segment add, shape (lines, m); m = 0 for too many.
-        edges: what the slopes of initial states add, shape (lines, m).
+        segments: place, output and transition of each segment; none where they are too many to be looked at.
         response: H and ∂H/∂z at the lines, shapes (lines,) and (p, lines); None without a reference.
         floor: variance that no residual is believed to be below.
     """
@@ -41,8 +43,7 @@ class RecordLines:
     used: BoolArray
     twice: FloatArray
     slopes: ComplexArray
-    free: ComplexArray
-    edges: ComplexArray
+    segments: tuple[tuple[slice, FloatArray, FloatArray], ...]
     response: tuple[ComplexArray, ComplexArray] | None
     floor: float
 
@@ -55,6 +56,27 @@ class RecordLines:
     def count(self) -> float:
         """Number of samples that are used."""
         return float(self.used.sum())
+
+    @functools.cached_property
+    def free(self) -> ComplexArray:
+        """What initial states, offset and drift of each segment add, shape (lines, m)."""
+        return _lines(self._free_in_time())
+
+    @functools.cached_property
+    def edges(self) -> ComplexArray:
+        """What the slopes of initial states add, shape (lines, m)."""
+        return _lines(self._free_in_time() * (np.arange(self.samples) / max(self.samples, 1))[:, None])
+
+    def _free_in_time(self) -> FloatArray:
+        columns = [np.zeros((self.samples, 0))]
+        for run, output, transition in self.segments:
+            count = run.stop - run.start
+            rows = _powers(output, transition, count)
+            rows = np.column_stack([rows, np.ones(count), np.linspace(-1.0, 1.0, count)])
+            placed = np.zeros((self.samples, rows.shape[1]))
+            placed[run] = rows / np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300)
+            columns.append(placed * self.used[:, None])
+        return np.concatenate(columns, axis=1)
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""
@@ -85,29 +107,32 @@ def record_lines(
         floor: standard deviation that no residual is believed to be below, shape (records,).
     """
     responses = problem.by_record(normal.response)
-    columns = [problem.by_record(column) for column in normal.columns]
+    weights = problem.weights(coordinates.physical(z))
+    spans = [_span(record.mask & np.isfinite(own)) for record, own in zip(problem.records, responses, strict=True)]
+    masks = [
+        (record.mask & np.isfinite(own))[span]
+        for record, own, span in zip(problem.records, responses, spans, strict=True)
+    ]
+    slopes: list[list[ComplexArray]] = [[] for _ in spans]
+    for column in normal.columns:  # one after another: of long records each is made when it is asked for
+        for own, series, span, used in zip(slopes, problem.by_record(column), spans, masks, strict=True):
+            own.append(_lines(np.where(used, series[span], 0.0)))
     found = []
-    for index, record in enumerate(problem.records):
-        known = record.mask & np.isfinite(responses[index])
-        places = np.flatnonzero(known)
-        # A length with a large prime factor takes many times as long: some samples less hardly matter.
-        n = int(fft.prev_fast_len(int(places[-1] - places[0]) + 1) or 0) if places.size else 0
-        span = slice(int(places[0]), int(places[0]) + n) if n else slice(0, 0)
-        used = known[span]
-        free = _free_responses(problem, coordinates, z, index)[span] * used[:, None]
+    for index, (record, span, used) in enumerate(zip(problem.records, spans, masks, strict=True)):
+        n = len(used)
         twice = np.full(n // 2 + 1, 2.0)
         twice[0] = 1.0
         if n % 2 == 0:
             twice[-1] = 1.0
+        misses = (record.response - responses[index])[span] / noise[index]
         found.append(
             RecordLines(
-                residual=_lines(np.where(used, (record.response - responses[index])[span] / noise[index], 0.0)),
+                residual=_lines(np.where(used, misses, 0.0)),
                 predicted=np.abs(_lines(np.where(used, responses[index][span], 0.0))) ** 2,
                 used=used,
                 twice=twice,
-                slopes=np.stack([_lines(np.where(used, column[index][span], 0.0)) for column in columns]),
-                free=_lines(free),
-                edges=_lines(free * (np.arange(n) / max(n, 1))[:, None]),
+                slopes=np.stack(slopes[index]),
+                segments=_segments(problem, weights, index, span),
                 response=_response(problem, coordinates, z, record, n),
                 floor=float((floor[index] / noise[index]) ** 2),
             )
@@ -115,29 +140,37 @@ def record_lines(
     return found
 
 
+def _span(known: BoolArray) -> slice:
+    """From the first known sample on, nearly to the last.
+
+    A length with a large prime factor takes many times as long: some samples less hardly matter.
+    """
+    places = np.flatnonzero(known)
+    if not places.size:
+        return slice(0, 0)
+    return slice(int(places[0]), int(places[0]) + int(fft.prev_fast_len(int(places[-1] - places[0]) + 1) or 0))
+
+
+def _segments(
+    problem: TimeProblem, weights: Weights, index: int, span: slice
+) -> tuple[tuple[slice, FloatArray, FloatArray], ...]:
+    """Segments of a record within its span; none where their free responses would be too many."""
+    outputs, transitions = np.asarray(weights.output), np.asarray(weights.transition)
+    rates = np.asarray(problem.lanes.rate)
+    found = []
+    for owner, run, lane in problem.pieces:
+        start, stop = max(run.start, span.start) - span.start, min(run.stop, span.stop) - span.start
+        if owner == index and stop - start > 1:
+            found.append((slice(start, stop), outputs[int(rates[lane])], transitions[int(rates[lane])]))
+    columns = len(found) * (outputs.shape[-1] + 2)
+    too_many = columns > MOST_COLUMNS or columns * (span.stop - span.start) > LARGEST
+    return () if too_many else tuple(found)
+
+
 def _lines(signal: FloatArray) -> ComplexArray:
     if not signal.size:
         return np.zeros((signal.shape[0] // 2 + 1, *signal.shape[1:]), dtype=complex)
     return np.asarray(fft.rfft(signal, axis=0))
-
-
-def _free_responses(problem: TimeProblem, coordinates: Coordinates, z: FloatArray, index: int) -> FloatArray:
-    """What initial states, offset and drift of every segment add to a record, shape (samples, m)."""
-    samples = problem.records[index].samples
-    own = [(run, lane) for owner, run, lane in problem.pieces if owner == index]
-    weights = problem.weights(coordinates.physical(z))
-    outputs, transitions = np.asarray(weights.output), np.asarray(weights.transition)
-    if len(own) * (outputs.shape[-1] + 2) * samples > LARGEST:
-        return np.zeros((samples, 0))
-    columns = [np.zeros((samples, 0))]
-    for run, lane in own:
-        rate = int(np.asarray(problem.lanes.rate)[lane])
-        rows = _powers(outputs[rate], transitions[rate], run.stop - run.start)
-        rows = np.column_stack([rows, np.ones(len(rows)), np.linspace(-1.0, 1.0, len(rows))])
-        placed = np.zeros((samples, rows.shape[1]))
-        placed[run] = rows / np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300)
-        columns.append(placed)
-    return np.concatenate(columns, axis=1)
 
 
 def _powers(output: FloatArray, transition: FloatArray, count: int) -> FloatArray:

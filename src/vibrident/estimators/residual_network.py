@@ -351,7 +351,8 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
         "tried": tried,
     }
     # What of the misfit looked like noise of the reference has been learned since.
-    settings = {name: value for name, value in plain.settings.items() if not name.startswith("reference_noise")}
+    own = ("reference_noise", "reference_noise_doubt", "noise_weights", "hum_hz")  # of the plain estimate
+    settings = {name: value for name, value in plain.settings.items() if name not in own}
     trace = whole.trace
     assert trace is not None
     return replace(

@@ -43,6 +43,8 @@ SHARE, FEWEST, MOST = 1 / 128, 12, 200
 SHORTEST = 256
 #: A spectrum is steep where its least is below this part of its mean.
 STEEP = 1e-2
+#: Lines that a sum over lines copies at once.
+AT_ONCE = 2**16
 #: Noise's own information is taken away down to this part of the whole.
 LEAST_INFORMATION = 0.2
 
@@ -59,6 +61,7 @@ class Reweighted:
         reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel, SI
             unit of the reference; zero where it is not seen, shape (records,).
         doubt: by how much such noise that is not seen may have moved z, shape (p,).
+        hum_hz: tones in each record's response that do not come from the motion.
     """
 
     z: FloatArray
@@ -67,6 +70,7 @@ class Reweighted:
     normal: Normal
     reference_noise: FloatArray
     doubt: FloatArray
+    hum_hz: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +139,10 @@ def reweighted(
         normal,
         np.sqrt([share.spectrum.passed for share in shares]) * noise,
         np.abs(inverse @ np.sum([share.draw for share in shares], axis=0)),
+        tuple(
+            tuple(place * given.sampling_rate_hz / record.samples for place in share.spectrum.tones)
+            for given, record, share in zip(problem.records, lines, shares, strict=True)
+        ),
     )
 
 
@@ -200,7 +208,11 @@ def _spectrum(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
 
 def _products(left: ComplexArray, right: ComplexArray, weight: FloatArray) -> FloatArray:
     """Re Σ weight left* right over the lines, shape (columns of left, columns of right)."""
-    return np.real(np.conj(left).T @ (weight[:, None] * right))
+    total = np.zeros((left.shape[1], right.shape[1]))
+    for begin in range(0, len(weight), AT_ONCE):  # copies of a block, not of everything
+        part = slice(begin, begin + AT_ONCE)
+        total += np.real(np.conj(left[part]).T @ (weight[part, None] * right[part]))
+    return total
 
 
 def _inverse_of_unknowns(matrix: FloatArray) -> FloatArray:

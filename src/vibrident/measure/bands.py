@@ -99,7 +99,7 @@ def _coherence(reference: ComplexArray, response: ComplexArray) -> float:
 
 
 def coherent_remainder(
-    record: Record, predicted: FloatArray, through: FloatArray | None = None
+    record: Record, predicted: FloatArray, through: FloatArray | None = None, hum_hz: Sequence[float] = ()
 ) -> tuple[FloatArray, NDArray[np.complex128], FloatArray, FloatArray] | None:
     """What of a time residual is coherent with the predicted response, by narrow bands.
 
@@ -112,6 +112,7 @@ def coherent_remainder(
         through: variance, a sample, of noise of the reference that the sensor did not feel, after the model's |H|², at
             the spectral lines of the record, shape (samples // 2 + 1,). Such noise is in E and in Ŷ, with opposite
             signs; it is allowed for, and bands that hold little else are left out.
+        hum_hz: tones that are known not to come from the motion; taken out of the residual.
 
     Returns:
         Frequencies, ρ, standard deviation of the real part of ρ, degrees of freedom; each of shape (bands,). None
@@ -122,7 +123,7 @@ def coherent_remainder(
         return None
     n, rate = record.samples, record.sampling_rate_hz
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    error = _line_spectrum(record.response - predicted, used)
+    error = _line_spectrum(_without(record.response - predicted, used, hum_hz, rate), used)
     spectrum = _line_spectrum(predicted - np.mean(predicted[used]), used)
     power = np.abs(spectrum) ** 2
     edges = band_edges(n, rate).astype(int)
@@ -148,6 +149,20 @@ def coherent_remainder(
         return None
     frequency, rho, deviation, freedom = zip(*rows, strict=True)
     return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)
+
+
+def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rate: float) -> FloatArray:
+    """The residual without these tones; each may drift a little in size and phase, as one of inexact frequency does."""
+    if not len(hum_hz):
+        return residual
+    turn = np.linspace(-1.0, 1.0, len(residual))[used, None]
+    angle = 2.0 * np.pi / rate * np.outer(np.flatnonzero(used), hum_hz)
+    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    columns = np.concatenate([columns, turn * columns], axis=1)
+    amounts, *_ = np.linalg.lstsq(columns, residual[used], rcond=1e-9)
+    left = residual.copy()
+    left[used] -= columns @ amounts
+    return left
 
 
 def _line_spectrum(series: FloatArray, used: BoolArray) -> ComplexArray:

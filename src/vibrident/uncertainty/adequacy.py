@@ -72,6 +72,7 @@ def band_points(
     predicted: Sequence[FloatArray],
     response: Callable[[FloatArray], ComplexArray],
     reference_noise: Sequence[float] = (),
+    hum_hz: Sequence[Sequence[float]] = (),
 ) -> list[Points]:
     """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
 
@@ -80,6 +81,7 @@ def band_points(
         predicted: predicted response of each, NaN where there is none.
         response: function from frequencies to the model's complex sensitivity.
         reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel.
+        hum_hz: tones of each record's response that do not come from the motion.
     """
     points = []
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
@@ -88,7 +90,7 @@ def band_points(
             lines = np.arange(record.samples // 2 + 1) * record.sampling_rate_hz / record.samples
             lines[0] = lines[1]  # a reference in velocity has no response at zero
             through = (reference_noise[index] * np.abs(response(lines))) ** 2
-        found = coherent_remainder(record, series, through)
+        found = coherent_remainder(record, series, through, hum_hz[index] if len(hum_hz) else ())
         if found is None:
             continue
         frequency, remainder, deviation, freedom = found
