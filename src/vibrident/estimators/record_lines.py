@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy import fft
@@ -14,6 +16,7 @@ from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, TimeProblem
 from vibrident.records import BoolArray, FloatArray, Record
 
+T = TypeVar("T")
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.
 MOST_COLUMNS, LARGEST = 400, 1e8
@@ -34,7 +37,8 @@ class RecordLines:
         twice: how often a line counts in a sum over all, shape (lines,).
         slopes: of the response with z, shape (p, lines).
         segments: place, output and transition of each segment; none where they are too many to be looked at.
-        response: H and ∂H/∂z at the lines, shapes (lines,) and (p, lines); None without a reference.
+        response: the model's, H, at the lines for given z; None without a reference.
+        z: where the network was evaluated, shape (p,).
         floor: variance that no residual is believed to be below.
     """
 
@@ -44,7 +48,8 @@ class RecordLines:
     twice: FloatArray
     slopes: ComplexArray
     segments: tuple[tuple[slice, FloatArray, FloatArray], ...]
-    response: tuple[ComplexArray, ComplexArray] | None
+    response: Callable[[FloatArray], ComplexArray] | None
+    z: FloatArray
     floor: float
 
     @property
@@ -58,25 +63,39 @@ class RecordLines:
         return float(self.used.sum())
 
     @functools.cached_property
+    def through(self) -> ComplexArray | None:
+        """H at z, shape (lines,)."""
+        return None if self.response is None else self.response(self.z)
+
+    def slope_of(self, of_response: Callable[[ComplexArray], T]) -> list[T]:
+        """Slopes with each coordinate of what is linear in H, by central differences."""
+        assert self.response is not None
+        ends = np.eye(len(self.z)) * STEP
+        return [of_response((self.response(self.z + e) - self.response(self.z - e)) / (2.0 * STEP)) for e in ends]
+
+    @functools.cached_property
     def free(self) -> ComplexArray:
         """What initial states, offset and drift of each segment add, shape (lines, m)."""
-        return _lines(self._free_in_time())
+        return self._stacked(self._free_in_time())
 
     @functools.cached_property
     def edges(self) -> ComplexArray:
         """What the slopes of initial states add, shape (lines, m)."""
-        return _lines(self._free_in_time() * (np.arange(self.samples) / max(self.samples, 1))[:, None])
+        turn = np.arange(self.samples) / max(self.samples, 1)
+        return self._stacked(turn * column for column in self._free_in_time())
 
-    def _free_in_time(self) -> FloatArray:
-        columns = [np.zeros((self.samples, 0))]
+    def _free_in_time(self) -> Iterator[FloatArray]:
+        """One after another: of a long record each is large."""
         for run, output, transition in self.segments:
             count = run.stop - run.start
-            rows = _powers(output, transition, count)
-            rows = np.column_stack([rows, np.ones(count), np.linspace(-1.0, 1.0, count)])
-            placed = np.zeros((self.samples, rows.shape[1]))
-            placed[run] = rows / np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300)
-            columns.append(placed * self.used[:, None])
-        return np.concatenate(columns, axis=1)
+            for rows in (*_powers(output, transition, count).T, np.ones(count), np.linspace(-1.0, 1.0, count)):
+                placed = np.zeros(self.samples)
+                placed[run] = rows * self.used[run] / max(float(np.sqrt(np.sum(rows**2))), 1e-300)
+                yield placed
+
+    def _stacked(self, columns: Iterable[FloatArray]) -> ComplexArray:
+        lines = [_lines(column) for column in columns]
+        return np.stack(lines, axis=1) if lines else np.zeros((len(self.twice), 0), dtype=complex)
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""
@@ -133,7 +152,8 @@ def record_lines(
                 twice=twice,
                 slopes=np.stack(slopes[index]),
                 segments=_segments(problem, weights, index, span),
-                response=_response(problem, coordinates, z, record, n),
+                response=_response(problem, coordinates, record, n),
+                z=z,
                 floor=float((floor[index] / noise[index]) ** 2),
             )
         )
@@ -183,9 +203,9 @@ def _powers(output: FloatArray, transition: FloatArray, count: int) -> FloatArra
 
 
 def _response(
-    problem: TimeProblem, coordinates: Coordinates, z: FloatArray, record: Record, samples: int
-) -> tuple[ComplexArray, ComplexArray] | None:
-    """H and its central differences at the lines of a record's transform."""
+    problem: TimeProblem, coordinates: Coordinates, record: Record, samples: int
+) -> Callable[[FloatArray], ComplexArray] | None:
+    """H as a function of z at the lines of a record's transform."""
     if record.reference is None or samples < 2:
         return None
     frequency = np.maximum(np.arange(samples // 2 + 1), 1) * record.sampling_rate_hz / samples  # none at zero
@@ -195,5 +215,4 @@ def _response(
         found = coordinates.model.frequency_response(values, frequency, problem.layout.quantity)
         return np.asarray(found, dtype=complex)
 
-    ends = np.eye(len(z)) * STEP
-    return at(z), np.stack([(at(z + end) - at(z - end)) / (2.0 * STEP) for end in ends])
+    return at

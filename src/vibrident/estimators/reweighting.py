@@ -161,11 +161,12 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum | None
 
     weight = record.twice / (n * spectrum.level)
     slopes, of_noise, draw = record.slopes, np.zeros((len(step), len(step))), np.zeros(len(step))
-    if record.response is not None:
-        through, d_through = record.response
+    through = record.through
+    if through is not None:
         pull = record.twice / spectrum.level * through
-        draw = spectrum.doubt * np.real(np.conj(d_through) @ pull)
+        draw = spectrum.doubt * np.array(record.slope_of(lambda slope: float(np.real(np.vdot(slope, pull)))))
         if spectrum.passed > 0:
+            d_through = np.stack(record.slope_of(lambda slope: slope))
             slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
             beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
             own = record.twice * spectrum.passed_at * beside / spectrum.level**2
@@ -192,11 +193,11 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
         columns.append(record.edges)
     if spectrum.tones:
         columns.append(record.tones(spectrum.tones))
-    return np.concatenate(columns, axis=1)
+    return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 
 
 def _spectrum(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
-    through = None if record.response is None else np.abs(record.response[0]) ** 2
+    through = None if record.through is None else np.abs(record.through) ** 2
     if record.count >= SHORTEST and record.free.shape[1]:
         return noise_spectrum(residual, record.count, through, record.predicted, record.floor)
     power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
