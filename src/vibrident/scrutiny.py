@@ -12,6 +12,7 @@ from vibrident.assemble import Judgement
 from vibrident.errors import VibridentError
 from vibrident.estimators import Estimate
 from vibrident.estimators.start import find_start
+from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.records import FloatArray, Quantity
@@ -89,11 +90,11 @@ def _bent(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Itera
         return
     values = estimate.coordinates.values(estimate.z)
     alone, gain = SensorModel(core.name, core), values[evidence.model.gain_name]
-    found = bend(
-        [evidence.records[i] for i in moved],
-        [judgement.predicted[i] for i in moved],
-        lambda frequency: np.asarray(alone.frequency_response(values, frequency), dtype=complex) / gain,
-    )
+
+    def over_gain(frequency: FloatArray) -> ComplexArray:
+        return np.asarray(alone.frequency_response(values, frequency) / gain, dtype=complex)
+
+    found = bend([evidence.records[i] for i in moved], [judgement.predicted[i] for i in moved], over_gain)
     if found is not None:
         text = (
             f"The spring is not linear: what a cubic stiffness would add is {100 * found.share:.2g} % of the response "

@@ -23,8 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
+from scipy.stats import chi2
 
-from vibrident.estimators.covariance import SMALLEST
+from vibrident.estimators.covariance import SMALLEST, inverse_normal
 from vibrident.estimators.noise_spectrum import NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
 from vibrident.estimators.record_lines import RecordLines, record_lines
 from vibrident.measure.response import ComplexArray
@@ -35,6 +36,9 @@ from vibrident.records import FloatArray
 #: Evaluations of the network at most; the step, in standard deviations, at which no further one is needed, and beyond
 #: which the last is no optimum.
 EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
+#: A model that does not explain the data has no noise to weigh by: seen by a residual that grows to so many times its
+#: squares, or an estimate that moves further than equal weights would scatter, but for one case in so many.
+COSTLIER, DIFFERENT = 2.0, 1e-6
 #: Rounds of spectrum and step at one evaluation of the network.
 ROUNDS = 2
 #: Lines averaged for the covariance on either side of each: a part of the spectrum, within these numbers.
@@ -102,7 +106,7 @@ def reweighted(
     noise: FloatArray,
     floor: FloatArray,
 ) -> Reweighted | None:
-    """Go from the optimum of equal weights to that of the noise as it is; None where that leads astray.
+    """Go from the optimum of equal weights to that of the noise as it is; None where the misfit is no noise.
 
     Args:
         evaluate: the network's normal equations at z.
@@ -113,9 +117,12 @@ def reweighted(
         floor: standard deviation that no residual is believed to be below, shape (records,).
     """
     spectra: list[NoiseSpectrum | None] = [None] * len(problem.records)
+    first, cost, spread = z, np.inf, np.zeros((len(z), len(z)))
     for last in range(EVALUATIONS):
         normal = evaluate(z)
         lines = record_lines(problem, normal, coordinates, z, noise, floor)
+        if last == 0:
+            cost, spread = float(normal.cost), _spread(normal, lines)
         step, shares = np.zeros(len(z)), []
         for _ in range(ROUNDS):
             shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
@@ -130,7 +137,9 @@ def reweighted(
             break
         if last < EVALUATIONS - 1:
             z = z + step
-    if not far <= ASTRAY:
+    seen = any(share.spectrum.passed > 0 for share in shares)  # then equal weights are drawn aside
+    shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
+    if not far <= ASTRAY or float(normal.cost) > COSTLIER * cost or (not seen and chi2.sf(shift, len(z)) < DIFFERENT):
         return None
     return Reweighted(
         z,
@@ -144,6 +153,15 @@ def reweighted(
             for given, record, share in zip(problem.records, lines, shares, strict=True)
         ),
     )
+
+
+def _spread(normal: Normal, lines: list[RecordLines]) -> FloatArray:
+    """Covariance of the estimate with equal weights in the noise that is there."""
+    inverse, middle = inverse_normal(np.asarray(normal.matrix)), 0.0
+    for record in lines:
+        weight = record.twice / record.samples * _spectrum(record, record.residual).level
+        middle = middle + _products(record.slopes.T, record.slopes.T, weight)
+    return inverse @ middle @ inverse
 
 
 def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum | None) -> _Share:

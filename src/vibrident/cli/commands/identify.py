@@ -157,13 +157,7 @@ def identify(
     if shared and len(calibrations) == 1:
         raise _several("--share", f"--share {share}")
     if posterior and len(calibrations) > 1:
-        raise InputError(
-            "The posterior is sampled for one calibration at a time.",
-            expected="one calibration file with --posterior",
-            found=f"{len(calibrations)} files",
-            where="command line",
-            remedy="leave --posterior out, or identify each file by itself",
-        )
+        raise _one_at_a_time(len(calibrations))
     asked = _Asked(calibrations, _models(model), (estimator_name, settings), uncertainty, shared, posterior)
     with written_whole(folder) as output:
         results = _identified(asked, output.path, plots)
@@ -189,6 +183,16 @@ class _Asked:
 def _models(text: str | None) -> list[str] | None:
     """Names joined by commas; the same one may stand for several files."""
     return None if text is None else [part.strip() for part in text.split(",")]
+
+
+def _one_at_a_time(files: int) -> InputError:
+    return InputError(
+        "The posterior is sampled for one calibration at a time.",
+        expected="one calibration file with --posterior",
+        found=f"{files} files",
+        where="command line",
+        remedy="leave --posterior out, or identify each file by itself",
+    )
 
 
 def _several(option: str, found: str) -> InputError:
