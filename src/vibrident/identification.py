@@ -120,7 +120,7 @@ class Fitted:
 
     def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
         """The same data fitted once more, from these values of the parameters."""
-        return self.at(self.estimator.fit(replace(self.evidence, start=dict(values)), progress))
+        return self.at(_fitted(replace(self.evidence, start=dict(values)), self.estimator, progress)[0])
 
 
 def fit(
@@ -242,7 +242,11 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
 
 def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
     estimate = estimator.fit(evidence, progress)
-    return estimate, _judged(evidence, estimate)
+    judgement = _judged(evidence, estimate)
+    if not judgement.adequacy.adequate and estimate.if_rejected is not None:
+        estimate = estimate.if_rejected()
+        judgement = _judged(evidence, estimate)
+    return estimate, judgement
 
 
 def _judged(evidence: Evidence, estimate: Estimate) -> Judgement:

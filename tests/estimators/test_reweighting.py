@@ -120,3 +120,17 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
     quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), n, through, nothing, 0.0)
     assert (quiet.passed, quiet.tones) == (0.0, ())
     assert quiet.doubt < 0.05
+
+
+@pytest.mark.parametrize("excitation", ["random", "shock"])
+def test_a_misfit_is_not_weighed_away(excitation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second mode that the model has not: the fit stays the best overall, and the result says what is wrong."""
+    shape = {"sampling_rate_hz": 40e3, "samples": 4000, "repeats": 2, "seed": 3}
+    band = {} if excitation == "shock" else {"frequencies_hz": [30.0, 3000.0]}
+    noisy = with_noise(simulate("two-mode", excitation, **shape, **band), response_noise=1e-4, seed=1)  # type: ignore[arg-type]
+    found = vibrident.identify(noisy, "accelerometer", "ipnn")
+    equal = with_equal_weights(replace(noisy, model="accelerometer"), monkeypatch)
+    assert found.settings["noise_weights"] == "white"
+    assert "lack_of_fit" in found.warning_codes
+    for name, parameter in equal.parameters.items():
+        assert found.parameters[name].value == pytest.approx(parameter.value, rel=1e-9)

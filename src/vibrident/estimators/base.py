@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -32,6 +32,8 @@ class Estimate:
         equations: number of residuals in the cost.
         begin: the way from the grid to the start values.
         predicted: predicted response of every record at the optimum, NaN where there is none, where it is at hand.
+        if_rejected: makes the estimate to take where the model does not explain the data, so that the residual is no
+            noise to weigh by; None where it is this one.
     """
 
     estimator: str
@@ -46,6 +48,7 @@ class Estimate:
     predicted: tuple[FloatArray, ...] | None = None
     begin: Start | None = None
     equations: float = 1.0
+    if_rejected: Callable[[], Estimate] | None = None
 
 
 def refuse_nonlinear(model: SensorModel, estimator: str) -> None:

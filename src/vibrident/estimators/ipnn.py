@@ -8,7 +8,7 @@ noise (:mod:`vibrident.estimators.reweighting`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -22,8 +22,8 @@ from vibrident.estimators.free import train_free
 from vibrident.estimators.harmonic_start import with_harmonic_start
 from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
-from vibrident.estimators.reweighting import Reweighted, reweighted
-from vibrident.estimators.start import find_start
+from vibrident.estimators.reweighting import reweighted
+from vibrident.estimators.start import Start, find_start
 from vibrident.network.readback import Reading
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, Evidence, TimeProblem
@@ -77,6 +77,15 @@ class Ipnn:
                 where="estimator",
                 remedy="use the estimator 'ml' for a table; add a record with a reference to free decays",
             )
+        trained = self._trained(evidence, progress)
+        if self.weights == "free":
+            return self._freed(trained, progress)
+        if self.optimiser == "adam" or not evidence.model.is_linear:  # a bent response has no lines of its own
+            return trained.with_equal_weights()
+        return trained.in_the_noise_found()
+
+    def _trained(self, evidence: Evidence, progress: Progress) -> _Trained:
+        assert evidence.first_look is not None
         begin = find_start(evidence.first_look, evidence.model)
         start = begin.values
         step = method(self.discretisation)
@@ -85,7 +94,7 @@ class Ipnn:
         z = coordinates.first
         noise, trace = np.ones(len(evidence.records)), None
         for _ in range(ROUNDS):
-            normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
+            normal = time_objective(jnp.asarray(z), _args(problem, coordinates, noise))
             found = _record_noise(problem, np.asarray(normal.squares))
             if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED):
                 break
@@ -98,10 +107,8 @@ class Ipnn:
             if _delay_moved(problem, values):
                 problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
                 noise = noise * (1.0 + 2.0 * NOISE_SETTLED)  # another round, with the inputs at the delay found
-        else:
-            normal = time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
         assert trace is not None
-        settings = {
+        settings: dict[str, Any] = {
             "discretisation": self.discretisation,
             "optimiser": trace.optimiser,
             "inputs_per_step": problem.layout.terms,
@@ -109,62 +116,95 @@ class Ipnn:
         }
         if not evidence.model.is_linear:
             settings["response_curve"] = SMALL_SIGNAL
-        equations = float(np.sum(problem.degrees_of_freedom))
-        if self.weights == "free":
-            z, covariance, trace, _ = train_free(problem, coordinates, z, noise, self.reading, progress)
-            freedom = coloured_covariance(problem, normal, noise, noise_floor(problem))[1]
-            settings |= {"weights": "free", "reading": self.reading}
-            return Estimate(
-                "ipnn", coordinates, z, covariance, freedom, trace, settings, problem=problem, equations=equations
-            )
-        end = self._in_the_noise_found(problem, coordinates, z, noise)
-        settings["noise_weights"] = "white" if end is None else "spectrum"
-        if end is None:
-            covariance, freedom = coloured_covariance(problem, normal, noise, noise_floor(problem))
-        else:
-            z, covariance, freedom, normal = end.z, end.covariance, end.degrees_of_freedom, end.normal
-            doubt = end.doubt / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-            settings["reference_noise_doubt"] = dict(zip(evidence.model.parameter_names, doubt.tolist(), strict=True))
-            if np.any(end.reference_noise > 0):
-                settings["reference_noise"] = end.reference_noise.tolist()
-            if any(end.hum_hz):
-                settings["hum_hz"] = [list(tones) for tones in end.hum_hz]
-        return Estimate(
-            "ipnn",
-            coordinates,
-            z,
-            covariance,
-            freedom,
-            trace,
-            settings,
-            problem=problem,
-            predicted=tuple(problem.by_record(normal.response)),
-            begin=begin,
-            equations=equations,
-        )
+        return _Trained(problem, coordinates, z, noise, trace, begin, settings)
 
-    def _in_the_noise_found(
-        self, problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray
-    ) -> Reweighted | None:
-        """The end of training; None for a nonlinear model, whose response has no lines of its own, and for Adam."""
-        if self.optimiser == "adam" or not problem.layout.model.is_linear:
-            return None
-
-        def evaluate(z: FloatArray) -> Normal:
-            return time_objective(jnp.asarray(z), self._args(problem, coordinates, noise))
-
-        return reweighted(evaluate, problem, coordinates, z, noise, noise_floor(problem))
-
-    def _args(self, problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:
-        return coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise))
+    def _freed(self, trained: _Trained, progress: Progress) -> Estimate:
+        problem, noise = trained.problem, trained.noise
+        z, covariance, trace, _ = train_free(problem, trained.coordinates, trained.z, noise, self.reading, progress)
+        _, freedom = coloured_covariance(problem, trained.normal(trained.z), noise, noise_floor(problem))
+        more = {"weights": "free", "reading": self.reading}
+        return replace(trained.estimate(z, covariance, freedom, more), trace=trace, begin=None)
 
     def _train(
         self, problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray, progress: Progress
     ) -> Trace:
-        args = self._args(problem, coordinates, noise)
+        args = _args(problem, coordinates, noise)
         if self.optimiser == "adam":
             return adam(time_objective, z, args, learning_rate=self.learning_rate, steps=self.steps, progress=progress)
         return levenberg_marquardt(time_objective, z, args, tolerance=1e-6, progress=progress)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trained:
+    """The network at the optimum of equal weights for all samples of a record.
+
+    Attributes:
+        problem: the records.
+        coordinates: the map from z to parameters.
+        z: the optimum, shape (p,).
+        noise: standard deviation by which each record is weighted, shape (records,).
+        trace: of the optimiser.
+        begin: the way from the grid to the start values.
+        settings: what was chosen.
+    """
+
+    problem: TimeProblem
+    coordinates: Coordinates
+    z: FloatArray
+    noise: FloatArray
+    trace: Trace
+    begin: Start
+    settings: dict[str, Any]
+
+    def normal(self, z: FloatArray) -> Normal:
+        """The network and its normal equations at ``z``."""
+        return time_objective(jnp.asarray(z), _args(self.problem, self.coordinates, self.noise))
+
+    def estimate(
+        self, z: FloatArray, covariance: FloatArray, freedom: float, more: dict[str, Any], normal: Normal | None = None
+    ) -> Estimate:
+        """An estimate of this training; with ``normal``, that at ``z``, it holds the predicted response."""
+        return Estimate(
+            "ipnn",
+            self.coordinates,
+            z,
+            covariance,
+            freedom,
+            self.trace,
+            self.settings | more,
+            problem=self.problem,
+            predicted=None if normal is None else tuple(self.problem.by_record(normal.response)),
+            begin=self.begin,
+            equations=float(np.sum(self.problem.degrees_of_freedom)),
+        )
+
+    def with_equal_weights(self) -> Estimate:
+        """As trained."""
+        normal = self.normal(self.z)
+        covariance, freedom = coloured_covariance(self.problem, normal, self.noise, noise_floor(self.problem))
+        return self.estimate(self.z, covariance, freedom, {"noise_weights": "white"}, normal)
+
+    def in_the_noise_found(self) -> Estimate:
+        """The end of training: every line of the residual weighed by its own noise."""
+        end = reweighted(self.normal, self.problem, self.coordinates, self.z, self.noise, noise_floor(self.problem))
+        if end is None:
+            return self.with_equal_weights()
+        names = self.coordinates.model.parameter_names
+        doubt = end.doubt / np.sqrt(np.maximum(np.diag(end.covariance), np.finfo(float).tiny))
+        more: dict[str, Any] = {
+            "noise_weights": "spectrum",
+            "reference_noise_doubt": dict(zip(names, doubt.tolist(), strict=True)),
+        }
+        if np.any(end.reference_noise > 0):
+            more["reference_noise"] = end.reference_noise.tolist()
+        if any(end.hum_hz):
+            more["hum_hz"] = [list(tones) for tones in end.hum_hz]
+        found = self.estimate(end.z, end.covariance, end.degrees_of_freedom, more, end.normal)
+        return replace(found, if_rejected=self.with_equal_weights)
+
+
+def _args(problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:
+    return coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise))
 
 
 def _record_noise(problem: TimeProblem, squares: FloatArray) -> FloatArray:

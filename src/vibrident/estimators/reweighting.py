@@ -120,6 +120,8 @@ def reweighted(
     first, cost, spread = z, np.inf, np.zeros((len(z), len(z)))
     for last in range(EVALUATIONS):
         normal = evaluate(z)
+        if not float(normal.cost) <= COSTLIER * cost:
+            return None
         lines = record_lines(problem, normal, coordinates, z, noise, floor)
         if last == 0:
             cost, spread = float(normal.cost), _spread(normal, lines)
@@ -133,13 +135,13 @@ def reweighted(
         covariance = inverse @ np.sum([share.variance for share in shares], axis=0) @ inverse
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         far = float(np.max(np.abs(step) / deviation))
-        if far <= SETTLED:
+        if far <= SETTLED or not np.isfinite(far):
             break
         if last < EVALUATIONS - 1:
             z = z + step
     seen = any(share.spectrum.passed > 0 for share in shares)  # then equal weights are drawn aside
     shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
-    if not far <= ASTRAY or float(normal.cost) > COSTLIER * cost or (not seen and chi2.sf(shift, len(z)) < DIFFERENT):
+    if not far <= ASTRAY or (not seen and chi2.sf(shift, len(z)) < DIFFERENT):
         return None
     return Reweighted(
         z,
