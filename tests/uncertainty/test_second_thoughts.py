@@ -173,7 +173,10 @@ def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, monkeypat
         result = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed))
         found = result.parameters["sensitivity"]
         offs.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
-        levels.append(np.mean(result.settings["reference_noise"]))
+        # At so strong a noise the verdict errs in about one of fifteen, and equal weights stay (docs/warnings.md).
+        if result.settings["noise_weights"] == "spectrum":
+            levels.append(np.mean(result.settings["reference_noise"]))
+    assert len(levels) >= 10
     assert np.mean(levels) == pytest.approx(true, rel=0.05)
     assert abs(np.mean(offs)) < 0.9  # three standard errors of twelve runs
     assert np.std(offs) < 1.7

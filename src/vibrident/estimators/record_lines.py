@@ -20,6 +20,8 @@ T = TypeVar("T")
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.
 MOST_COLUMNS, LARGEST = 400, 1e8
+#: Of longer records nothing is kept that can be made again.
+LONG = 2**18
 #: Step of the central differences of the response.
 STEP = 1e-5
 
@@ -62,7 +64,7 @@ class RecordLines:
         """Number of samples that are used."""
         return float(self.used.sum())
 
-    @functools.cached_property
+    @property
     def through(self) -> ComplexArray | None:
         """H at z, shape (lines,)."""
         return None if self.response is None else self.response(self.z)
@@ -73,12 +75,16 @@ class RecordLines:
         ends = np.eye(len(self.z)) * STEP
         return [of_response((self.response(self.z + e) - self.response(self.z - e)) / (2.0 * STEP)) for e in ends]
 
-    @functools.cached_property
+    @property
     def free(self) -> ComplexArray:
         """What initial states, offset and drift of each segment add, shape (lines, m)."""
-        return self._stacked(self._free_in_time())
+        return self._stacked(self._free_in_time()) if self.samples > LONG else self._kept_free
 
     @functools.cached_property
+    def _kept_free(self) -> ComplexArray:
+        return self._stacked(self._free_in_time())
+
+    @property
     def edges(self) -> ComplexArray:
         """What the slopes of initial states add, shape (lines, m)."""
         turn = np.arange(self.samples) / max(self.samples, 1)
@@ -132,10 +138,10 @@ def record_lines(
         (record.mask & np.isfinite(own))[span]
         for record, own, span in zip(problem.records, responses, spans, strict=True)
     ]
-    slopes: list[list[ComplexArray]] = [[] for _ in spans]
-    for column in normal.columns:  # one after another: of long records each is made when it is asked for
+    slopes = [np.empty((len(z), len(used) // 2 + 1), dtype=complex) for used in masks]
+    for number, column in enumerate(normal.columns):  # of long records each is made when it is asked for
         for own, series, span, used in zip(slopes, problem.by_record(column), spans, masks, strict=True):
-            own.append(_lines(np.where(used, series[span], 0.0)))
+            own[number] = _lines(np.where(used, series[span], 0.0))
     found = []
     for index, (record, span, used) in enumerate(zip(problem.records, spans, masks, strict=True)):
         n = len(used)
@@ -150,7 +156,7 @@ def record_lines(
                 predicted=np.abs(_lines(np.where(used, responses[index][span], 0.0))) ** 2,
                 used=used,
                 twice=twice,
-                slopes=np.stack(slopes[index]),
+                slopes=slopes[index],
                 segments=_segments(problem, weights, index, span),
                 response=_response(problem, coordinates, record, n),
                 z=z,

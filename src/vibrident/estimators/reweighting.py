@@ -118,11 +118,13 @@ def reweighted(
     """
     spectra: list[NoiseSpectrum | None] = [None] * len(problem.records)
     first, cost, spread = z, np.inf, np.zeros((len(z), len(z)))
+    lines: list[RecordLines] = []
     for last in range(EVALUATIONS):
+        lines.clear()  # of long records they are most of the memory
         normal = evaluate(z)
         if not float(normal.cost) <= COSTLIER * cost:
             return None
-        lines = record_lines(problem, normal, coordinates, z, noise, floor)
+        lines += record_lines(problem, normal, coordinates, z, noise, floor)
         if last == 0:
             cost, spread = float(normal.cost), _spread(normal, lines)
         step, shares = np.zeros(len(z)), []
@@ -176,6 +178,7 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum | None
     columns = _unknowns(record, spectrum)
     inner = _inverse_of_unknowns(_products(columns, columns, weight))
     rest = moved - columns @ (inner @ _products(columns, moved[:, None], weight)[:, 0])
+    del moved  # of a long record each copy counts
     found = _spectrum(record, record.where_used(rest))
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
 
@@ -183,26 +186,34 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum | None
     slopes, of_noise, draw = record.slopes, np.zeros((len(step), len(step))), np.zeros(len(step))
     through = record.through
     if through is not None:
-        pull = record.twice / spectrum.level * through
-        draw = spectrum.doubt * np.array(record.slope_of(lambda slope: float(np.real(np.vdot(slope, pull)))))
+        draw = spectrum.doubt * n * np.array(record.slope_of(lambda slope: _drawn(slope, through, weight)))
         if spectrum.passed > 0:
             d_through = np.stack(record.slope_of(lambda slope: slope))
             slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
             beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
             own = record.twice * spectrum.passed_at * beside / spectrum.level**2
             of_noise = np.real((d_through * own) @ np.conj(d_through).T)
-    inner = _inverse_of_unknowns(_products(columns, columns, weight))
-    slopes = slopes.T - columns @ (inner @ _products(columns, slopes.T, weight))
     power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
     local = np.maximum(mean_around(power, _width(record), NEAREST), record.floor / spectrum.level)
+    # The slopes less what the unknowns can imitate, J − N β, in sums alone.
+    across = _products(columns, slopes.T, weight)
+    share = _inverse_of_unknowns(_products(columns, columns, weight)) @ across
+    loud = weight * local
+    both = share.T @ _products(columns, slopes.T, loud)
+    residual = record.residual[:, None]
     return _Share(
-        _products(slopes, slopes, weight),
+        _products(slopes.T, slopes.T, weight) - across.T @ share,
         of_noise,
-        _products(slopes, record.residual[:, None], weight)[:, 0],
-        _products(slopes, slopes, weight * local),
+        (_products(slopes.T, residual, weight) - share.T @ _products(columns, residual, weight))[:, 0],
+        _products(slopes.T, slopes.T, loud) - both - both.T + share.T @ _products(columns, columns, loud) @ share,
         draw,
         spectrum,
     )
+
+
+def _drawn(slope: ComplexArray, through: ComplexArray, weight: FloatArray) -> float:
+    """Re Σ weight ∂H* H: what noise of the reference pulls at a coordinate with."""
+    return float(_products(slope[:, None], through[:, None], weight)[0, 0])
 
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
@@ -217,8 +228,9 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
 
 
 def _spectrum(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
-    through = None if record.through is None else np.abs(record.through) ** 2
-    if record.count >= SHORTEST and record.free.shape[1]:
+    through = record.through
+    through = None if through is None else np.abs(through) ** 2
+    if record.count >= SHORTEST and record.segments:
         return noise_spectrum(residual, record.count, through, record.predicted, record.floor)
     power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
