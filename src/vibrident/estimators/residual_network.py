@@ -318,9 +318,11 @@ def _beside(
 
 
 def _without(plain: Estimate, reason: str, tried: Mapping[str, Any]) -> Estimate:
-    """The physics alone, untouched."""
+    """The physics alone, untouched; where the data reject it too."""
     found = {"kept": False, "share": 0.0, "reason": reason, "tried": tried}
-    return replace(plain, settings={**plain.settings, "residual_network": found})
+    other = plain.if_rejected
+    if_rejected = None if other is None else lambda: _without(other(), reason, tried)
+    return replace(plain, settings={**plain.settings, "residual_network": found}, if_rejected=if_rejected)
 
 
 def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried: Mapping[str, Any]) -> Estimate:
@@ -368,6 +370,7 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
             "response_curve": PHYSICS_CURVE,
         },
         predicted=predicted,
+        if_rejected=None,  # the other estimate of the physics would come without the network
     )
 
 
