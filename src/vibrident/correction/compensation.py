@@ -22,6 +22,7 @@ from scipy import fft, signal
 from vibrident.correction.band import Band
 from vibrident.correction.quiet import Surroundings
 from vibrident.correction.sensor import ComplexArray, KnownSensor
+from vibrident.measure.lines import line_counts
 from vibrident.records import FloatArray
 
 #: Length of the filter's kernel on either side, in periods of the narrowest slope of L; decay of 1/H's own poles.
@@ -162,11 +163,7 @@ class Compensation:
 
     def line_mean(self, power: FloatArray) -> float:
         """Mean over all frequencies, both signs, of a power given at the lines."""
-        twice = np.full(power.shape[-1], 2.0)
-        twice[0] = 1.0
-        if self.size % 2 == 0:
-            twice[-1] = 1.0
-        return float(np.sum(power * twice) / self.size)
+        return float(np.sum(power * line_counts(self.size)) / self.size)
 
     def noise_deviation(self, around: Surroundings) -> FloatArray:
         """Standard deviation of the noise in the acceleration, shape (samples,).
@@ -226,10 +223,7 @@ class Compensation:
         circular[: 2 * pad + 1] = covariance
         circular[-2 * pad :] = covariance[:0:-1]
         weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0)
-        twice = np.full(weight.size, 2.0)
-        twice[0] = 1.0
-        if size % 2 == 0:
-            twice[-1] = 1.0
+        weight *= line_counts(size)
         steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)])) if pad > 1 else [0]
         beyond = np.arange(1, pad + 1)
         variances = []
@@ -240,6 +234,6 @@ class Compensation:
             weights[middle + beyond] = reached * taper
             weights[middle] = -2.0 * np.sum(reached * taper)
             power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
-            variances.append(float(np.sum(power * weight * twice)) / size)
+            variances.append(float(np.sum(power * weight)) / size)
         kept = np.asarray(steps)[np.asarray(steps) < pad]
         return np.interp(np.arange(pad), kept, variances)

@@ -11,6 +11,7 @@ from scipy.special import ndtri, stdtrit
 from vibrident.correction.compensation import Compensation
 from vibrident.correction.quiet import Surroundings
 from vibrident.correction.sensor import ComplexArray
+from vibrident.measure.lines import line_counts
 from vibrident.records import FloatArray
 
 #: Newton steps for the instant of the peak.
@@ -83,8 +84,7 @@ def find_peak(
 def _refined(spectrum: ComplexArray, compensation: Compensation, index: int, sign: float) -> tuple[float, float, float]:
     """Position (in samples), height and curvature (1/s², negative) of the band-limited maximum near a sample."""
     lines = np.arange(spectrum.size)
-    twice = np.where((lines == 0) | (2 * lines == compensation.size), 1.0, 2.0)
-    weights = sign * spectrum * twice / compensation.size
+    weights = sign * spectrum * line_counts(compensation.size) / compensation.size
     phase = 2j * np.pi * lines / compensation.size
     omega = 2.0 * np.pi * lines / compensation.size * compensation.rate
     position = float(index)

@@ -15,6 +15,7 @@ from scipy import fft
 
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.noise_spectrum import NEAREST, mean_around
+from vibrident.measure.lines import line_counts
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import TimeProblem
 from vibrident.records import FloatArray, Record
@@ -52,11 +53,8 @@ def coloured_covariance(
         power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / float(used.sum())
         level = np.maximum(mean_around(power, width, NEAREST), (floor[index] / noise[index]) ** 2)
         lines = np.asarray(fft.rfft(slopes, axis=1))
-        twice = np.full(lines.shape[1], 2.0)
-        twice[0] = 1.0
-        if record.samples % 2 == 0:
-            twice[-1] = 1.0
-        middle += np.real((lines * (twice * level)) @ np.conj(lines).T) / record.samples
+        weight = line_counts(record.samples) * level / record.samples
+        middle += np.real((lines * weight) @ np.conj(lines).T)
         freedom += 4.0 * (width - NEAREST)
     return inverse @ middle @ inverse, freedom
 

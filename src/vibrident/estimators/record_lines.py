@@ -11,6 +11,7 @@ import numpy as np
 from scipy import fft
 
 from vibrident.discretize import Weights
+from vibrident.measure.lines import line_counts, line_frequencies
 from vibrident.measure.response import ComplexArray
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, TimeProblem
@@ -133,32 +134,26 @@ def record_lines(
     """
     responses = problem.by_record(normal.response)
     weights = problem.weights(coordinates.physical(z))
-    spans = [_span(record.mask & np.isfinite(own)) for record, own in zip(problem.records, responses, strict=True)]
-    masks = [
-        (record.mask & np.isfinite(own))[span]
-        for record, own, span in zip(problem.records, responses, spans, strict=True)
-    ]
+    known = [record.mask & np.isfinite(own) for record, own in zip(problem.records, responses, strict=True)]
+    spans = [_span(whole) for whole in known]
+    masks = [whole[span] for whole, span in zip(known, spans, strict=True)]
+    del known
     slopes = [np.empty((len(z), len(used) // 2 + 1), dtype=complex) for used in masks]
     for number, column in enumerate(normal.columns):  # of long records each is made when it is asked for
         for own, series, span, used in zip(slopes, problem.by_record(column), spans, masks, strict=True):
             own[number] = _lines(np.where(used, series[span], 0.0))
     found = []
     for index, (record, span, used) in enumerate(zip(problem.records, spans, masks, strict=True)):
-        n = len(used)
-        twice = np.full(n // 2 + 1, 2.0)
-        twice[0] = 1.0
-        if n % 2 == 0:
-            twice[-1] = 1.0
         misses = (record.response - responses[index])[span] / noise[index]
         found.append(
             RecordLines(
                 residual=_lines(np.where(used, misses, 0.0)),
                 predicted=np.abs(_lines(np.where(used, responses[index][span], 0.0))) ** 2,
                 used=used,
-                twice=twice,
+                twice=line_counts(len(used)),
                 slopes=slopes[index],
                 segments=_segments(problem, weights, index, span),
-                response=_response(problem, coordinates, record, n),
+                response=_response(problem, coordinates, record, len(used)),
                 z=z,
                 floor=float((floor[index] / noise[index]) ** 2),
             )
@@ -214,7 +209,7 @@ def _response(
     """H as a function of z at the lines of a record's transform."""
     if record.reference is None or samples < 2:
         return None
-    frequency = np.maximum(np.arange(samples // 2 + 1), 1) * record.sampling_rate_hz / samples  # none at zero
+    frequency = line_frequencies(samples, record.sampling_rate_hz)
 
     def at(z: FloatArray) -> ComplexArray:
         values = coordinates.values(z)

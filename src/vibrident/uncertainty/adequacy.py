@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.measure.bands import coherent_remainder
+from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
@@ -87,8 +88,7 @@ def band_points(
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
         through = None
         if len(reference_noise) and reference_noise[index] > 0:
-            lines = np.arange(record.samples // 2 + 1) * record.sampling_rate_hz / record.samples
-            lines[0] = lines[1]  # a reference in velocity has no response at zero
+            lines = line_frequencies(record.samples, record.sampling_rate_hz)
             through = (reference_noise[index] * np.abs(response(lines))) ** 2
         found = coherent_remainder(record, series, through, hum_hz[index] if len(hum_hz) else ())
         if found is None:

@@ -18,6 +18,7 @@ import numpy as np
 from scipy import fft
 
 from vibrident.measure.bands import band_edges
+from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray, Record
 from vibrident.uncertainty.amplitude import LEAST, SIGNIFICANT
@@ -62,8 +63,7 @@ def bend(
         size = float(np.sqrt(np.mean(motion[used] ** 2)))
         if size == 0.0:
             continue
-        lines = np.arange(record.samples // 2 + 1) * record.sampling_rate_hz / record.samples
-        lines[0] = lines[1]
+        lines = line_frequencies(record.samples, record.sampling_rate_hz)
         shape = -np.asarray(over_gain(lines)) * np.asarray(fft.rfft(motion**3))
         spectra = np.stack([np.asarray(fft.rfft(residual)), np.asarray(fft.rfft(motion)), shape])
         product, power = _fitted(spectra, band_edges(record.samples, record.sampling_rate_hz).astype(int))
