@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import itertools
 import platform
 import time
@@ -356,6 +357,11 @@ def _shown(
     return tuple((float(cost) / equations, point) for cost, point in zip(costs, path, strict=True))
 
 
+@functools.cache
+def _version(library: str) -> str:
+    return version(library)  # reads and parses the library's metadata
+
+
 def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:
     sources = [r.provenance for r in evidence.records or calibration.records]
     if calibration.table is not None:
@@ -364,7 +370,7 @@ def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:
     return {
         "vibrident": __version__,
         "python": platform.python_version(),
-        "libraries": {name: version(name) for name in libraries},
+        "libraries": {name: _version(name) for name in libraries},
         "calibration_file": calibration.source,
         "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
         "seed": None,

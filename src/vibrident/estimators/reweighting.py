@@ -116,7 +116,7 @@ def reweighted(
         noise: standard deviation by which ``evaluate`` weights each record, shape (records,).
         floor: standard deviation that no residual is believed to be below, shape (records,).
     """
-    spectra: list[NoiseSpectrum | None] = [None] * len(problem.records)
+    spectra: list[NoiseSpectrum] = []
     first, cost, spread = z, np.inf, np.zeros((len(z), len(z)))
     lines: list[RecordLines] = []
     for last in range(EVALUATIONS):
@@ -126,7 +126,8 @@ def reweighted(
             return None
         lines += record_lines(problem, normal, coordinates, z, noise, floor)
         if last == 0:
-            cost, spread = float(normal.cost), _spread(normal, lines)
+            spectra = [_spectrum(record, record.residual, record.through) for record in lines]
+            cost, spread = float(normal.cost), _spread(normal, lines, spectra)
         step, shares = np.zeros(len(z)), []
         for _ in range(ROUNDS):
             shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
@@ -159,32 +160,29 @@ def reweighted(
     )
 
 
-def _spread(normal: Normal, lines: list[RecordLines]) -> FloatArray:
+def _spread(normal: Normal, lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArray:
     """Covariance of the estimate with equal weights in the noise that is there."""
     inverse, middle = inverse_normal(np.asarray(normal.matrix)), 0.0
-    for record in lines:
-        weight = record.twice / record.samples * _spectrum(record, record.residual).level
+    for record, spectrum in zip(lines, spectra, strict=True):
+        weight = record.twice / record.samples * spectrum.level
         middle = middle + _products(record.slopes.T, record.slopes.T, weight)
     return inverse @ middle @ inverse
 
 
-def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum | None) -> _Share:
+def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _Share:
     """What a record says, its spectrum read at ``step``; the gradient is that of the whole way from no step."""
-    n = record.samples
-    if spectrum is None:
-        spectrum = _spectrum(record, record.residual)
+    n, through = record.samples, record.through
     moved = record.residual - step @ record.slopes
     weight = record.twice / (n * spectrum.level)
     columns = _unknowns(record, spectrum)
     inner = _inverse_of_unknowns(_products(columns, columns, weight))
     rest = moved - columns @ (inner @ _products(columns, moved[:, None], weight)[:, 0])
     del moved  # of a long record each copy counts
-    found = _spectrum(record, record.where_used(rest))
+    found = _spectrum(record, record.where_used(rest), through)
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
 
     weight = record.twice / (n * spectrum.level)
     slopes, of_noise, draw = record.slopes, np.zeros((len(step), len(step))), np.zeros(len(step))
-    through = record.through
     if through is not None:
         draw = spectrum.doubt * n * np.array(record.slope_of(lambda slope: _drawn(slope, through, weight)))
         if spectrum.passed > 0:
@@ -227,9 +225,8 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
     return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 
 
-def _spectrum(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
-    through = record.through
-    through = None if through is None else np.abs(through) ** 2
+def _spectrum(record: RecordLines, residual: ComplexArray, response: ComplexArray | None) -> NoiseSpectrum:
+    through = None if response is None else np.abs(response) ** 2
     if record.count >= SHORTEST and record.segments:
         return noise_spectrum(residual, record.count, through, record.predicted, record.floor)
     power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)

@@ -51,8 +51,7 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
     window *= mask
     spectrum = (_spectrum(record.reference, mask, window), _spectrum(record.response, mask, window))
     edges = band_edges(n, rate).astype(int)
-    power = np.array([np.mean(np.abs(spectrum[0][a:b]) ** 2) for a, b in itertools.pairwise(edges)])
-    coherence = np.array([_coherence(spectrum[0][a:b], spectrum[1][a:b]) for a, b in itertools.pairwise(edges)])
+    power, coherence = _power_and_coherence(*spectrum, edges)
     excited = power > LEAST_POWER * power.max()
     # What of the reference does not show in the response is its own noise, beyond the excitation's band.
     keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
@@ -91,11 +90,18 @@ def _spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> Comple
     return spectrum
 
 
-def _coherence(reference: ComplexArray, response: ComplexArray) -> float:
-    """|Σ Y X*|²/(Σ|X|² Σ|Y|²) over the lines of a band."""
-    total = np.sum(np.abs(reference) ** 2), np.sum(np.abs(response) ** 2)
-    cross = np.abs(np.sum(response * np.conj(reference))) ** 2
-    return float(cross / (total[0] * total[1])) if min(total) > 0 else 0.0
+def _power_and_coherence(
+    reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
+) -> tuple[FloatArray, FloatArray]:
+    """Mean of |X|², and |Σ Y X*|²/(Σ|X|² Σ|Y|²), over the lines of each band."""
+
+    def sums(lines: FloatArray | ComplexArray) -> np.ndarray:
+        return np.add.reduceat(lines[: edges[-1]], edges[:-1])
+
+    total = sums(np.abs(reference) ** 2), sums(np.abs(response) ** 2)
+    cross = np.abs(sums(response * np.conj(reference))) ** 2
+    both = total[0] * total[1]
+    return total[0] / np.diff(edges), np.divide(cross, both, out=np.zeros_like(both), where=both > 0)
 
 
 def coherent_remainder(

@@ -17,6 +17,9 @@ from vibrident.uncertainty.linearised import Linearised
 
 #: It counts beyond this many standard deviations, above this relative size, where it explains this part of χ².
 SIGNIFICANT, LEAST, EXPLAINED = 4.5, 1e-3, 0.5
+#: What the parameters leave of the effect's shape must have so many times the squares that the noise of the amplitudes
+#: gives it; a sensor that is flat over the tones leaves nothing else, and noise explains itself.
+CLEAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,8 @@ def amplitude_dependence(
     free = column - basis @ (basis.T @ column)
     rest = linear.rest - basis @ (basis.T @ linear.rest)
     power = float(free @ free)
-    if power <= 1e-12 * float(column @ column):
+    noise = 2.0 * np.abs(effect)  # of the column: |V|² is measured, and off by 2 σ of V
+    if power <= CLEAR * float(noise @ noise):
         return None
     amount = float(free @ rest) / power
     explained = amount**2 * power

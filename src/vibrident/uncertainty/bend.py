@@ -10,7 +10,6 @@ and shape alike, and one k3 is fitted to all bands.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -80,17 +79,22 @@ def bend(
 
 def _fitted(spectra: ComplexArray, edges: np.ndarray) -> tuple[complex, float]:
     """Σ W* E/s² and Σ |W|²/s² over all bands; rows E, V and W of ``spectra``, s² the variance of a line of E."""
-    parts, squares, counts = [], [], []
-    for a, b in itertools.pairwise(edges):
-        place = np.linspace(-1.0, 1.0, b - a)
-        basis, _ = np.linalg.qr(np.stack([spectra[1, a:b], place * spectra[1, a:b]], axis=1))
-        rest = spectra[[0, 2], a:b]
-        rest = rest - (rest @ basis.conj()) @ basis.T
-        parts.append((np.sum(np.conj(rest[1]) * rest[0]), np.sum(np.abs(rest[1]) ** 2)))
-        squares.append(float(np.sum(np.abs(rest[0]) ** 2)))
-        counts.append(b - a - 2)
+    wide = np.diff(edges)
+    counts = (wide - 2).tolist()
+
+    def sums(lines: ComplexArray | FloatArray) -> np.ndarray:
+        return np.add.reduceat(lines, edges[:-1] - edges[0], axis=-1)
+
+    def without(lines: ComplexArray, column: ComplexArray) -> ComplexArray:
+        size = np.maximum(sums(np.abs(column) ** 2), np.finfo(float).tiny)
+        return lines - np.repeat(sums(lines * np.conj(column)) / size, wide, axis=-1) * column
+
+    error, motion, shape = spectra[:, edges[0] : edges[-1]]
+    slope = without(np.arange(motion.size) * motion, motion)
+    rest = without(without(np.stack([error, shape]), motion), slope)
+    crosses, (squares, owns) = sums(np.conj(rest[1]) * rest[0]), sums(np.abs(rest) ** 2)
     product, power = 0j, 0.0
-    for index, (cross, own) in enumerate(parts):
+    for index, (cross, own) in enumerate(zip(crosses, owns, strict=True)):
         reach = 0
         while sum(counts[max(index - reach, 0) : index + reach + 1]) < NOISE_LINES and reach < len(counts):
             reach += 1
