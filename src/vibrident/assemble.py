@@ -90,12 +90,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     adequacy = assess(points, len(estimate.z))
     added = () if tones is None else audible(overtones(evidence.records, tones, predicted))
     birge = _birge(estimate, evidence, points, adequacy)
-    chi2 = adequacy.chi2_reduced or 0.0
-    worst = _worst(points, response)
-    text = (
-        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
-        f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
-    )
+    text = _misfit(adequacy, points, response)
     if added and adequacy.adequate:
         adequacy = replace(adequacy, adequate=False)
         text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
@@ -128,6 +123,21 @@ def _birge(estimate: Estimate, evidence: Evidence, points: list[Points], adequac
         total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
         chi2 = total / adequacy.degrees_of_freedom
     return float(np.sqrt(max(chi2, 1.0)))
+
+
+def _misfit(adequacy: Adequacy, points: list[Points], response: Any) -> str:
+    """The warning that an inadequate model gets."""
+    if not points:
+        return (
+            "Nothing tells whether the model explains the data: in no band of frequencies does the response stand "
+            "out of what the model leaves. The records are too short for a test, or noise and misfit too large."
+        )
+    chi2 = adequacy.chi2_reduced or 0.0
+    return (
+        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
+        f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom)"
+        f"{_worst(points, response)}."
+    )
 
 
 def _worst(points: list[Points], response: Any) -> str:

@@ -285,7 +285,7 @@ def _scaled(
         text = f"noise and a relative model error of {100 * error:.3g} %, as large as the deviations demand"
         return estimate.covariance, freedom, text
     unasked = choice == "auto" and bool(evidence.records) and not adequacy.adequate
-    if (choice == "inflated" and judgement.birge > 1.0) or unasked:
+    if (choice == "inflated" or unasked) and judgement.birge > 1.0:
         text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
         return estimate.covariance * judgement.birge**2, float(max(adequacy.degrees_of_freedom, 1)), text
     return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"

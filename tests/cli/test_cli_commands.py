@@ -268,6 +268,13 @@ def test_compare_leaves_out_what_does_not_suit(run, tmp_path):
     assert shown(tmp_path / "out") == ["comparison.json", "ipnn.json"]
     named = run("compare", tmp_path / "cal" / "calibration.toml", "--estimators", "ml", "--out", tmp_path / "o2")
     assert named.exit_code == 2
+    pair = ["compare", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "o3", "--models"]
+    models = run(*pair, "accelerometer,accelerometer+delay")
+    assert models.exit_code == 0, models.output
+    assert shown(tmp_path / "o3") == ["comparison.json", "ipnn-accelerometer-delay.json", "ipnn-accelerometer.json"]
+    unknown = run(*pair, "accelerometer,acelerometer")
+    assert unknown.exit_code == 2
+    assert "Left out" not in unknown.stderr  # refused before anything is identified
 
 
 def test_report_beside_the_result_and_elsewhere(identified, run, tmp_path):

@@ -45,17 +45,22 @@ def coloured_covariance(
     freedom = 0.0
     for index, record in enumerate(problem.records):
         used = record.mask & np.isfinite(predicted[index])
-        if used.sum() < 4 * FEWEST:
+        count = float(used.sum())
+        if count == 0.0:
             continue
         residual = np.where(used, (record.response - predicted[index]) / noise[index], 0.0)
         slopes = np.stack([np.where(used, column[index], 0.0) for column in columns])
         width = _width(record)
-        power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / float(used.sum())
-        level = np.maximum(mean_around(power, width, NEAREST), (floor[index] / noise[index]) ** 2)
+        power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / count
+        if count < 4 * FEWEST:  # too few lines for a mean around each
+            level, own = np.ones_like(power), max(float(problem.degrees_of_freedom[index]), 1.0)
+        else:
+            level, own = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
+        level = np.maximum(level, (floor[index] / noise[index]) ** 2)
         lines = np.asarray(fft.rfft(slopes, axis=1))
         weight = line_counts(record.samples) * level / record.samples
         middle += np.real((lines * weight) @ np.conj(lines).T)
-        freedom += 4.0 * (width - NEAREST)
+        freedom += own
     return inverse @ middle @ inverse, freedom
 
 

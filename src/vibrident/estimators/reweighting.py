@@ -36,6 +36,10 @@ from vibrident.records import FloatArray
 #: Evaluations of the network at most; the step, in standard deviations, at which no further one is needed, and beyond
 #: which the last is no optimum.
 EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
+#: A step that leads further, over the coordinate or one, leaves what a linear step knows of.
+FARTHEST = 3.0
+#: Information of a coordinate that is none.
+NOTHING_KNOWN = 1e-12
 #: A model that does not explain the data has no noise to weigh by: seen by a residual that grows to so many times its
 #: squares, or an estimate that moves further than equal weights would scatter, but for one case in so many.
 COSTLIER, DIFFERENT = 2.0, 1e-6
@@ -133,6 +137,8 @@ def reweighted(
             shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
             spectra = [share.spectrum for share in shares]
             whole = np.sum([share.information for share in shares], axis=0)
+            if not np.all(np.diag(whole) > NOTHING_KNOWN):
+                return None
             inverse = _inverse(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
             step = inverse @ np.sum([share.gradient for share in shares], axis=0)
         covariance = inverse @ np.sum([share.variance for share in shares], axis=0) @ inverse
@@ -140,6 +146,8 @@ def reweighted(
         far = float(np.max(np.abs(step) / deviation))
         if far <= SETTLED or not np.isfinite(far):
             break
+        if not np.all(np.abs(step) <= FARTHEST * np.maximum(np.abs(z), 1.0)):
+            return None  # too few samples to step by
         if last < EVALUATIONS - 1:
             z = z + step
     seen = any(share.spectrum.passed > 0 for share in shares)  # then equal weights are drawn aside

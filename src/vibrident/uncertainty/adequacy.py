@@ -103,7 +103,9 @@ def band_points(
 
 
 def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
-    """Join the points and judge."""
+    """Join the points and judge; without any, nothing speaks for the model."""
+    if not parts:
+        return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
     squares = np.concatenate([p.squares for p in parts])
     freedom = np.concatenate([p.freedom for p in parts])
     # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².

@@ -80,12 +80,15 @@ def compare(
     if steps and named and "ipnn" not in named:
         raise _misplaced("--discretisations", "--estimators with ipnn", f"--estimators {','.join(named)}")
     from vibrident.comparison import document, read_truth
+    from vibrident.models import parse
 
     known = read_truth(truth) if truth else {}
+    for name in names or ():
+        parse(name)  # before anything is identified
     with written_whole(folder) as output:
         if files[0].suffix.lower() == ".toml":
             methods = _methods(named or _USUAL, names or (None,), steps or (None,))
-            results = _identified(files, methods, must=bool(named or names or steps))
+            results = _identified(files, methods, must=bool(named))
             foretold = _foretold(files[0], methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
                 result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
@@ -113,24 +116,26 @@ def _methods(estimators: tuple | list, models: tuple | list, steps: tuple | list
 
 
 def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict[str, Result]:
+    """Results by name. What does not suit the data is left out, unless that was named: ``must`` for estimators."""
     if len(files) > 1:
         raise _mixed(files)
     from vibrident.io import read
 
     calibration = read(files[0])
     results: dict[str, Result] = {}
-    failures: list[ModelError | NotConverged] = []
+    failures: dict[str | None, ModelError | NotConverged] = {}
     for method, outcome in _outcomes(calibration, methods):
         if not isinstance(outcome, (ModelError, NotConverged)):
             results[method.name] = outcome
-        elif must:
+        elif must or method.discretisation:
             raise outcome
         else:
-            failures.append(outcome)
+            failures.setdefault(method.model, outcome)
             problem = outcome.problem if isinstance(outcome, ModelError) else str(outcome)
             note(f"Left out: {method.name}. {problem}")
-    if not results:
-        raise failures[0]
+    for model, failure in failures.items():
+        if not any(method.model == model and method.name in results for method in methods):
+            raise failure
     return results
 
 
