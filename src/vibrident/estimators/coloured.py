@@ -28,7 +28,6 @@ def coloured_covariance(
     problem: TimeProblem,
     normal: Normal,
     noise: FloatArray,
-    floor: FloatArray,
 ) -> tuple[FloatArray, float]:
     """Covariance of the parameters, shape (P, P), and the degrees of freedom behind it.
 
@@ -36,7 +35,6 @@ def coloured_covariance(
         problem: the records.
         normal: the normal equations at the optimum.
         noise: standard deviation by which each record was weighted, shape (records,).
-        floor: standard deviation that no residual is believed to be below, shape (records,).
     """
     inverse = inverse_normal(np.asarray(normal.matrix))
     predicted = problem.by_record(normal.response)
@@ -56,7 +54,7 @@ def coloured_covariance(
             level, own = np.ones_like(power), max(float(problem.degrees_of_freedom[index]), 1.0)
         else:
             level, own = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
-        level = np.maximum(level, (floor[index] / noise[index]) ** 2)
+        level = np.maximum(level, (problem.noise_floor[index] / noise[index]) ** 2)
         lines = np.asarray(fft.rfft(slopes, axis=1))
         weight = line_counts(record.samples) * level / record.samples
         middle += np.real((lines * weight) @ np.conj(lines).T)

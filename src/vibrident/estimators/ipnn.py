@@ -31,8 +31,6 @@ from vibrident.records import FloatArray
 
 #: Rounds of training with refreshed noise weights and delay.
 ROUNDS = 6
-#: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
-LEAST_NOISE = 1e-7
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
 #: What the curve of a nonlinear model is.
@@ -103,9 +101,9 @@ class Ipnn:
             noise = found
             trace = self._train(problem, coordinates, z, noise, progress)
             z = trace.last
-            values = coordinates.values(z)
-            if _delay_moved(problem, values):
-                problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
+            moved = problem.at_delay_of(coordinates.values(z))
+            if moved is not problem:
+                problem = moved
                 noise = noise * (1.0 + 2.0 * NOISE_SETTLED)  # another round, with the inputs at the delay found
         assert trace is not None
         settings: dict[str, Any] = {
@@ -121,7 +119,7 @@ class Ipnn:
     def _freed(self, trained: _Trained, progress: Progress) -> Estimate:
         problem, noise = trained.problem, trained.noise
         z, covariance, trace, _ = train_free(problem, trained.coordinates, trained.z, noise, self.reading, progress)
-        _, freedom = coloured_covariance(problem, trained.normal(trained.z), noise, noise_floor(problem))
+        _, freedom = coloured_covariance(problem, trained.normal(trained.z), noise)
         more = {"weights": "free", "reading": self.reading}
         return replace(trained.estimate(z, covariance, freedom, more), trace=trace, begin=None)
 
@@ -181,12 +179,12 @@ class _Trained:
     def with_equal_weights(self) -> Estimate:
         """As trained."""
         normal = self.normal(self.z)
-        covariance, freedom = coloured_covariance(self.problem, normal, self.noise, noise_floor(self.problem))
+        covariance, freedom = coloured_covariance(self.problem, normal, self.noise)
         return self.estimate(self.z, covariance, freedom, {"noise_weights": "white"}, normal)
 
     def in_the_noise_found(self) -> Estimate:
         """The end of training: every line of the residual weighed by its own noise."""
-        end = reweighted(self.normal, self.problem, self.coordinates, self.z, self.noise, noise_floor(self.problem))
+        end = reweighted(self.normal, self.problem, self.coordinates, self.z, self.noise)
         if end is None:
             return self.with_equal_weights()
         names = self.coordinates.model.parameter_names
@@ -213,16 +211,4 @@ def _record_noise(problem: TimeProblem, squares: FloatArray) -> FloatArray:
     squares = squares[: len(problem.record_of_segment)]  # segments beyond are padding
     totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)
     estimate = np.sqrt(totals / np.maximum(problem.degrees_of_freedom, 1.0))
-    return np.maximum(estimate, noise_floor(problem))
-
-
-def noise_floor(problem: TimeProblem) -> FloatArray:
-    """Least noise believed of each record, shape (records,)."""
-    floor = np.array([LEAST_NOISE * float(np.std(r.response[r.mask])) for r in problem.records])
-    return np.maximum(floor, np.finfo(float).tiny)
-
-
-def _delay_moved(problem: TimeProblem, values: dict[str, float]) -> bool:
-    """Whether the inputs were interpolated at another delay than is now estimated, by more than 1e-3 of a sample."""
-    moved = abs(values.get("delay", 0.0) - problem.delay_s)
-    return bool(moved > 1e-3 * np.min(problem.intervals_s))
+    return np.maximum(estimate, problem.noise_floor)

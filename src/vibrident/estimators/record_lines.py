@@ -120,7 +120,7 @@ class RecordLines:
 
 
 def record_lines(
-    problem: TimeProblem, normal: Normal, coordinates: Coordinates, z: FloatArray, noise: FloatArray, floor: FloatArray
+    problem: TimeProblem, normal: Normal, coordinates: Coordinates, z: FloatArray, noise: FloatArray
 ) -> list[RecordLines]:
     """Every record that has samples to use.
 
@@ -130,7 +130,6 @@ def record_lines(
         coordinates: the map from z to parameters.
         z: shape (p,).
         noise: standard deviation by which each record was weighted, shape (records,).
-        floor: standard deviation that no residual is believed to be below, shape (records,).
     """
     responses = problem.by_record(normal.response)
     weights = problem.weights(coordinates.physical(z))
@@ -155,7 +154,7 @@ def record_lines(
                 segments=_segments(problem, weights, index, span),
                 response=_response(problem, coordinates, record, len(used)),
                 z=z,
-                floor=float((floor[index] / noise[index]) ** 2),
+                floor=float((problem.noise_floor[index] / noise[index]) ** 2),
             )
         )
     return found

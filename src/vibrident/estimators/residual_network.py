@@ -20,7 +20,7 @@ from vibrident.discretize import method
 from vibrident.errors import ModelError, NotConverged
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
-from vibrident.estimators.ipnn import Ipnn, noise_floor
+from vibrident.estimators.ipnn import Ipnn
 from vibrident.estimators.objectives import Local, time_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.models import SensorModel
@@ -216,7 +216,7 @@ def _noise(candidate: _Candidate, lanes: np.ndarray) -> FloatArray:
     size = np.array([float(np.std(r.response[r.mask])) for r in problem.records])
     relative = np.sqrt(np.sum(total[seen]) / np.sum((number * size**2)[seen]))
     own = np.sqrt(np.where(seen, total / np.maximum(number, 1.0), (relative * size) ** 2))
-    return np.maximum(own, noise_floor(problem))
+    return np.maximum(own, problem.noise_floor)
 
 
 def _judged(
@@ -333,7 +333,7 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
     normal = whole.normal(everything)
     _, weight = _prior(whole.coordinates)
     held = normal._replace(matrix=normal.matrix + jnp.diag(jnp.asarray(weight)))
-    covariance, freedom = coloured_covariance(whole.problem, held, whole.noise, noise_floor(whole.problem))
+    covariance, freedom = coloured_covariance(whole.problem, held, whole.noise)
     z = np.asarray(whole.z)[:count]
     alone = plain.problem.predict(plain.coordinates, z)
     predicted = tuple(whole.problem.by_record(normal.response))

@@ -108,7 +108,6 @@ def reweighted(
     coordinates: Coordinates,
     z: FloatArray,
     noise: FloatArray,
-    floor: FloatArray,
 ) -> Reweighted | None:
     """Go from the optimum of equal weights to that of the noise as it is; None where the misfit is no noise.
 
@@ -118,7 +117,6 @@ def reweighted(
         coordinates: the map from z to parameters.
         z: the optimum of equal weights, shape (p,).
         noise: standard deviation by which ``evaluate`` weights each record, shape (records,).
-        floor: standard deviation that no residual is believed to be below, shape (records,).
     """
     spectra: list[NoiseSpectrum] = []
     first, cost, spread = z, np.inf, np.zeros((len(z), len(z)))
@@ -128,7 +126,7 @@ def reweighted(
         normal = evaluate(z)
         if not float(normal.cost) <= COSTLIER * cost:
             return None
-        lines += record_lines(problem, normal, coordinates, z, noise, floor)
+        lines += record_lines(problem, normal, coordinates, z, noise)
         if last == 0:
             spectra = [_spectrum(record, record.residual, record.through) for record in lines]
             cost, spread = float(normal.cost), _spread(normal, lines, spectra)

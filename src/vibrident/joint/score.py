@@ -7,17 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.backend import jnp
-from vibrident.discretize import method
 from vibrident.estimators.ml import weighted_problem
 from vibrident.estimators.objectives import Local, response_objective, time_objective
 from vibrident.identification import Fitted
 from vibrident.problem import Coordinates, FrequencyProblem, TimeProblem
 from vibrident.records import FloatArray
-
-#: Noise below this part of a record's response is not believed.
-LEAST_NOISE = 1e-7
-#: Part of a sample by which the delay may leave that of the interpolated inputs.
-DELAY_SETTLED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +83,11 @@ class Score:
         if not isinstance(self.problem, TimeProblem):
             return self
         assert self.noise is not None
-        problem, values = self.problem, self.coordinates.values(z)
-        if abs(values.get("delay", 0.0) - problem.delay_s) > DELAY_SETTLED * np.min(problem.intervals_s):
-            layout = problem.layout
-            step = method(layout.method.name)
-            problem = TimeProblem.build(problem.records, layout.model, step, layout.quantity, values)
+        problem = self.problem.at_delay_of(self.coordinates.values(z))
         predicted = problem.predict(self.coordinates, z)
         noise = []
         for record, series, freedom in zip(problem.records, predicted, problem.degrees_of_freedom, strict=True):
             used = record.mask & np.isfinite(series)
             squares = float(np.sum((record.response[used] - series[used]) ** 2))
-            floor = LEAST_NOISE * float(np.std(record.response[record.mask]))
-            noise.append(max(np.sqrt(squares / max(freedom, 1.0)), floor, np.finfo(float).tiny))
-        return replace(self, problem=problem, noise=np.array(noise))
+            noise.append(np.sqrt(squares / max(freedom, 1.0)))
+        return replace(self, problem=problem, noise=np.maximum(noise, problem.noise_floor))

@@ -40,6 +40,10 @@ from vibrident.records import FloatArray, Quantity, Record
 CHUNK = 256
 #: A force is that of a response of at most this many times the largest measured.
 BEYOND = 10.0
+#: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
+LEAST_NOISE = 1e-7
+#: Part of a sample by which a delay may leave that of the interpolated inputs.
+DELAY_SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,19 @@ class TimeProblem:
         counts = np.bincount(owners, weights=per_lane, minlength=len(self.records))
         segments = np.bincount(self.record_of_segment, minlength=len(self.records))
         return np.asarray(counts - (self.layout.order + 1.0) * segments, dtype=np.float64)
+
+    @functools.cached_property
+    def noise_floor(self) -> FloatArray:
+        """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        floor = [LEAST_NOISE * float(np.std(record.response[record.mask])) for record in self.records]
+        return np.maximum(floor, np.finfo(float).tiny)
+
+    def at_delay_of(self, values: dict[str, float]) -> TimeProblem:
+        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
+        layout = self.layout
+        if abs(values.get("delay", 0.0) - self.delay_s) <= DELAY_SETTLED * np.min(self.intervals_s):
+            return self
+        return TimeProblem.build(self.records, layout.model, layout.method, layout.quantity, values)
 
     @functools.cached_property
     def data(self) -> tuple[Any, ...]:
