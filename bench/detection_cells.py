@@ -127,6 +127,10 @@ class Cell:
         size = "nominal" if self.part is None else f"{self.part:g}"
         return f"{self.defect}/{self.excitation}/{self.noise:g}/{size}"
 
+    def runs(self, asked: int) -> int:
+        """As many as asked for."""
+        return asked
+
     @property
     def size(self) -> float:
         """Of the defect."""

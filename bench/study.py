@@ -1,0 +1,123 @@
+"""A study of many seeded runs in cells: stopped and resumed at will, its page written from what was kept.
+
+Runs are kept a line a block, so that a study goes on where it was stopped. A line belongs to the commit that the
+package and the cells were last changed by: runs of another commit are not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from joblib import Parallel, delayed
+
+from bench.progress import STDERR, steps
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Runs in a block: what is lost at most where a study is stopped.
+BLOCK = 10
+
+
+class Cell(Protocol):
+    """One combination of what is varied."""
+
+    @property
+    def name(self) -> str:
+        """For files and the command line."""
+        ...
+
+    def runs(self, asked: int) -> int:
+        """How many runs it needs where so many are asked for."""
+        ...
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study and its command line.
+
+    Attributes:
+        name: of the module; of the file of runs, bench/results/<name>.jsonl, and the page, docs/<name>.md.
+        title: for ``--help``.
+        runs: a cell, unless asked otherwise.
+        cells: all of them.
+        block: name of a cell, first run and number of runs, to a line to keep.
+        table: kept lines and their commit, to the page.
+    """
+
+    name: str
+    title: str
+    runs: int
+    cells: Sequence[Cell]
+    block: Callable[[str, int, int], dict[str, Any]]
+    table: Callable[[list[dict[str, Any]], str], str]
+
+    def main(self, arguments: list[str] | None = None) -> int:
+        """Run what is missing, then write the page of all there is."""
+        given = self._parser().parse_args(arguments)
+        commit = given.of or self._commit()
+        kept = [] if given.trial else list(self._kept(commit))
+        done = {(line["cell"], line["first"]) for line in kept}
+        wanted = [
+            (cell.name, first, min(BLOCK, cell.runs(given.runs) - first))
+            for first in range(0, given.runs, BLOCK)
+            for cell in self.cells
+            if not given.of and given.only in cell.name and first < cell.runs(given.runs)
+        ]
+        wanted = [block for block in wanted if block[:2] not in done]
+        for line in steps(self.name, self._blocks(wanted, given.jobs), total=len(wanted)):
+            line["commit"] = commit
+            kept.append(line)
+            if not given.trial:
+                self._keep(line)
+        page = self.table(kept, commit)
+        if given.trial:
+            sys.stdout.write(page)
+        else:
+            target = ROOT / "docs" / f"{self.name}.md"
+            target.write_text(page, encoding="utf-8")
+            STDERR.print(f"written: {target}", soft_wrap=True)
+        return 0
+
+    def _parser(self) -> argparse.ArgumentParser:
+        parser = argparse.ArgumentParser(prog=f"python -m bench.{self.name}", description=self.title)
+        parser.add_argument("--runs", type=int, default=self.runs, help="seeded runs a cell")
+        parser.add_argument("--jobs", type=int, default=2, help="processes")
+        parser.add_argument("--only", default="", metavar="TEXT", help="cells whose name holds this")
+        parser.add_argument("--trial", action="store_true", help="print the page; keep nothing, publish nothing")
+        parser.add_argument("--of", default="", metavar="COMMIT", help="run nothing; publish what was kept of it")
+        return parser
+
+    def _blocks(self, wanted: list[tuple[str, int, int]], jobs: int) -> Iterable[Any]:
+        if jobs == 1:
+            return (self.block(*block) for block in wanted)
+        parallel = Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+        return parallel(delayed(self.block)(*block) for block in wanted)
+
+    @property
+    def _file(self) -> Path:
+        return ROOT / "bench" / "results" / f"{self.name}.jsonl"
+
+    def _kept(self, commit: str) -> Iterator[dict[str, Any]]:
+        if self._file.exists():
+            for text in self._file.read_text(encoding="utf-8").splitlines():
+                line = json.loads(text)
+                if line["commit"] == commit:
+                    yield line
+
+    def _keep(self, line: dict[str, Any]) -> None:
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        with self._file.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(line) + "\n")
+
+    def _commit(self) -> str:
+        """The last commit that changed the package or the cells."""
+        cells = sys.modules[self.block.__module__].__file__ or ""
+        command = ["git", "log", "-1", "--format=%h", "--", "src", cells]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        return done.stdout.strip() or "unknown"
