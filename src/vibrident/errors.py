@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class VibridentError(Exception):
     """Base of every error that vibrident raises on purpose."""
@@ -48,6 +51,15 @@ class InputError(VibridentError):
 
 def _rebuild_input_error(kind: type[InputError], fields: dict[str, str]) -> InputError:
     return kind(**fields)
+
+
+def did_you_mean(
+    name: str, known: Iterable[str], otherwise: str = "choose one of the expected", *, likeness: float = 0.6
+) -> str:
+    """The remedy for a name that is not known: the nearest one that is, upper or lower case, if any is so like it."""
+    by_lower = {other.lower(): other for other in known}
+    near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
+    return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
 
 
 class ModelError(InputError):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, did_you_mean
 
 ESTIMATORS = ("auto", "ipnn", "ml", "lsm")
 DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
@@ -47,13 +46,12 @@ def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
     """
     if value in allowed:
         return value
-    near = difflib.get_close_matches(value.lower(), allowed, n=1)
     raise InputError(
         f"{value!r} is no choice of {name}.",
         expected=" | ".join(allowed),
         found=repr(value),
         where=name,
-        remedy=f"did you mean {near[0]!r}?" if near else "choose one of the expected",
+        remedy=did_you_mean(value, allowed),
     )
 
 

@@ -7,12 +7,11 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, did_you_mean
 from vibrident.export.formats import FORMATS, Format
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor, check_band, sensor_of
@@ -55,13 +54,12 @@ def export(
         InputError: the format is not known, cannot hold this sensor, or lacks a library or a choice.
     """
     if form not in FORMATS:
-        near = difflib.get_close_matches(form.lower(), FORMATS, n=1)
         raise InputError(
             f"The export format {form!r} is not known.",
             expected=" | ".join(FORMATS),
             found=repr(form),
             where="--format",
-            remedy=f"did you mean {near[0]!r}?" if near else "choose one of the expected",
+            remedy=did_you_mean(form, FORMATS),
         )
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, did_you_mean
 from vibrident.records import FloatArray
 
 #: How many names a message lists before it says how many more there are.
@@ -94,13 +93,12 @@ class ColumnFile(ABC):
                 remedy=f"use a column number instead: {numbers}",
             )
         named = [name for name in self.names if name]
-        nearest = difflib.get_close_matches(wanted, named, n=1, cutoff=0.4)
         raise InputError(
             f"There is no column named {column!r}.",
             expected=self._offer(),
             found=repr(column),
             where=where,
-            remedy=f"did you mean {nearest[0]!r}?" if nearest else "give one of these names, or a column number from 1",
+            remedy=did_you_mean(wanted, named, "give one of these names, or a column number from 1", likeness=0.4),
         )
 
     def _plain_name(self, name: str) -> str:

@@ -7,13 +7,12 @@ model, unit of the response and kind of reference are. The delay belongs to the 
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, did_you_mean
 from vibrident.models import SensorModel
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
@@ -81,13 +80,12 @@ def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
     known = list(dict.fromkeys(name for model in models for name in model.parameter_names))
     for name in share:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
             raise InputError(
                 f"{name!r} is no parameter of these models.",
                 expected=" | ".join(known),
                 found=repr(name),
                 where="share",
-                remedy=f"did you mean {near[0]!r}?" if near else "choose one of the expected",
+                remedy=did_you_mean(name, known),
             )
 
 

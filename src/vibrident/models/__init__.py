@@ -6,9 +6,7 @@ tables below.
 
 from __future__ import annotations
 
-import difflib
-
-from vibrident.errors import ModelError
+from vibrident.errors import ModelError, did_you_mean
 from vibrident.models.accelerometer import ACCELEROMETER
 from vibrident.models.base import AddOn, Core, Derived, ParameterSpec, Rational, SensorModel
 from vibrident.models.boxcar import BOXCAR
@@ -67,11 +65,10 @@ def _check_nonlinear(model: SensorModel) -> None:
 
 
 def _unknown(kind: str, part: str, table: dict[str, Core] | dict[str, AddOn], name: str) -> ModelError:
-    near = difflib.get_close_matches(part, table, n=1)
     return ModelError(
         f"The {kind} {part!r} is not known.",
         expected=" | ".join(table),
         found=repr(name),
         where="model",
-        remedy=f"did you mean {near[0]!r}?" if near else f"choose a {kind} from the list",
+        remedy=did_you_mean(part, table, f"choose a {kind} from the list"),
     )

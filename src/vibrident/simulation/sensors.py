@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from vibrident.errors import InputError, ModelError
+from vibrident.errors import InputError, ModelError, did_you_mean
 from vibrident.models import parse
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.simulation.checks import require_finite, require_positive
@@ -120,11 +119,10 @@ def sensor_named(name: str) -> Sensor:
     """
     if name in SENSORS:
         return SENSORS[name]
-    near = difflib.get_close_matches(name, SENSORS, n=1)
     raise InputError(
         f"The sensor {name!r} is not known.",
         expected=" | ".join(SENSORS),
         found=repr(name),
         where="simulate",
-        remedy=f"did you mean {near[0]!r}?" if near else "choose from the list, or give (model, parameters)",
+        remedy=did_you_mean(name, SENSORS, "choose from the list, or give (model, parameters)"),
     )
