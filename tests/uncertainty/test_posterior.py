@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
+import importlib
 import sys
 
 import numpy as np
@@ -127,7 +127,7 @@ def test_the_network_has_no_such_likelihood():
 
 
 def test_a_missing_library_names_the_line_that_installs_it(monkeypatch):
-    known = builtins.__import__
+    known = importlib.import_module
 
     def missing(name, *rest, **more):
         if name.partition(".")[0] == "numpyro":
@@ -136,6 +136,6 @@ def test_a_missing_library_names_the_line_that_installs_it(monkeypatch):
 
     for name in [n for n in sys.modules if n.partition(".")[0] == "numpyro"]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr("importlib.import_module", lambda name: missing(name))
+    monkeypatch.setattr("importlib.import_module", missing)
     with pytest.raises(vibrident.InputError, match=r"vibrident\[bayes\]"):
         vibrident.identify(table(TRUTH, np.geomspace(20, 1500, 30), 0.002), posterior=QUICK)

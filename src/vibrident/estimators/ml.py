@@ -94,10 +94,9 @@ def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: P
     degrees = problem.equations - len(estimate.z)
     if degrees <= 0 or not rejected(_cost(estimate.trace), degrees, tones.degrees_of_freedom):
         return estimate
-    deviation, size = problem.data[3], np.abs(problem.data[2])
 
     def widened(error: float) -> tuple[FrequencyProblem, Trace]:
-        wider = replace(problem, data=(*problem.data[:3], np.hypot(deviation, error * size)))
+        wider = problem.with_model_error(error)
         return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
 
     low, high = np.log(1e-9), np.log(1.0)
@@ -120,6 +119,17 @@ def weighted_problem(
     """The residual with deviations that hold at the parameters ``values``."""
     deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, evidence.quantity))
     return FrequencyProblem.of_measured(tones, deviation, model, evidence.quantity)
+
+
+def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
+    """The residual in frequency that an estimate made as small as it is."""
+    if estimate.tones is None:
+        assert evidence.first_look is not None
+        return evidence.first_look
+    values = estimate.coordinates.values(estimate.z)
+    problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
+    error = estimate.settings.get("model_error")
+    return problem if error is None else problem.with_model_error(error)
 
 
 def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.backend import jnp
-from vibrident.estimators.ml import weighted_problem
+from vibrident.estimators.ml import solved_problem
 from vibrident.estimators.objectives import Local, response_objective, time_objective
 from vibrident.identification import Fitted
 from vibrident.problem import Coordinates, FrequencyProblem, TimeProblem
@@ -35,15 +35,7 @@ class Score:
         if estimate.estimator == "ipnn":
             assert estimate.problem is not None
             return cls(estimate.coordinates, estimate.problem, np.array(estimate.settings["noise"]))
-        if estimate.tones is None:
-            assert evidence.first_look is not None
-            return cls(estimate.coordinates, evidence.first_look)
-        values = estimate.coordinates.values(estimate.z)
-        problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
-        error = estimate.settings.get("model_error", 0.0)
-        frequency, reference, response, deviation = problem.data
-        wider = np.hypot(deviation, error * np.abs(response))
-        return cls(estimate.coordinates, replace(problem, data=(frequency, reference, response, wider)))
+        return cls(estimate.coordinates, solved_problem(estimate, evidence))
 
     def local(self, z: FloatArray) -> Local:
         """Cost, gradient and normal matrix at ``z``, shape (p,)."""

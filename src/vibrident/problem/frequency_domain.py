@@ -10,7 +10,7 @@ residual is in those coordinates, (|H| − m)/u_m and (arg H − φ)/u_φ.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,11 @@ class FrequencyProblem:
         if phase_u is None:
             phase_u = magnitude_u / table.magnitude
         return cls(model, quantity, True, has_phase, (table.frequency_hz, table.magnitude, phase, magnitude_u, phase_u))
+
+    def with_model_error(self, error: float) -> FrequencyProblem:
+        """The same problem of what records say, with a relative error of the model beside the noise."""
+        frequency, reference, response, deviation = self.data
+        return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))
 
     @property
     def points(self) -> int:

@@ -22,7 +22,7 @@ from vibrident import extras
 from vibrident.backend import jax, jnp
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
-from vibrident.estimators.ml import weighted_problem
+from vibrident.estimators.ml import solved_problem
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray
@@ -97,7 +97,7 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
     coordinates, middle = estimate.coordinates, np.asarray(estimate.z)
     free = _Unbounded.of(coordinates, middle)
     first, root = free.round(middle, np.asarray(estimate.covariance) * scale**2)
-    density = _log_density(coordinates, *_data(evidence, estimate), scale)
+    density = _log_density(coordinates, solved_problem(estimate, evidence), _freedom(estimate), scale)
 
     def potential(w: Any) -> Any:
         v = first + root @ w
@@ -197,21 +197,11 @@ class _Unbounded:
         return v, vectors * np.clip(np.sqrt(np.maximum(values, 0.0)), 1e-12, WIDEST)
 
 
-def _data(evidence: Evidence, estimate: Estimate) -> tuple[FrequencyProblem, FloatArray | None]:
-    """The problem that the estimate solved, and the degrees of freedom behind each deviation; None: it is known."""
-    if estimate.tones is None:
-        problem = evidence.first_look
-        assert problem is not None
-        return problem, None
-    values = estimate.coordinates.values(estimate.z)
-    problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
-    error = estimate.settings.get("model_error")
-    if error is None:
-        return problem, estimate.tones.degrees_of_freedom
-    frequency, x, y, deviation = problem.data
-    wider = np.hypot(deviation, error * np.abs(y))
-    kind = (problem.model, problem.quantity, problem.polar, problem.has_phase)
-    return FrequencyProblem(*kind, (frequency, x, y, wider)), None
+def _freedom(estimate: Estimate) -> FloatArray | None:
+    """Degrees of freedom behind the deviation of each tone; None where it is known: stated, or as the misfit has it."""
+    if estimate.tones is None or "model_error" in estimate.settings:
+        return None
+    return estimate.tones.degrees_of_freedom
 
 
 def _log_density(
