@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -76,23 +76,38 @@ class RecordLines:
         ends = np.eye(len(self.z)) * STEP
         return [of_response((self.response(self.z + e) - self.response(self.z - e)) / (2.0 * STEP)) for e in ends]
 
-    @property
-    def free(self) -> ComplexArray:
-        """What initial states, offset and drift of each segment add, shape (lines, m)."""
-        return self._stacked(self._free_in_time()) if self.samples > LONG else self._kept_free
+    def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> ComplexArray:
+        """Lines of what is unknown beside the parameters, shape (lines, m).
+
+        Args:
+            edges: beside initial states, offset and drift of each segment, the slopes of these.
+            tones: places, in lines, of tones; each with its slope with frequency.
+        """
+        free = sum(len(output) + 2 for _, output, _ in self.segments)
+        columns = np.empty((len(self.twice), (2 if edges else 1) * free + 4 * len(tones)), dtype=complex, order="F")
+        for column, lines in zip(columns.T, self._unknown(edges, tones), strict=True):
+            column[:] = lines
+        return columns
+
+    def _unknown(self, edges: bool, tones: tuple[float, ...]) -> Iterator[ComplexArray]:
+        """One after another: of a long record each is large."""
+        yield from self._kept_free if self.samples <= LONG else map(_lines, self._free_in_time())
+        turn = np.arange(self.samples) / max(self.samples, 1)
+        if edges:
+            for column in self._free_in_time():
+                yield _lines(turn * column)
+        for place in tones:
+            for wave in (np.cos, np.sin):
+                tone = wave(2.0 * np.pi * place * turn) * self.used
+                yield _lines(tone)
+                yield _lines((turn - 0.5) * tone)
 
     @functools.cached_property
-    def _kept_free(self) -> ComplexArray:
-        return self._stacked(self._free_in_time())
-
-    @property
-    def edges(self) -> ComplexArray:
-        """What the slopes of initial states add, shape (lines, m)."""
-        turn = np.arange(self.samples) / max(self.samples, 1)
-        return self._stacked(turn * column for column in self._free_in_time())
+    def _kept_free(self) -> tuple[ComplexArray, ...]:
+        return tuple(map(_lines, self._free_in_time()))
 
     def _free_in_time(self) -> Iterator[FloatArray]:
-        """One after another: of a long record each is large."""
+        """What initial states, offset and drift of each segment add."""
         for run, output, transition in self.segments:
             count = run.stop - run.start
             for rows in (*_powers(output, transition, count).T, np.ones(count), np.linspace(-1.0, 1.0, count)):
@@ -100,23 +115,11 @@ class RecordLines:
                 placed[run] = rows * self.used[run] / max(float(np.sqrt(np.sum(rows**2))), 1e-300)
                 yield placed
 
-    def _stacked(self, columns: Iterable[FloatArray]) -> ComplexArray:
-        lines = [_lines(column) for column in columns]
-        return np.stack(lines, axis=1) if lines else np.zeros((len(self.twice), 0), dtype=complex)
-
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""
         if self.used.all():
             return lines
         return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
-
-    def tones(self, places: tuple[float, ...]) -> ComplexArray:
-        """Tones at these places, in lines, and their slopes with frequency; shape (lines, 4 tones)."""
-        turn = np.arange(self.samples) / self.samples
-        angle = 2.0 * np.pi * np.outer(turn, places)
-        both = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-        both = np.concatenate([both, (turn - 0.5)[:, None] * both], axis=1) * self.used[:, None]
-        return np.asarray(fft.rfft(both, axis=0))
 
 
 def record_lines(

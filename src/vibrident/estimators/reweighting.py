@@ -25,9 +25,10 @@ import numpy as np
 from scipy import linalg
 from scipy.stats import chi2
 
+from vibrident.backend import give_back
 from vibrident.estimators.covariance import SMALLEST, inverse_normal
 from vibrident.estimators.noise_spectrum import NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
-from vibrident.estimators.record_lines import RecordLines, record_lines
+from vibrident.estimators.record_lines import LONG, RecordLines, record_lines
 from vibrident.measure.response import ComplexArray
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, TimeProblem
@@ -127,6 +128,8 @@ def reweighted(
         if not float(normal.cost) <= COSTLIER * cost:
             return None
         lines += record_lines(problem, normal, coordinates, z, noise)
+        if any(record.samples > LONG for record in lines):
+            give_back()
         if last == 0:
             spectra = [_spectrum(record, record.residual, record.through) for record in lines]
             cost, spread = float(normal.cost), _spread(normal, lines, spectra)
@@ -222,13 +225,9 @@ def _drawn(slope: ComplexArray, through: ComplexArray, weight: FloatArray) -> fl
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
     """Lines of what is unknown beside the parameters, shape (lines, m)."""
-    columns = [record.free]
     steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
-    if record.response is not None and (steep or spectrum.passed > 0):  # a free decay has nothing but initial states
-        columns.append(record.edges)
-    if spectrum.tones:
-        columns.append(record.tones(spectrum.tones))
-    return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
+    driven = record.response is not None  # a free decay has nothing but initial states
+    return record.unknowns(edges=driven and (steep or spectrum.passed > 0), tones=spectrum.tones)
 
 
 def _spectrum(record: RecordLines, residual: ComplexArray, response: ComplexArray | None) -> NoiseSpectrum:
