@@ -9,6 +9,8 @@ import pytest
 
 from vibrident.errors import InputError
 from vibrident.io.guess import guess_columns
+from vibrident.simulation import simulate
+from vibrident.web.motion import likely_excitation
 
 
 def csv(folder, header: str, name: str = "data.csv"):
@@ -53,7 +55,7 @@ def test_a_table(tmp_path):
 @pytest.mark.parametrize(
     ("name", "excitation"),
     [
-        ("10Hz", "sine"),
+        ("10Hz", None),
         ("multisine_3", "multisine"),
         ("chirp", "sweep"),
         ("noise", "random"),
@@ -86,3 +88,18 @@ def test_a_file_that_knows_its_rate_needs_no_time_column(tmp_path):
 def test_a_file_that_cannot_be_opened_is_said(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         guess_columns(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("kind", ["sine", "sweep", "random", "shock"])
+def test_the_excitation_by_the_motion_where_the_names_do_not_say(tmp_path, kind):
+    tones = {"frequencies_hz": [100.0, 200.0, 300.0]} if kind == "sine" else {}
+    made = simulate("paper", kind, sampling_rate_hz=25_600.0, samples=8000, seed=1, **tones)
+    files = [f"{index}.csv" for index in range(len(made.records))]
+    for file, record in zip(files, made.records, strict=True):
+        data = np.stack([record.time_s, np.asarray(record.reference), record.response], axis=1)
+        np.savetxt(tmp_path / file, data, delimiter=",", header="t,ref,response", comments="")
+    guess = guess_columns(tmp_path / files[0])
+    assert guess.excitation is None
+    assert likely_excitation(guess, tmp_path, files) == kind
+    (tmp_path / files[0]).write_text("t,ref,response\n0,a,1\n")  # what cannot be read is said later
+    assert likely_excitation(guess, tmp_path, files[:1]) == "sine"

@@ -49,7 +49,7 @@ class Columns:
             frequency and magnitude are known is one.
         quantity, scale, unit: of the reference; scale leads to SI.
         response_unit: of the response.
-        excitation: by the file's name.
+        excitation: by the file's name; None where that does not say.
     """
 
     columns: tuple[int | str, ...]
@@ -67,7 +67,7 @@ class Columns:
     scale: float
     unit: str
     response_unit: str
-    excitation: str
+    excitation: str | None
 
     @property
     def is_table(self) -> bool:
@@ -126,7 +126,7 @@ def guess_columns(path: Path) -> Columns:
         scale=1.0 if scale is None else scale,
         unit=unit,
         response_unit=_unit(names, response) or "V",
-        excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), "sine"),
+        excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),
     )
 
 

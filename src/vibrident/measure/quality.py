@@ -9,6 +9,7 @@ import numpy as np
 from scipy import fft
 
 from vibrident.errors import InputError
+from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.response import MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
@@ -27,6 +28,8 @@ ALIAS_POWER = 0.01
 FEWEST_PERIODS = 2.0
 #: A tone is heard above this many standard deviations of its amplitude.
 SILENT_SIGMA = 5.0
+#: A sine may come with this much other motion that the sensor answers, over the power of its tone.
+MOST_STRAY = 0.8
 
 
 @dataclass(frozen=True)
@@ -209,6 +212,36 @@ def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list
                 Finding("short_record", f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz.")
             )
     return findings
+
+
+def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> None:
+    """Refuse a record that is said to be a sine, though its sensor answers more of other motion than of the tone.
+
+    Raises:
+        InputError: there is one.
+    """
+    samples = np.array([record.mask.sum() for record in records])
+    rest = np.abs(tones.line_reference[:, 0]) ** 2 * samples / 2.0  # twice the mean square beside the tone
+    for index in np.flatnonzero(rest > MOST_STRAY * np.abs(tones.reference) ** 2).tolist():
+        record, frequency = records[index], float(tones.frequency_hz[index])
+        likely = kind_of_motion(np.asarray(record.reference)[record.mask])
+        if likely == "shock":
+            found = "motion in a small part of the record"
+        elif frequency * samples[index] / record.sampling_rate_hz < FEWEST_PERIODS:
+            continue  # what is short may look like anything
+        else:
+            stray = stray_motion(record, frequency)
+            if stray < MOST_STRAY:
+                continue
+            found = f"the sensor answers {stray:.2g} times as much other motion as at {frequency:.4g} Hz"
+        other = "random" if likely == "sine" else likely
+        raise InputError(
+            "The motion of this record is no sine.",
+            expected='excitation = "sine" for motion at one frequency',
+            found=found,
+            where=record.name,
+            remedy=f'write excitation = "{other}", or cut the record to the tone',
+        )
 
 
 def silent_channels(tones: MeasuredResponse) -> list[Finding]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
-from vibrident.measure.quality import short_records, silent_channels
+from vibrident.measure.quality import refuse_other_motion, short_records, silent_channels
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
@@ -43,7 +43,7 @@ class Evidence:
         """Screen the records and measure their nonparametric response.
 
         Raises:
-            InputError: no record can be used.
+            InputError: no record can be used, or one that is said to be a sine is none.
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
@@ -65,6 +65,7 @@ class Evidence:
         bands = _renumbered(bands, others) if bands is not None else None
         more: list[Finding] = []
         if tones is not None:
+            refuse_other_motion([records[i] for i in sines], tones)
             more += short_records([records[i] for i in sines], tones.frequency_hz)
             more += silent_channels(tones)
         return cls(calibration, model, records, tones, bands, (*findings, *more))

@@ -11,6 +11,7 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.io.guess import Columns, guess_columns
 from vibrident.web import frame
 from vibrident.web.description import Description, calibration_text, described
+from vibrident.web.motion import likely_excitation
 from vibrident.web.preview import preview
 from vibrident.web.session import CALIBRATION, refuse_outside
 
@@ -56,10 +57,11 @@ class ColumnsStep:
                 return
             guess = await run.io_bound(guess_columns, session.data / session.files[0])
             assert guess is not None
+            excitation = await run.io_bound(likely_excitation, guess, session.data, session.files)
         except VibridentError as error:
             frame.show_error(self.body, error, session)
             return
-        self.given = described(guess)
+        self.given = described(guess, excitation or "sine")
         with self.body:
             self._form(guess)
         await self._plot()
@@ -76,7 +78,9 @@ class ColumnsStep:
 
     def _form(self, guess: Columns) -> None:
         given = self.given
-        ui.label(f"Guessed from the names in {self.user.session.files[0]}; please check.").classes("hint")
+        ui.label(f"Guessed from the names in {self.user.session.files[0]} and the motion; please check.").classes(
+            "hint"
+        )
         ui.toggle({False: "Records in time", True: "Table of a response"}).bind_value(given, "table").props("no-caps")
         choices = dict(zip(guess.columns, guess.labels, strict=True))
         with ui.element("div").bind_visibility_from(given, "table", value=False):

@@ -43,15 +43,15 @@ class Description:
         return "+".join((self.core, *self.add_ons))
 
 
-def described(guess: Columns) -> Description:
-    """What a guess says, ready to be corrected."""
-    same = ("time", "reference", "quantity", "scale", "unit", "response", "response_unit", "excitation")
+def described(guess: Columns, excitation: str = "sine") -> Description:
+    """What a guess says, ready to be corrected; the excitation is a guess of its own."""
+    same = ("time", "reference", "quantity", "scale", "unit", "response", "response_unit")
     points = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
     known = {name: getattr(guess, name) for name in (*same, *points)}
     table = guess.is_table
     known["add_ons"] = [] if table and guess.phase is None else ["delay"]
     radians = any("rad" in str(column).lower() for column in (guess.phase, guess.phase_uncertainty))
-    return Description(table=table, phase_unit="rad" if radians else "deg", **known)
+    return Description(table=table, excitation=excitation, phase_unit="rad" if radians else "deg", **known)
 
 
 def calibration_text(given: Description, files: Sequence[str]) -> str:

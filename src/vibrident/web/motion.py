@@ -1,0 +1,32 @@
+"""What kind of motion the files hold, looked at where their names do not say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from vibrident.errors import VibridentError
+from vibrident.io.guess import Columns
+from vibrident.io.readers import open_columns
+from vibrident.measure.motion import kind_of_motion
+
+#: Files looked at, spread over all of them.
+MOST_FILES = 5
+
+
+def likely_excitation(guess: Columns, folder: Path, files: Sequence[str]) -> str:
+    """The excitation that most files look like; a sine where nothing can be seen."""
+    if guess.is_table or guess.reference is None:
+        return guess.excitation or "sine"
+    if guess.excitation is not None:
+        return guess.excitation
+    seen: Counter[str] = Counter()
+    for file in files[:: -(-len(files) // MOST_FILES)]:
+        try:
+            source = open_columns(folder / file)
+            (motion,) = source.load([source.position_of(guess.reference, "columns and units")])
+        except VibridentError:  # said when the columns are drawn or confirmed
+            continue
+        seen[kind_of_motion(motion)] += 1
+    return seen.most_common(1)[0][0] if seen else "sine"
