@@ -367,6 +367,13 @@ def test_blanks_state_nothing(key, tmp_path):
         written(replace(certified(paper()), sensor={"serial_number": "\u00a0 "}), tmp_path)
 
 
+def test_a_blank_name_signs_nothing(tmp_path):
+    root = written(replace(paper(), certificate={**CERTIFICATE, "approved_by": " "}), tmp_path)
+    check_structure(root)
+    assert contents(root, "dcc:respPerson//dcc:name") == [("A. Operator", None)]
+    assert not root.xpath("//dcc:mainSigner", namespaces=SPACES)
+
+
 def test_a_certificate_without_its_statements_is_refused(tmp_path):
     with pytest.raises(InputError) as caught:
         export(paper(), "dcc", tmp_path, country="DE")

@@ -151,7 +151,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make("identifications", made),
     )
     persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
-    signed = [(name, role) for name, role in persons if name]
+    signed = [(name, role) for name, role in persons if not _blank(name)]
     return make(
         "administrativeData",
         make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=__version__))),
