@@ -1,4 +1,7 @@
-"""The certificate's structure (DCC 3.2.1, D-SI 2.1.0), its numbers against the result, its units against dsiUnits."""
+"""The certificate's structure (DCC 3.2.1, D-SI 2.1.0), its numbers against the result, its units against dsiUnits.
+
+Order, choices and patterns are those of the two schemas, which tests/export/test_dcc_schema.py asks themselves.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from lxml import etree
 from vibrident.errors import InputError
 from vibrident.export import export
 from vibrident.export.dcc_units import d_si
-from vibrident.result import ResultWarning
+from vibrident.result import Result, ResultWarning
 
 pytestmark = [
     # dsiUnits takes the beginning of \percent, and what it writes itself, for its deprecated \per.
@@ -41,7 +44,8 @@ CERTIFICATE = {
     "approved_by": "B. Head",
     "remarks": ("one", "two"),
 }
-#: Children of each element in their order, from the schema's sequences; ? optional, * any number, + at least one.
+#: Children of each element in their order, from the schema's sequences; ? optional, * any number, + at least one,
+#: | one of these.
 #: administrativeData is an xs:all and locations are choices: their order is free.
 ORDER = {
     "dcc:digitalCalibrationCertificate": "dcc:administrativeData dcc:measurementResults",
@@ -80,29 +84,52 @@ ORDER = {
     "dcc:result": "dcc:name dcc:description? dcc:data",
     "dcc:data": "dcc:quantity* dcc:list*",
     "dcc:list": "dcc:name? dcc:description? dcc:quantity+",
-    "dcc:quantity": "dcc:name? dcc:description? si:real? si:realListXMLList?",
-    "si:real": "si:label? si:value si:unit si:expandedUnc? si:coverageInterval?",
+    "dcc:quantity": "dcc:name? dcc:description? dcc:noQuantity|si:real|si:realListXMLList",
+    "si:real": "si:label? si:value si:unit si:expandedUnc|si:coverageInterval?",
     "si:expandedUnc": "si:uncertainty si:coverageFactor si:coverageProbability",
     "si:coverageInterval": "si:standardUnc si:intervalMin si:intervalMax si:coverageProbability",
     "si:realListXMLList": "si:valueXMLList si:unitXMLList si:expandedUncXMLList?",
     "si:expandedUncXMLList": "si:uncertaintyXMLList si:coverageFactorXMLList si:coverageProbabilityXMLList",
-    **dict.fromkeys(("dcc:name", "dcc:description", "dcc:declaration", "dcc:further"), "dcc:content+"),
+    "dcc:name": "dcc:content",
+    **dict.fromkeys(("dcc:description", "dcc:declaration", "dcc:further", "dcc:noQuantity"), "dcc:content+"),
 }
-DECIMAL = re.compile(r"[-+]?((\d*\.\d+)|(\d+\.\d*)|(\d+\.?))([Ee][-+]?\d+)?")
+#: By the types of both schemas; every attribute and every text of a certificate is one of these.
+NUMBER = r"((\d*\.\d+)|(\d+\.\d*)|(\d+\.?))([Ee][-+]?\d+)?"
+DECIMAL, UNCERTAINTY = rf"[-+]?{NUMBER}", rf"\+?{NUMBER}"
+NOT_EMPTY = r"[^\s]+(\s+[^\s]+)*"
+FACTOR, PROBABILITY = r"\+?(([1-9]\d*\.\d*)|([1-9]\d*))", r"\+?((0(\.\d*)?)|(1(\.0*)?))"
+DATE = r"\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])"
 PATTERNS = {
-    "countryCodeISO3166_1": r"[A-Z]{2}",
-    "countryCode": r"[A-Z]{2}",
-    "usedLangCodeISO639_1": r"[a-z]{2}",
-    "mandatoryLangCodeISO639_1": r"[a-z]{2}",
-    "performanceLocation": "laboratory|customer|laboratoryBranch|customerBranch|other",
-    "issuer": "manufacturer|calibrationLaboratory|customer|owner|other",
-    "beginPerformanceDate": r"\d{4}-\d\d-\d\d",
-    "coverageFactor": r"[1-9]\d*\.\d*",
-    "coverageFactorXMLList": r"[1-9]\d*\.\d*",
-    "coverageProbability": r"(0(\.\d*)?)|(1(\.0*)?)",
-    "coverageProbabilityXMLList": r"(0(\.\d*)?)|(1(\.0*)?)",
-    **dict.fromkeys(("uniqueIdentifier", "release", "model", "role"), r"\S+(\s+\S+)*"),
+    **dict.fromkeys(("dcc:countryCodeISO3166_1", "dcc:countryCode"), r"[A-Z]{2}"),
+    **dict.fromkeys(("dcc:usedLangCodeISO639_1", "dcc:mandatoryLangCodeISO639_1"), r"[a-z]{2}"),
+    "dcc:performanceLocation": "laboratory|customer|laboratoryBranch|customerBranch|other",
+    "dcc:issuer": "manufacturer|calibrationLaboratory|customer|owner|other",
+    **dict.fromkeys((f"dcc:{key}" for key in ("receiptDate", "issueDate")), DATE),
+    **dict.fromkeys((f"dcc:{key}PerformanceDate" for key in ("begin", "end")), DATE),
+    **dict.fromkeys(
+        (
+            f"dcc:{key}"
+            for key in ("uniqueIdentifier", "release", "model", "role", "value", "calibrationLaboratoryCode")
+        ),
+        NOT_EMPTY,
+    ),
+    "dcc:mainSigner": "true|false|0|1",
+    "dcc:content": NOT_EMPTY,  # the schema takes any string; ours says something
+    "si:label": ".*",
+    **dict.fromkeys(("si:unit", "si:unitXMLList"), r"[^\s]+"),
+    **dict.fromkeys(("si:value", "si:intervalMin", "si:intervalMax"), DECIMAL),
+    **dict.fromkeys(("si:standardUnc", "si:uncertainty"), UNCERTAINTY),
+    "si:valueXMLList": f"{DECIMAL}( {DECIMAL})*",
+    "si:uncertaintyXMLList": f"{UNCERTAINTY}( {UNCERTAINTY})*",
+    **dict.fromkeys(("si:coverageFactor", "si:coverageFactorXMLList"), FACTOR),
+    **dict.fromkeys(("si:coverageProbability", "si:coverageProbabilityXMLList"), PROBABILITY),
 }
+ATTRIBUTES = {
+    "dcc:digitalCalibrationCertificate": {"schemaVersion": r"3\.2\.1"},
+    "dcc:content": {"lang": r"[a-z]{2}"},
+    "dcc:result": {"id": r"[a-z]+"},  # xs:ID
+}
+LOCATION = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 
 
 def certified(made):
@@ -122,16 +149,22 @@ def written(made, folder, **more):
 def check_structure(root):
     for element in root.iter(etree.Element):
         name, children = short(element), " ".join(short(child) for child in element)
-        local = name.split(":")[1]
         if len(element):
-            order = [(part.rstrip("?*+"), part[-1] if part[-1] in "?*+" else "") for part in ORDER[name].split()]
-            pattern = "".join(rf"({child} ){mark}" for child, mark in order)
+            parts = [(part.rstrip("?*+"), part[-1] if part[-1] in "?*+" else "") for part in ORDER[name].split()]
+            pattern = "".join(f"({'|'.join(f'{child} ' for child in one.split('|'))}){mark}" for one, mark in parts)
             assert re.fullmatch(pattern, children + " "), (name, children)
-        elif local in PATTERNS:
-            assert re.fullmatch(PATTERNS[local], element.text), (name, element.text)
-        elif name.startswith("si:") and "unit" not in local and local != "label":
-            assert all(DECIMAL.fullmatch(part) for part in element.text.split()), (name, element.text)
-            assert element.text.split()
+            assert not (element.text or "").strip()
+        else:
+            assert re.fullmatch(PATTERNS[name], element.text), (name, element.text)
+        for key, text in element.attrib.items():
+            assert key == LOCATION or re.fullmatch(ATTRIBUTES[name][key], text), (name, key, text)
+    names = root.xpath("//@id")
+    assert len(names) == len(set(names))
+
+
+def contents(root, path):
+    """(text, language) of each content below an element."""
+    return [(e.text, e.get("lang")) for e in root.xpath(f"//{path}/dcc:content", namespaces=SPACES)]
 
 
 def real(root, label):
@@ -185,6 +218,7 @@ def test_what_the_laboratory_states_is_there(tmp_path):
     ):
         assert part in text
     temperature = root.xpath("//dcc:influenceCondition[1]//si:real", namespaces=SPACES)[0]
+    check_structure(root)
     assert [e.text for e in temperature.iter() if not len(e)] == ["23.1", r"\degreecelsius", "0.5", "2.0", "0.95"]
     assert root.get("schemaVersion") == "3.2.1"
 
@@ -207,6 +241,72 @@ def test_what_is_not_stated_is_left_out_not_invented(tmp_path):
     assert not root.xpath("//si:coverageInterval | //si:expandedUnc", namespaces=SPACES)
     assert len(root.xpath("//dcc:result[@id='measured']//si:valueXMLList", namespaces=SPACES)) == 2
     assert "uncertainty not stated" in " ".join(root.itertext())
+
+
+def test_what_the_laboratory_wrote_keeps_its_lines_and_claims_no_language(tmp_path):
+    """Only our own texts are known to be in English. A name is one line, other texts as many as were written."""
+    more = {
+        "laboratory": "Prüflabor\nSüd",
+        "laboratory_address": "\nGroße Straße 5\r\n\n\t38116 Town \n",
+        "customer_address": " ",
+        "procedure": "ISO 16063-11\nMethode 3",
+        "condition": "unbeschädigt",
+        "remarks": ("one\ntwo", "„drei“"),
+        "place": "Customer",
+    }
+    root = written(replace(paper(), certificate={**CERTIFICATE, **more}), tmp_path)
+    check_structure(root)
+    assert contents(root, "dcc:contact/dcc:name") == [("Prüflabor Süd", None)]
+    assert contents(root, "dcc:contact//dcc:further") == [("Große Straße 5", None), ("38116 Town", None)]
+    assert contents(root, "dcc:customer//dcc:further") == [("address not stated", "en")]
+    assert contents(root, "dcc:usedMethod[1]/dcc:description") == [("ISO 16063-11", None), ("Methode 3", None)]
+    assert contents(root, "dcc:statement[dcc:name/dcc:content='condition']/dcc:declaration") == [("unbeschädigt", None)]
+    remarks = contents(root, "dcc:statement[dcc:name/dcc:content='remark']/dcc:declaration")
+    assert remarks == [("one", None), ("two", None), ("„drei“", None)]
+    assert {language for _, language in contents(root, "dcc:statement/dcc:name")} == {"en"}
+    for path in ("dcc:person/dcc:name", "dcc:measuringEquipment/dcc:name", "dcc:manufacturer/dcc:name"):
+        assert contents(root, path)
+        assert {language for _, language in contents(root, path)} == {None}
+    assert root.findtext(".//dcc:performanceLocation", namespaces=SPACES) == "customer"
+
+
+@pytest.mark.parametrize("place", [None, "laboratory", "customerBranch", "hall 3, Ölmühle"])
+def test_places_by_the_words_of_the_schema(place, tmp_path):
+    root = written(replace(paper(), certificate={**CERTIFICATE, "place": place}), tmp_path)
+    check_structure(root)
+    word = root.findtext(".//dcc:performanceLocation", namespaces=SPACES)
+    assert word == {None: "laboratory", "hall 3, Ölmühle": "other"}.get(place, place)
+    assert (place or "place") in " ".join(root.itertext()) or place is None
+
+
+def test_numbers_that_are_not_finite_are_said_in_words(tmp_path):
+    """D-SI 2.1.0 has neither NaN nor infinity, and its lists no blanks: in memory and from a file the same."""
+    made = certified(paper())
+    inf, nan, names = float("inf"), float("nan"), list(made.parameters)
+    parameters = dict(made.parameters)
+    low, high = parameters[names[0]].interval_95
+    parameters[names[0]] = replace(parameters[names[0]], interval_95=(low, inf))
+    parameters[names[1]] = replace(parameters[names[1]], interval_95=(-inf, high), standard_uncertainty=nan)
+    derived = next(name for name in names if parameters[name].derived)
+    parameters[derived] = replace(parameters[derived], value=inf, standard_uncertainty=None)
+    matrix = ((1.0, nan, 0.0), (nan, 1.0, 0.0), (0.0, 0.0, 1.0))
+    curve = replace(made.response, magnitude=(nan, *made.response.magnitude[1:]))
+    empty = replace(made.measured, magnitude=(nan,) * 25)
+    correlation = replace(made.correlation, matrix=matrix)
+    made = replace(made, parameters=parameters, correlation=correlation, response=curve, measured=empty)
+    root = written(made, tmp_path)
+    check_structure(root)
+    text = " ".join(root.itertext())
+    assert f"95 % coverage interval from {low!r}, without an upper limit" in text
+    assert f"95 % coverage interval up to {high!r}, without a lower limit" in text
+    assert contents(root, f"dcc:quantity[dcc:name/dcc:content='{derived}']/dcc:noQuantity") == [
+        ("no finite value", "en")
+    ]
+    assert root.xpath("//dcc:result/@id", namespaces=SPACES) == ["parameters", "response"]
+    lists = root.xpath("//si:valueXMLList", namespaces=SPACES)
+    assert [float(v) for v in lists[1].text.split()] == list(curve.magnitude[1:])
+    again = Result.load(made.save(tmp_path / "result.json"))
+    assert etree.tostring(written(again, tmp_path)) == etree.tostring(root)
 
 
 def test_a_nonlinear_sensor_is_certified_all_the_same(tmp_path):
@@ -250,6 +350,30 @@ def test_units_without_a_form_in_d_si_are_refused(unit):
         d_si(unit)
 
 
+@pytest.mark.parametrize("key", ["date_of_receipt", "date_of_calibration", "date_of_issue"])
+@pytest.mark.parametrize("date", ["31.3.2025", "2025-02-30", "20250331"])
+def test_dates_that_are_none_are_refused(key, date, tmp_path):
+    with pytest.raises(InputError, match="date of the certificate cannot be read") as caught:
+        written(replace(paper(), certificate={**CERTIFICATE, key: date}), tmp_path)
+    assert key in caught.value.where
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("key", ["number", "laboratory", "customer"])
+def test_blanks_state_nothing(key, tmp_path):
+    with pytest.raises(InputError, match="must state"):
+        written(replace(paper(), certificate={**CERTIFICATE, key: " \n\t"}), tmp_path)
+    with pytest.raises(InputError, match="must state"):
+        written(replace(certified(paper()), sensor={"serial_number": "\u00a0 "}), tmp_path)
+
+
+def test_a_blank_name_signs_nothing(tmp_path):
+    root = written(replace(paper(), certificate={**CERTIFICATE, "approved_by": " "}), tmp_path)
+    check_structure(root)
+    assert contents(root, "dcc:respPerson//dcc:name") == [("A. Operator", None)]
+    assert not root.xpath("//dcc:mainSigner", namespaces=SPACES)
+
+
 def test_a_certificate_without_its_statements_is_refused(tmp_path):
     with pytest.raises(InputError) as caught:
         export(paper(), "dcc", tmp_path, country="DE")
@@ -260,41 +384,3 @@ def test_a_certificate_without_its_statements_is_refused(tmp_path):
     with pytest.raises(InputError, match="country"):
         export(certified(paper()), "dcc", tmp_path, country="Germany")
     assert not list(tmp_path.iterdir())
-
-
-SI_XSD = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" targetNamespace="https://ptb.de/si"
-  elementFormDefault="qualified"><xs:element name="real"><xs:complexType><xs:sequence>
-  <xs:any processContents="skip" minOccurs="0" maxOccurs="unbounded"/></xs:sequence></xs:complexType></xs:element>
-</xs:schema>"""
-DCC_XSD = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" xmlns:si="https://ptb.de/si"
-  targetNamespace="https://ptb.de/dcc" elementFormDefault="qualified">
-  <xs:import namespace="https://ptb.de/si" schemaLocation="https://ptb.de/si/v2.1.0/SI_Format.xsd"/>
-  <xs:element name="digitalCalibrationCertificate"><xs:complexType><xs:sequence>
-  <xs:element name="administrativeData" type="xs:anyType"/><xs:element name="{}" type="xs:anyType"/>
-  </xs:sequence><xs:attribute name="schemaVersion" type="xs:string" use="required"/>
-  <xs:anyAttribute processContents="skip"/></xs:complexType></xs:element>
-  <xs:element name="use"><xs:complexType><xs:sequence><xs:element ref="si:real"/></xs:sequence>
-  </xs:complexType></xs:element>
-</xs:schema>"""
-
-
-def test_the_users_schema_decides(tmp_path):
-    """A schema that takes the certificate, one that does not, one whose import is missing, and one that is none."""
-    folder, out = tmp_path / "xsd", tmp_path / "out"
-    folder.mkdir()
-    schema = folder / "dcc.xsd"
-    schema.write_text(DCC_XSD.format("measurementResults"))
-    with pytest.raises(InputError, match="schema cannot be used"):
-        written(certified(paper()), out, schema=schema)
-    (folder / "SI_Format.xsd").write_text(SI_XSD)
-    written(certified(paper()), out, schema=schema)
-    (out / "sensor.dcc.xml").unlink()
-    schema.write_text(DCC_XSD.format("somethingElse"))
-    with pytest.raises(InputError, match="schema refuses the certificate"):
-        written(certified(paper()), out, schema=schema)
-    schema.write_text("no schema")
-    with pytest.raises(InputError, match="schema cannot be used"):
-        written(certified(paper()), out, schema=schema)
-    with pytest.raises(InputError, match="schema cannot be used"):
-        written(certified(paper()), out, schema=folder / "absent.xsd")
-    assert not list(out.iterdir())

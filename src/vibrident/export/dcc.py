@@ -6,7 +6,9 @@ What a certificate must state and the result does not know is asked for, not inv
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import datetime
+import functools
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,9 @@ _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
 _SIGNER = "approved by"
 #: Keys of [certificate] without which there is no certificate.
 _NEEDED = ("number", "laboratory", "customer", "date_of_calibration")
+_DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
+#: Where a calibration may have been performed, by DCC's own words; any other place is "other", and a statement.
+_PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")}
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
@@ -35,9 +40,10 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
         InputError: the result lacks what a certificate must state, a unit has no form in D-SI, the schema refuses
             the certificate, or a library is missing.
     """
-    _check(sensor.result, options)
+    result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
+    _check(result, options)
     tree = Tree()
-    root = _certificate(tree, sensor.result, options)
+    root = _certificate(tree, result, options)
     text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if options.schema is not None:
         validate(text, options.schema)
@@ -47,10 +53,11 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _check(result: Result, options: Options) -> None:
-    missing = [f"[certificate] {key}" for key in _NEEDED if not result.certificate.get(key)]
-    if not (result.certificate.get("approved_by") or result.certificate.get("operator")):
+    stated = result.certificate
+    missing = [f"[certificate] {key}" for key in _NEEDED if _blank(stated.get(key))]
+    if all(_blank(stated.get(key)) for key in ("approved_by", "operator")):
         missing.append("[certificate] approved_by or operator")
-    missing += [f"[sensor] {key}" for key in ("serial_number",) if not result.sensor.get(key)]
+    missing += ["[sensor] serial_number"] if _blank(result.sensor.get("serial_number")) else []
     if missing:
         raise InputError(
             "The result lacks what a calibration certificate must state.",
@@ -59,6 +66,15 @@ def _check(result: Result, options: Options) -> None:
             where="result.json, certificate and sensor",
             remedy="add it to the calibration file and identify again",
         )
+    for key in _DATES:
+        if stated.get(key) and not _is_date(str(stated[key])):
+            raise InputError(
+                "A date of the certificate cannot be read.",
+                expected="year, month and day, such as 2025-03-31",
+                found=repr(stated[key]),
+                where=f"result.json, certificate {key}",
+                remedy="correct it in the calibration file and identify again",
+            )
     country = options.country
     if country is None or len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
         raise InputError(
@@ -68,6 +84,18 @@ def _check(result: Result, options: Options) -> None:
             where="--country",
             remedy="give --country",
         )
+
+
+def _blank(value: object) -> bool:
+    return value is None or not str(value).strip()
+
+
+def _is_date(text: str) -> bool:
+    """As XSD writes it; Python reads other forms too."""
+    try:
+        return datetime.date.fromisoformat(text).isoformat() == text
+    except ValueError:
+        return False
 
 
 def _certificate(tree: Tree, result: Result, options: Options) -> Any:
@@ -85,7 +113,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
     made = make("identification", make("issuer", text="manufacturer"), identified(tree, named["serial_number"]))
     made.append(text("name", "serial number"))
     date = str(stated["date_of_calibration"])
-    place = str(stated.get("place", "laboratory")).strip().lower()
+    place = str(stated.get("place") or "laboratory").strip().lower()
     number = make(
         "identification",
         make("issuer", text="calibrationLaboratory"),
@@ -102,27 +130,28 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make(
             "identifications",
             number,
-            order
-            and make(
+            make(
                 "identification", make("issuer", text="customer"), identified(tree, order), text("name", "order number")
-            ),
+            )
+            if order
+            else None,
         ),
         make("receiptDate", text=str(stated["date_of_receipt"])) if stated.get("date_of_receipt") else None,
         make("beginPerformanceDate", text=date),
         make("endPerformanceDate", text=date),
-        make("performanceLocation", text="laboratory" if place == "laboratory" else "other"),
+        make("performanceLocation", text=_PLACES.get(place, "other")),
         make("issueDate", text=str(stated["date_of_issue"])) if stated.get("date_of_issue") else None,
     )
     maker, kind = named.get("manufacturer"), named.get("type")
     item = make(
         "item",
-        text("name", kind or "vibration sensor"),
-        make("manufacturer", text("name", maker)) if maker else None,
+        tree.named(kind) if kind else text("name", "vibration sensor"),
+        make("manufacturer", tree.named(maker)) if maker else None,
         make("model", text=cleaned(kind)) if kind else None,
         make("identifications", made),
     )
     persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
-    signed = [(name, role) for name, role in persons if name]
+    signed = [(name, role) for name, role in persons if not _blank(name)]
     return make(
         "administrativeData",
         make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=__version__))),
@@ -140,7 +169,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
             *(
                 make(
                     "respPerson",
-                    make("person", text("name", str(name))),
+                    make("person", tree.named(name)),
                     make("role", text=role),
                     make("mainSigner", text="true") if role == _SIGNER else None,
                 )
@@ -148,39 +177,38 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
             ),
         ),
         _contact(tree, "customer", stated["customer"], stated.get("customer_address"), None),
-        make("statements", *(_statement(tree, title, *lines) for title, lines in _statements(result))),
+        make(
+            "statements",
+            *(make("statement", text("name", title), declaration) for title, declaration in _statements(tree, result)),
+        ),
     )
 
 
 def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str | None) -> Any:
-    lines = [line for line in str(address or "address not stated").splitlines() if line.strip()]
     code = tree.make("countryCode", text=country) if country else None
-    return tree.make(tag, tree.text("name", name), tree.make("location", code, tree.text("further", *lines)))
+    further = tree.text("further", "address not stated") if _blank(address) else tree.stated("further", address)
+    return tree.make(tag, tree.named(name), tree.make("location", code, further))
 
 
-def _statement(tree: Tree, title: str, *lines: str) -> Any:
-    return tree.make("statement", tree.text("name", title), tree.text("declaration", *lines))
-
-
-def _statements(result: Result) -> Iterable[tuple[str, Sequence[str]]]:
-    """What must be known to read the numbers, and what the laboratory stated."""
+def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
+    """What must be known to read the numbers, and what the laboratory stated: title and declaration."""
+    ours = functools.partial(tree.text, "declaration")
     yield (
         "sign convention",
-        [
+        ours(
             "Sensitivity for e^(+j w t): the phase is that of the response minus that of the reference, so lag "
             "is negative. A positive delay means that the response comes later, a factor e^(-j w delay). "
             "Gains are signed.",
-        ],
+        ),
     )
     covered = result.settings.get("uncertainty_covers")
-    lines = [coverage(result).text] + ([f"Uncertainties cover: {covered}."] if covered else [])
-    yield "uncertainty", lines
+    yield "uncertainty", ours(coverage(result).text, *([f"Uncertainties cover: {covered}."] if covered else []))
     verdict = "describes" if result.fit.adequate else "does not describe"
-    yield "adequacy", [f"The model {verdict} the data within their uncertainties."]
+    yield "adequacy", ours(f"The model {verdict} the data within their uncertainties.")
     for warning in result.warnings:
-        yield f"warning: {warning.code}", [warning.message]
+        yield f"warning: {warning.code}", ours(warning.message)
     for key in ("traceability", "condition", "mounting", "direction", "amplitude", "conditioning", "place"):
         if result.certificate.get(key):
-            yield key, [str(result.certificate[key])]
+            yield key, tree.stated("declaration", result.certificate[key])
     for remark in result.certificate.get("remarks", ()):
-        yield "remark", [str(remark)]
+        yield "remark", tree.stated("declaration", remark)

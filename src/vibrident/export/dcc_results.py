@@ -28,7 +28,8 @@ def measurement(tree: Tree, result: Result) -> Any:
     ]
     if stated.get("procedure"):
         methods.insert(
-            0, make("usedMethod", text("name", "calibration procedure"), text("description", stated["procedure"]))
+            0,
+            make("usedMethod", text("name", "calibration procedure"), tree.stated("description", stated["procedure"])),
         )
     equipment = [_equipment(tree, entry) for entry in stated.get("instruments", ())]
     conditions = [
@@ -42,7 +43,7 @@ def measurement(tree: Tree, result: Result) -> Any:
             [_parameter(tree, result, *p) for p in result.parameters.items()],
         ),
     ]
-    if result.correlation.names:
+    if result.correlation.names and not any(None in row for row in result.correlation.matrix):
         results.append(
             _result(tree, "correlation", "Correlation of the estimated parameters", [_correlation(tree, result)])
         )
@@ -50,8 +51,9 @@ def measurement(tree: Tree, result: Result) -> Any:
         ("response", "Complex sensitivity of the model", result.response),
         ("measured", "Complex sensitivity as measured", result.measured),
     ):
-        if curve.frequency_hz:
-            results.append(_result(tree, key, title, [_curve(tree, result, curve)]))
+        whole = _whole(curve)
+        if whole:
+            results.append(_result(tree, key, title, [_curve(tree, result, curve, whole)]))
     return make(
         "measurementResult",
         text("name", "Sensitivity of a vibration sensor"),
@@ -87,9 +89,9 @@ def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
     serial = entry.get("serial_number")
     return make(
         "measuringEquipment",
-        text("name", entry["name"]),
+        tree.named(entry["name"]),
         text("description", *notes) if notes else None,
-        make("manufacturer", text("name", entry["manufacturer"])) if entry.get("manufacturer") else None,
+        make("manufacturer", tree.named(entry["manufacturer"])) if entry.get("manufacturer") else None,
         make("model", text=cleaned(entry["type"])) if entry.get("type") else None,
         make("identifications", make("identification", make("issuer", text="manufacturer"), identified(tree, serial)))
         if serial
@@ -117,8 +119,21 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
     notes = [name.replace("_", " ") + (", derived from the estimated ones" if p.derived else "")]
     notes += [] if p.identifiable else ["not determined by the data"]
     notes += [] if u is not None else ["uncertainty not stated"]
-    real = _real(tree, p.value, d_si(p.unit), spread, name)
-    return tree.make("quantity", tree.text("name", name), tree.text("description", *notes), real)
+    notes += _half_open(low, high)
+    if p.value is None:  # of a derived one that is not finite: JSON has no infinity, nor has D-SI
+        said = tree.text("noQuantity", "no finite value")
+    else:
+        said = _real(tree, p.value, d_si(p.unit), spread, name)
+    return tree.make("quantity", tree.text("name", name), tree.text("description", *notes), said)
+
+
+def _half_open(low: float | None, high: float | None) -> list[str]:
+    """In words, as D-SI's interval has two ends."""
+    if low is not None and high is None:
+        return [f"95 % coverage interval from {numeral(low)}, without an upper limit"]
+    if low is None and high is not None:
+        return [f"95 % coverage interval up to {numeral(high)}, without a lower limit"]
+    return []
 
 
 def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = None) -> Any:
@@ -152,13 +167,17 @@ def _correlation(tree: Tree, result: Result) -> Any:
     return tree.make("list", tree.text("name", "Correlation matrix"), tree.text("description", order), *rows)
 
 
-def _curve(tree: Tree, result: Result, curve: Curve) -> Any:
+def _whole(curve: Curve) -> list[int]:
+    """Points that have a frequency and a magnitude: D-SI's lists know no blanks."""
+    points = zip(curve.frequency_hz, curve.magnitude, strict=True)
+    return [k for k, point in enumerate(points) if None not in point]
+
+
+def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:
     """Frequency, magnitude and phase as lists; where a point lacks its phase, the phase is left out."""
     quantity = result.reference.get("quantity", "acceleration")
     unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
     probability = coverage(result).probability
-    points = zip(curve.frequency_hz, curve.magnitude, strict=True)
-    whole = [k for k, point in enumerate(points) if None not in point]
 
     def at(values: Sequence[float | None]) -> list[float | None]:
         return [values[k] for k in whole]

@@ -26,8 +26,17 @@ class Tree:
         return element
 
     def text(self, tag: str, *lines: str) -> Any:
-        """Text in English, one ``content`` a line."""
+        """Text of our own, in English; one ``content`` a line."""
         return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
+
+    def named(self, text: object) -> Any:
+        """A ``name`` that somebody gave: one ``content`` without language, as names have none."""
+        return self.make("name", self.make("content", text=cleaned(text)))
+
+    def stated(self, tag: str, text: object) -> Any:
+        """Text that the laboratory wrote, line by line, in the language that it chose: we do not know which."""
+        lines = [line for line in str(text).splitlines() if line.strip()] or [""]
+        return self.make(tag, *(self.make("content", text=cleaned(line)) for line in lines))
 
 
 def identified(tree: Tree, text: object) -> Any:
