@@ -22,6 +22,7 @@ SOURCES = ROOT / "src"
 LAYERS = (
     "errors",
     "extras",
+    "memory",
     "records",
     "result",
     "nominal",
@@ -61,6 +62,7 @@ FRONT_ENDS = ("cli", "web", "__main__")
 NO_JAX = (
     "errors",
     "extras",
+    "memory",
     "records",
     "result",
     "nominal",

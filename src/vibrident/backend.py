@@ -7,8 +7,6 @@ Import ``jax``, ``jnp`` and ``lax`` from here, never from JAX itself.
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import importlib.metadata
 import os
 from pathlib import Path
@@ -29,7 +27,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
-__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "give_back", "jax", "jnp", "lax", "let_go_of_kernels"]
+__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax", "let_go_of_kernels"]
 
 
 def cache_folder() -> Path | None:
@@ -65,12 +63,6 @@ def let_go_of_kernels(most_maps: int = MOST_MAPS) -> bool:
         return False
     jax.clear_caches()
     return True
-
-
-def give_back() -> None:
-    """Give freed memory back to the system, where its C library can: a compiler leaves hundreds of megabytes."""
-    with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _configure() -> None:

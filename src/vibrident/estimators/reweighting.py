@@ -25,11 +25,11 @@ import numpy as np
 from scipy import linalg
 from scipy.stats import chi2
 
-from vibrident.backend import give_back
 from vibrident.estimators.covariance import SMALLEST, inverse_normal
 from vibrident.estimators.noise_spectrum import NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
 from vibrident.estimators.record_lines import LONG, RecordLines, record_lines
 from vibrident.measure.response import ComplexArray
+from vibrident.memory import give_back
 from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, TimeProblem
 from vibrident.records import FloatArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from vibrident.measure.bands import band_edges
 from vibrident.records import BoolArray, Excitation, FloatArray, Record
@@ -41,7 +41,7 @@ def kind_of_motion(motion: FloatArray) -> Excitation:
         return "sine"
     if np.searchsorted(np.cumsum(brief), ENERGY * np.sum(brief)) < BRIEF * series.size:
         return "shock"
-    series = np.asarray(signal.detrend(series[:MOST_SAMPLES]))
+    series = _without_trend(series[:MOST_SAMPLES])
     power = _power(series)
     if _is_tone(power):
         return "sine"
@@ -82,6 +82,11 @@ def stray_motion(record: Record, frequency_hz: float) -> float:
 
 def _spectrum(series: FloatArray, used: BoolArray) -> np.ndarray:
     return np.asarray(fft.rfft(np.where(used, series - series[used].mean(), 0.0) * np.hanning(series.size)))
+
+
+def _without_trend(series: FloatArray) -> FloatArray:
+    place = np.linspace(-1.0, 1.0, series.size)
+    return series - np.mean(series) - place * (place @ series) / (place @ place)
 
 
 def _power(series: FloatArray) -> FloatArray:

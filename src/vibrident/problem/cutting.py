@@ -19,6 +19,9 @@ MOST_AT_ONCE, LANES_IN_BLOCK = 1 << 19, 256
 #: … unless they need more filters than this: each costs as much as the first.
 MOST_FILTERS = 3
 
+#: Bytes of which the address of an array is a multiple, where JAX need not copy it.
+ALIGNED = 64
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -118,7 +121,7 @@ def cut(
     """
     counts = [-(-piece.steps // length) for piece in pieces]
     total = bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
-    response, weight = np.zeros((length, total)), np.zeros((length, total))
+    response, weight = _zeros(length, total), _zeros(length, total)
     first, segment, rates = np.ones(total, dtype=bool), np.full(total, len(pieces)), np.zeros(total, dtype=int)
     places, lane = [], 0
     for number, (piece, count) in enumerate(zip(pieces, counts, strict=True)):
@@ -137,7 +140,7 @@ def cut(
 
 def _inputs(pieces: Sequence[Piece], places: Sequence[slice], total: int, length: int, terms: int) -> FloatArray:
     """Inputs of every step, shape (L, q, M)."""
-    inputs = np.zeros((length, terms, total))
+    inputs = _zeros(length, terms, total)
     for piece, mine in zip(pieces, places, strict=True):
         assert isinstance(piece.step, StepInputs)
         values = _part(piece.step.coefficients[piece.run], 0, (mine.stop - mine.start) * length)
@@ -152,7 +155,7 @@ def _windows(
     steps = [piece.step for piece in pieces if isinstance(piece.step, StepFilters)]
     distinct = _distinct([step.filters for step in steps])
     taps = max(filters.shape[1] for filters in distinct)
-    samples, which = np.zeros((length + taps - 1, total)), np.zeros(total, dtype=int)
+    samples, which = _zeros(length + taps - 1, total), np.zeros(total, dtype=int)
     for piece, step, mine in zip(pieces, steps, places, strict=True):
         which[mine] = next(i for i, filters in enumerate(distinct) if np.array_equal(filters, step.filters))
         reference, _ = seen_by_network(records[piece.record], centred=True)
@@ -160,6 +163,13 @@ def _windows(
         samples[:, mine] = np.lib.stride_tricks.sliding_window_view(around, length + taps - 1)[::length].T
     padded = [np.pad(filters, ((0, 0), (0, taps - filters.shape[1]))) for filters in distinct]
     return Windows(samples, np.stack(padded), which)
+
+
+def _zeros(*shape: int) -> FloatArray:
+    """Zeros placed so that JAX takes them as they are on a CPU; of a long record a copy counts. Never written to."""
+    raw = np.zeros(8 * math.prod(shape) + ALIGNED, dtype=np.uint8)
+    begin = -raw.ctypes.data % ALIGNED
+    return raw[begin : begin + 8 * math.prod(shape)].view(np.float64).reshape(shape)
 
 
 def _part(values: np.ndarray, begin: int, count: int) -> np.ndarray:

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import give_back, jax, jnp, lax
+from vibrident.backend import jax, jnp, lax
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.errors import InputError, ModelError
+from vibrident.memory import give_back
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
 from vibrident.network.forced import forced_normal, forced_response

@@ -9,6 +9,7 @@ from nicegui import run, ui
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.io.guess import Columns, guess_columns
+from vibrident.memory import give_back
 from vibrident.web import frame
 from vibrident.web.description import Description, calibration_text, described
 from vibrident.web.motion import likely_excitation
@@ -61,6 +62,7 @@ class ColumnsStep:
         except VibridentError as error:
             frame.show_error(self.body, error, session)
             return
+        give_back()
         self.given = described(guess, excitation or "sine")
         with self.body:
             self._form(guess)
@@ -144,6 +146,8 @@ class ColumnsStep:
         except VibridentError as error:
             frame.show_error(self.errors, error, self.user.session)
             return
+        finally:
+            give_back()
         if figure is None:  # the server is being stopped
             return
         if self.chart is not None:  # a new one in its place would be drawn before the old one is gone
