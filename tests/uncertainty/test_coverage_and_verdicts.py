@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import t as student
@@ -147,3 +149,21 @@ def test_felt_noise_cancels_in_the_deviation_and_reference_noise_does_not() -> N
     alone = MeasuredResponse(line_reference=lines, line_response=0.0 * lines, **shape, **common)  # type: ignore[arg-type]
     assert felt.error_deviation()[0] < 1e-6
     assert alone.error_deviation()[0] == pytest.approx(2.0 * np.sqrt(np.mean(np.abs(lines) ** 2)), rel=1e-9)
+
+
+@pytest.mark.parametrize("run", [20, 23, 34, 35])
+def test_what_leaks_from_the_ends_of_a_record_is_no_misfit(run):
+    """A sharp resonance cut off in the middle of its motion leaks into bands beyond it, prediction and residual alike.
+
+    With 1 % of noise of the reference, which the resonance passes on, one of seven such runs was rejected.
+    """
+    sines = simulate(
+        "piezo", frequencies_hz=[1500.0, 3860.0, 9933.0, 25561.0], sampling_rate_hz=1.2e6, samples=8000, start="steady",
+        seed=1,
+    )  # fmt: skip
+    random = simulate(
+        "piezo", "random", frequencies_hz=[900.0, 90e3], sampling_rate_hz=750e3, samples=5000, start="rest", seed=1
+    )
+    both = replace(sines, records=(*sines.records, *random.records))
+    noisy = with_noise(both, reference_noise=0.01, seed=np.random.SeedSequence(1, spawn_key=(run,)))
+    assert "lack_of_fit" not in vibrident.identify(noisy).warning_codes

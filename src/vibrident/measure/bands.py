@@ -24,6 +24,10 @@ MOST_LINES = 4096
 LEAST_POWER = 1e-5
 #: … and where at least this part of the response is coherent with it, unless that leaves fewer bands than this.
 LEAST_COHERENCE, FEWEST_BANDS = 0.4, 6
+#: A band of which less than this part stays when so much of the record is faded at either end holds what leaks over
+#: from others, residual and prediction alike: both begin and end in the middle of a motion. A step that could leak less
+#: than so much is none.
+OWN_POWER, TAPER, LEAKED = 0.5, 1.0 / 64.0, 0.1
 #: A band of which noise of the reference makes up more than this part of the prediction says nothing of the model.
 MOST_SHARED = 0.3
 
@@ -132,12 +136,13 @@ def coherent_remainder(
     error = _line_spectrum(_without(record.response - predicted, used, hum_hz, rate), used)
     spectrum = _line_spectrum(predicted - np.mean(predicted[used]), used)
     power = np.abs(spectrum) ** 2
+    own = _own_power(predicted - np.mean(predicted[used]), used, power)
     edges = band_edges(n, rate).astype(int)
     strongest = max(float(np.mean(power[a:b])) for a, b in itertools.pairwise(edges))
     rows = []
     for a, b in itertools.pairwise(edges):
         total = float(np.sum(power[a:b]))
-        if total <= LEAST_POWER * strongest * (b - a):
+        if total <= LEAST_POWER * strongest * (b - a) or np.sum(own[a:b]) < OWN_POWER * total:
             continue
         shared = 0.0 if through is None else float(used.sum() * np.sum(through[a:b]))
         if shared > MOST_SHARED * total:
@@ -155,6 +160,21 @@ def coherent_remainder(
         return None
     frequency, rho, deviation, freedom = zip(*rows, strict=True)
     return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)
+
+
+def _own_power(series: FloatArray, used: BoolArray, power: FloatArray) -> FloatArray:
+    """Power at the lines without what leaks over from others, shape (samples // 2 + 1,).
+
+    What stays when the ends are faded; all of it where the ends are no step that could leak as much.
+    """
+    samples = series.size
+    width = int(np.ceil(TAPER * samples))
+    rise = np.sin(0.5 * np.pi * (np.arange(width) + 0.5) / width) ** 2
+    faded = series * np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
+    ends = series[np.flatnonzero(used)[[0, -1]]]
+    steps = float(ends @ ends) / 4.0
+    leaked = steps / np.sin(np.pi * np.maximum(np.arange(power.size), 1) / samples) ** 2
+    return np.where(leaked < LEAKED * power, power, np.abs(_line_spectrum(faded, used)) ** 2)
 
 
 def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rate: float) -> FloatArray:
