@@ -9,7 +9,7 @@ from vibrident.plots.units import scaled
 from vibrident.report import words
 from vibrident.report.numbers import NONE, concise, plain
 from vibrident.result import Result
-from vibrident.terminal import _plain, _table
+from vibrident.terminal.tables import literal, titled
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -26,17 +26,17 @@ def joint_table(result: Result) -> Group:
 
     joint = result.settings["joint"]
     labels = [one["file"] for one in joint["calibrations"]]
-    table = _table(f"Joint fit of {len(labels)} calibrations: value(u in its last digits)", "shared")
+    table = titled(f"Joint fit of {len(labels)} calibrations: value(u in its last digits)", "shared")
     table.add_column("unit", no_wrap=True)
     for label in ("joint", *(f"{label} alone" for label in labels), "p"):
-        table.add_column(_plain(label), justify="right", overflow="fold")
+        table.add_column(literal(label), justify="right", overflow="fold")
     for row in joint["shared"]:
         scale = scaled(row["unit"], abs(row["joint"]["value"]))
         numbers = [row["joint"], *(row["separate"].get(label) for label in labels)]
         cells = [NONE if n is None else _concise(n, scale.factor) for n in numbers]
         unit = "" if scale.unit == "1" else scale.unit
         name = words.parameter_name(row["name"]).words
-        table.add_row(*(_plain(cell) for cell in (name, unit, *cells, plain(row["probability"], 2))))
+        table.add_row(*(literal(cell) for cell in (name, unit, *cells, plain(row["probability"], 2))))
     table.caption = "p: chance of a difference at least as large between calibrations that agree"
     parts: list[Any] = [table]
     unused = [one["file"] for one in joint["calibrations"] if not one["own_fit_used"]]

@@ -265,9 +265,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
     from vibrident import terminal
 
     if len(results) > 1 and not quiet:
-        from vibrident.terminal.joint import joint_table
-
-        out().print(joint_table(results[0]))
+        out().print(terminal.joint_table(results[0]))
     for result in results:
         written = files if result is results[-1] else []
         if quiet:
