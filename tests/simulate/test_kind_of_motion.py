@@ -15,16 +15,16 @@ NATURAL_HZ = {"paper": 651.0, "piezo": 30e3, "seismometer": 1.0}
 KINDS = ("sine", "multisine", "sweep", "random", "shock")
 
 
-def moved(kind, sensor="paper", samples=8000, periods=40.0, seed=1):
+def moved(kind, sensor="paper", samples=8000, periods=40.0, seed=1, tones=12):
     """Records of a motion, with 2 % of noise in both channels."""
     natural = NATURAL_HZ[sensor]
     shape = {"sampling_rate_hz": periods * natural, "samples": samples, "seed": seed}
-    tones = {"sine": [0.2, 1.1], "multisine": np.geomspace(0.05, 3.0, 12), "sweep": [0.05, 3.0], "random": [0.05, 3.0]}
+    hz = {"sine": [0.2, 1.1], "multisine": np.geomspace(0.05, 3.0, tones), "sweep": [0.05, 3.0], "random": [0.05, 3.0]}
     if kind == "shock":
         made = simulate(sensor, [HalfSineShock(1.0, 0.5 / natural, 0.1 * samples / (periods * natural))], **shape)
     else:
         more = {"excitation_snr_db": 20.0} if kind == "sine" else {}
-        made = simulate(sensor, kind, frequencies_hz=(natural * np.array(tones[kind])).tolist(), **shape, **more)
+        made = simulate(sensor, kind, frequencies_hz=(natural * np.array(hz[kind])).tolist(), **shape, **more)
     return with_noise(made, reference_noise=0.02, response_noise=0.02, seed=seed)
 
 
@@ -46,19 +46,19 @@ def test_nothing_to_see_is_a_sine():
 
 @pytest.mark.parametrize("kind", ["multisine", "sweep", "random", "shock"])
 def test_other_motion_said_to_be_a_sine_is_refused_with_what_it_looks_like(kind):
-    made = moved(kind)
+    made = moved(kind, tones=48)
     wrong = replace(made, records=tuple(replace(r, excitation="sine", frequency_hz=None) for r in made.records))
     with pytest.raises(vibrident.InputError, match=f'excitation = "{kind}"') as refused:
         vibrident.identify(wrong)
     assert refused.value.where == made.records[0].name
 
 
-@pytest.mark.parametrize("snr_db", [0.0, 5.0, 20.0])
+@pytest.mark.parametrize("snr_db", [-5.0, 0.0, 20.0])
 @pytest.mark.parametrize("kind", ["felt", "reference", "response"])
 def test_a_noisy_sine_is_a_sine(kind, snr_db):
-    """A tone as weak as the noise of its channels, or as twice the motion beside it, is one still."""
+    """A tone weaker than the noise of its channels, or than what else the sensor feels, is one still."""
     part = 10.0 ** (-snr_db / 20.0)
-    felt = {"excitation_snr_db": max(snr_db, 3.0)} if kind == "felt" else {}
+    felt = {"excitation_snr_db": snr_db} if kind == "felt" else {}
     noise = {} if kind == "felt" else {f"{kind}_noise": part}
     made = simulate("paper", frequencies_hz=[130.0, 700.0], sampling_rate_hz=26e3, samples=4000, seed=2, **felt)
     result = vibrident.identify(with_noise(made, seed=3, **noise), "accelerometer")

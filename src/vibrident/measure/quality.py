@@ -28,8 +28,8 @@ ALIAS_POWER = 0.01
 FEWEST_PERIODS = 2.0
 #: A tone is heard above this many standard deviations of its amplitude.
 SILENT_SIGMA = 5.0
-#: A sine may come with this much other motion that the sensor answers, over the power of its tone.
-MOST_STRAY = 0.8
+#: A sine may come with this much other motion that the sensor answers, over the power of its tone: noise that it feels.
+MOST_STRAY = 5.0
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list
 
 
 def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> None:
-    """Refuse a record that is said to be a sine, though its sensor answers more of other motion than of the tone.
+    """Refuse a record that is said to be a sine, though its sensor answers far more other motion.
 
     Raises:
         InputError: there is one.
