@@ -64,12 +64,12 @@ class Study:
     def main(self, arguments: list[str] | None = None) -> int:
         """Run what is missing, then write the page of all there is."""
         given = self._parser().parse_args(arguments)
-        commit = given.of or self._commit()
+        shown = commit = given.of or self._commit()
         kept = [] if given.trial else list(self._kept(commit))
         if given.also and not given.trial:
             more, cells = _taken_over(kept, list(self._kept(given.also)))
             kept += more
-            commit = f"{commit} (in {cells} cells also of {given.also}: what both had run gave the same)"
+            shown = f"{commit} (in {cells} cells also of {given.also}: what both had run gave the same)"
         done = {(line["cell"], line["first"]) for line in kept}
         wanted = [
             (cell.name, first, min(BLOCK, cell.runs(given.runs) - first))
@@ -79,11 +79,11 @@ class Study:
         ]
         wanted = [block for block in wanted if block[:2] not in done]
         for line in steps(self.name, self._blocks(wanted, given.jobs), total=len(wanted)):
-            line["commit"] = commit.partition(" ")[0]
+            line["commit"] = commit
             kept.append(line)
             if not given.trial:
                 self._keep(line)
-        page = self.table(kept, commit)
+        page = self.table(kept, shown)
         if given.trial:
             sys.stdout.write(page)
         else:

@@ -91,7 +91,6 @@ class _Share:
         of_noise: the part of it that the noise of the reference makes up, shape (p, p).
         gradient: shape (p,).
         variance: of the gradient, by the residual's own spectrum, shape (p, p).
-        draw: pull of noise of the reference that is not seen, shape (p,).
         spectrum: as last read.
     """
 
@@ -99,7 +98,6 @@ class _Share:
     of_noise: FloatArray
     gradient: FloatArray
     variance: FloatArray
-    draw: FloatArray
     spectrum: NoiseSpectrum
 
 
@@ -161,7 +159,7 @@ def reweighted(
         sum(4.0 * (_width(record) - NEAREST) for record in lines),
         normal,
         np.sqrt([share.spectrum.passed for share in shares]) * noise,
-        np.abs(inverse @ np.sum([share.draw for share in shares], axis=0)),
+        np.abs(inverse @ np.sum(list(map(_draw, lines, spectra)), axis=0)),
         tuple(
             tuple(place * given.sampling_rate_hz / record.samples for place in share.spectrum.tones)
             for given, record, share in zip(problem.records, lines, shares, strict=True)
@@ -191,15 +189,13 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _S
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
 
     weight = record.twice / (n * spectrum.level)
-    slopes, of_noise, draw = record.slopes, np.zeros((len(step), len(step))), np.zeros(len(step))
-    if through is not None:
-        draw = spectrum.doubt * n * np.array(record.slope_of(lambda slope: _drawn(slope, through, weight)))
-        if spectrum.passed > 0:
-            d_through = np.stack(record.slope_of(lambda slope: slope))
-            slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
-            beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
-            own = record.twice * spectrum.passed_at * beside / spectrum.level**2
-            of_noise = np.real((d_through * own) @ np.conj(d_through).T)
+    slopes, of_noise = record.slopes, np.zeros((len(step), len(step)))
+    if through is not None and spectrum.passed > 0:
+        d_through = np.stack(record.slope_of(lambda slope: slope))
+        slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
+        beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
+        own = record.twice * spectrum.passed_at * beside / spectrum.level**2
+        of_noise = np.real((d_through * own) @ np.conj(d_through).T)
     power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
     local = np.maximum(mean_around(power, _width(record), NEAREST), record.floor / spectrum.level)
     # The slopes less what the unknowns can imitate, J − N β, in sums alone.
@@ -213,14 +209,18 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _S
         of_noise,
         (_products(slopes.T, residual, weight) - share.T @ _products(columns, residual, weight))[:, 0],
         _products(slopes.T, slopes.T, loud) - both - both.T + share.T @ _products(columns, columns, loud) @ share,
-        draw,
         spectrum,
     )
 
 
-def _drawn(slope: ComplexArray, through: ComplexArray, weight: FloatArray) -> float:
-    """Re Σ weight ∂H* H: what noise of the reference pulls at a coordinate with."""
-    return float(_products(slope[:, None], through[:, None], weight)[0, 0])
+def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
+    """Pull of noise of the reference that is not seen at each coordinate, Σ weight Re ∂H* H, shape (p,)."""
+    through = record.through
+    if through is None:
+        return np.zeros(len(record.z))
+    column, weight = through[:, None], record.twice / (record.samples * spectrum.level)
+    pulls = record.slope_of(lambda slope: float(_products(slope[:, None], column, weight)[0, 0]))
+    return spectrum.doubt * record.samples * np.array(pulls)
 
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
