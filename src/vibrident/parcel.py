@@ -1,0 +1,126 @@
+"""Values as bytes and back, without pickle: whoever sends them can make no other objects than these.
+
+Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this package.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+import numpy as np
+
+_HEAD = 8
+_ALIGNED = 16
+_PACKAGE = "vibrident."
+
+
+def pack(value: Any) -> list[bytes | memoryview]:
+    """Return the pieces to be sent, in order.
+
+    Raises:
+        TypeError: the value holds something that is not sent.
+    """
+    buffers: list[memoryview] = []
+    tree = json.dumps(_plain(value, buffers)).encode()
+    pieces: list[bytes | memoryview] = [len(tree).to_bytes(_HEAD, "little"), tree, bytes(-len(tree) % _ALIGNED)]
+    for buffer in buffers:
+        pieces += [buffer, bytes(-len(buffer) % _ALIGNED)]
+    return pieces
+
+
+def unpack(content: bytearray) -> Any:
+    """Return what was packed; its arrays live in ``content``.
+
+    Raises:
+        ValueError, TypeError, KeyError, RecursionError: the bytes are no parcel.
+    """
+    length = int.from_bytes(content[:_HEAD], "little")
+    tree = json.loads(content[_HEAD : _HEAD + length])
+    start = _HEAD + length + -length % _ALIGNED
+    return _value(tree, _Buffers(memoryview(content)[start:]))
+
+
+class _Buffers:
+    """The raw bytes of arrays, one after another in the order of the tree."""
+
+    def __init__(self, content: memoryview) -> None:
+        self._content = content
+        self._place = 0
+
+    def take(self, length: int) -> memoryview:
+        piece = self._content[self._place : self._place + length]
+        if length < 0 or len(piece) != length:
+            raise ValueError("a parcel cut short")
+        self._place += length + -length % _ALIGNED
+        return piece
+
+
+def _plain(value: Any, buffers: list[memoryview]) -> Any:
+    """The value as JSON holds it: scalars as they are, anything else as [kind, …]."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple):
+        return ["list" if isinstance(value, list) else "tuple", *(_plain(item, buffers) for item in value)]
+    if isinstance(value, Mapping):
+        return ["mapping", *([_plain(key, buffers), _plain(item, buffers)] for key, item in value.items())]
+    if isinstance(value, PurePath):
+        return ["path", str(value)]
+    if isinstance(value, bytes | bytearray):
+        buffers.append(memoryview(value))
+        return ["bytes", len(value)]
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iufcb":
+        whole = np.ascontiguousarray(value)
+        buffers.append(whole.reshape(-1).view(np.uint8).data)
+        return ["array", whole.dtype.str, list(value.shape), whole.nbytes]
+    kind = type(value)
+    if is_dataclass(value) and kind.__module__.startswith(_PACKAGE):
+        filled = [[f.name, _plain(getattr(value, f.name), buffers)] for f in fields(value) if f.init]
+        return ["dataclass", kind.__module__, kind.__qualname__, filled]
+    raise TypeError(f"a {kind.__module__}.{kind.__qualname__} cannot be sent")
+
+
+def _value(tree: Any, buffers: _Buffers) -> Any:
+    if not isinstance(tree, list):
+        return tree
+    kind, *rest = tree
+    match kind:
+        case "list":
+            return [_value(item, buffers) for item in rest]
+        case "tuple":
+            return tuple(_value(item, buffers) for item in rest)
+        case "mapping":
+            return {_value(key, buffers): _value(item, buffers) for key, item in rest}
+        case "path":
+            return Path(rest[0])
+        case "bytes":
+            return bytes(buffers.take(rest[0]))
+        case "array":
+            return _array(rest, buffers)
+        case "dataclass":
+            return _dataclass(rest, buffers)
+    raise ValueError(f"no kind {kind!r} is known")
+
+
+def _array(stated: list[Any], buffers: _Buffers) -> Any:
+    dtype, shape, length = stated
+    kind = np.dtype(dtype)
+    if kind.kind not in "iufcb":
+        raise ValueError(f"an array of {dtype}")
+    return np.frombuffer(buffers.take(length), kind).reshape(shape)
+
+
+def _dataclass(stated: list[Any], buffers: _Buffers) -> Any:
+    module, name, filled = stated
+    if not module.startswith(_PACKAGE):
+        raise ValueError(f"a class of {module}")
+    found = getattr(importlib.import_module(module), name, None)
+    if not (isinstance(found, type) and is_dataclass(found) and found.__module__ == module):
+        raise ValueError(f"no dataclass {module}.{name}")
+    return found(**{key: _value(item, buffers) for key, item in filled})

@@ -1,0 +1,182 @@
+"""A function run in a process of its own, with a limit on memory and time: for files that nobody vouches for.
+
+The process protects its caller from what a file may cost (memory, time) and from what it may break (a crash of a native
+library). It is not a prison: it runs as the same user and may read what that user may read. What it says is taken for
+data, never for code: no pickle comes back, only numbers, text, containers, arrays and this package's own dataclasses.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from vibrident import parcel
+from vibrident.errors import InputError, NotConverged, VibridentError
+
+_WORK = "from vibrident.sandbox import work; work()"
+#: One thread of arithmetic: the stack of each counts as memory. No plug-ins of HDF5: they are code, looked for by name.
+_SURROUNDINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
+_LONGEST_TRACE = 20_000
+_T = TypeVar("_T")
+
+
+class WorkerError(RuntimeError):
+    """Something in the process failed that should not have; the message is its traceback."""
+
+
+def run(function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: float) -> _T:
+    """Run an importable function in a fresh process and return what it returns.
+
+    It can be called from a thread. The process can write no file. Where the system sets no limits on memory
+    (Windows, macOS), only the limit on time holds.
+
+    Args:
+        function: defined at the top of a module, which the process imports.
+        args: anything that can be pickled; they come from the caller, who is trusted.
+        memory_bytes: most memory that the process may hold beside its code; also most bytes that may come back.
+        seconds: most time, of the clock and of the processor.
+
+    Raises:
+        InputError, NotConverged: as the function does; or it needs more memory or time, or crashed (InputError).
+        WorkerError: anything else that the function raised.
+    """
+    task = {
+        "path": sys.path,
+        "module": function.__module__,
+        "name": function.__qualname__,
+        "args": args,
+        "limits": (memory_bytes, seconds),
+    }
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-B", "-c", _WORK],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, **_SURROUNDINGS, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    overdue = threading.Event()
+    alarm = threading.Timer(seconds, lambda: (overdue.set(), process.kill()))
+    alarm.start()
+    try:
+        answer = _exchange(process, pickle.dumps(task), memory_bytes)
+    finally:
+        alarm.cancel()
+        process.kill()
+        process.wait()
+    return _outcome(answer, process.returncode, overdue.is_set(), memory_bytes, seconds)
+
+
+def set_limits(memory_bytes: int, seconds: float | None = None, file_bytes: int | None = None) -> None:
+    """Limit this process for good, where the system can: memory for data, seconds of the processor, size of a file."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    wanted: dict[int, int] = {resource.RLIMIT_CORE: 0, resource.RLIMIT_DATA: memory_bytes}
+    if seconds is not None:
+        wanted[resource.RLIMIT_CPU] = math.ceil(seconds)
+    if file_bytes is not None:
+        wanted[resource.RLIMIT_FSIZE] = file_bytes
+    for what, most in wanted.items():
+        _, hard = resource.getrlimit(what)
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(what, (most, most))
+
+
+def work() -> None:
+    """A process's life: one task from stdin, one answer on stdout."""
+    task = pickle.loads(sys.stdin.buffer.read())
+    sys.path[:] = task["path"]
+    stream = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print is no answer
+    memory_bytes, seconds = task["limits"]
+    set_limits(memory_bytes, seconds, file_bytes=0)
+    for piece in _answer(task):
+        stream.write(piece)
+    stream.flush()
+    os._exit(0)  # what a library does when it is taken down is nobody's concern
+
+
+def _answer(task: dict[str, Any]) -> list[bytes | memoryview]:
+    try:
+        function: Any = __import__(task["module"], fromlist=["_"])
+        for name in task["name"].split("."):
+            function = getattr(function, name)
+        return parcel.pack({"done": function(*task["args"])})
+    except MemoryError:
+        pass  # said outside, when what it held is gone
+    except InputError as error:
+        return parcel.pack({"input": vars(error)})
+    except VibridentError as error:
+        return parcel.pack({"error": str(error)})
+    except Exception:
+        return parcel.pack({"unexpected": traceback.format_exc()[-_LONGEST_TRACE:]})
+    return parcel.pack({"memory": True})
+
+
+def _exchange(process: subprocess.Popen[bytes], task: bytes, most_bytes: int) -> bytearray | None:
+    """Send the task and take the answer; None where it is longer than may be."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    answer = bytearray()
+    with process.stdin, process.stdout:
+        try:
+            process.stdin.write(task)
+            process.stdin.close()
+        except BrokenPipeError:
+            return answer
+        while piece := process.stdout.read1(1 << 20):  # type: ignore[attr-defined]
+            answer += piece
+            if len(answer) > most_bytes:
+                return None
+    process.wait()
+    return answer
+
+
+def _outcome(answer: bytearray | None, code: int, overdue: bool, memory_bytes: int, seconds: float) -> Any:
+    try:
+        said: dict[str, Any] = {"memory": True} if answer is None else parcel.unpack(answer) if answer else {}
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise WorkerError(f"the answer cannot be read: {error}") from error
+    if "done" in said:
+        return said["done"]
+    if "input" in said:
+        raise InputError(**said["input"])
+    if "error" in said:
+        raise NotConverged(said["error"])
+    if "unexpected" in said:
+        raise WorkerError(said["unexpected"])
+    if "memory" in said:
+        raise _too_much(f"{memory_bytes / 1e6:.0f} MB of memory", "a file that needs more")
+    if overdue or -code in _OUT_OF_TIME:
+        raise _too_much(f"{seconds:g} s", "a file that takes longer")
+    raise InputError(
+        "The reader of this file crashed.",
+        expected="a whole file of its format",
+        found=f"a process that ended with {_ending(code)}",
+        remedy="export the data again, or in another format such as CSV",
+    )
+
+
+def _too_much(expected: str, found: str) -> InputError:
+    return InputError(
+        "Reading this file costs too much.",
+        expected=f"at most {expected}",
+        found=found,
+        remedy="give a shorter record, or use vibrident identify in a shell of your own machine",
+    )
+
+
+#: SIGXCPU of Linux and macOS.
+_OUT_OF_TIME = (24,)
+
+
+def _ending(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"status {code}"
