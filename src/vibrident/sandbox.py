@@ -7,6 +7,8 @@ data, never for code: no pickle comes back, only numbers, text, containers, arra
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import math
 import os
 import pickle
@@ -31,36 +33,103 @@ class WorkerError(RuntimeError):
     """Something in the process failed that should not have; the message is its traceback."""
 
 
-def run(function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: float) -> _T:
+def run(function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: float, file_bytes: int = 0) -> _T:
     """Run an importable function in a fresh process and return what it returns.
 
-    It can be called from a thread. The process can write no file. Where the system sets no limits on memory
-    (Windows, macOS), only the limit on time holds.
+    It can be called from a thread. Where the system sets no limits on memory (Windows, macOS), only the limit on time
+    holds.
 
     Args:
         function: defined at the top of a module, which the process imports.
         args: anything that can be pickled; they come from the caller, who is trusted.
         memory_bytes: most memory that the process may hold beside its code; also most bytes that may come back.
         seconds: most time, of the clock and of the processor.
+        file_bytes: most bytes of a file that it writes; 0: it can write none.
 
     Raises:
         InputError, NotConverged: as the function does; or it needs more memory or time, or crashed (InputError).
         WorkerError: anything else that the function raised.
     """
-    task = {
-        "path": sys.path,
-        "module": function.__module__,
-        "name": function.__qualname__,
-        "args": args,
-        "limits": (memory_bytes, seconds),
-    }
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-B", "-c", _WORK],
+    return _run(_started(), function, args, memory_bytes, seconds, file_bytes)
+
+
+class Ready:
+    """Runs functions as ``run`` does, in a process that was started ahead: its libraries are loaded when it is needed.
+
+    Each process still works once and is gone. It can be used from several threads.
+
+    Args:
+        modules: what the process loads while it waits.
+    """
+
+    def __init__(self, *modules: str) -> None:
+        self._modules = modules
+        self._waiting: subprocess.Popen[bytes] | None = None
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def prepare(self) -> None:
+        """Start a process, unless one waits."""
+        with self._lock:
+            if not self._closed and (self._waiting is None or self._waiting.poll() is not None):
+                self._waiting = _started(*self._modules)
+
+    def run(
+        self, function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: float, file_bytes: int = 0
+    ) -> _T:
+        """As the function ``run``."""
+        with self._lock:
+            process, self._waiting = self._waiting, None
+        if process is None or process.poll() is not None:
+            process = _started(*self._modules)
+        try:
+            return _run(process, function, args, memory_bytes, seconds, file_bytes)
+        finally:
+            self.prepare()
+
+    def close(self) -> None:
+        """End the process that waits, and start no other."""
+        with self._lock:
+            self._closed = True
+            process, self._waiting = self._waiting, None
+        if process is not None:
+            _end(process)
+
+
+def _started(*modules: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-P", "-B", "-c", _WORK, *modules],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env={**os.environ, **_SURROUNDINGS, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):  # what was not written before it died
+                stream.close()
+
+
+def _run(
+    process: subprocess.Popen[bytes],
+    function: Callable[..., _T],
+    args: tuple[Any, ...],
+    memory_bytes: int,
+    seconds: float,
+    file_bytes: int,
+) -> _T:
+    task = {
+        "path": sys.path,
+        "module": function.__module__,
+        "name": function.__qualname__,
+        "args": args,
+        "limits": (memory_bytes, seconds, file_bytes),
+    }
     overdue = threading.Event()
     alarm = threading.Timer(seconds, lambda: (overdue.set(), process.kill()))
     alarm.start()
@@ -68,8 +137,7 @@ def run(function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: flo
         answer = _exchange(process, pickle.dumps(task), memory_bytes)
     finally:
         alarm.cancel()
-        process.kill()
-        process.wait()
+        _end(process)
     return _outcome(answer, process.returncode, overdue.is_set(), memory_bytes, seconds)
 
 
@@ -91,13 +159,15 @@ def set_limits(memory_bytes: int, seconds: float | None = None, file_bytes: int 
 
 
 def work() -> None:
-    """A process's life: one task from stdin, one answer on stdout."""
+    """A process's life: the modules that it is named, one task from stdin, one answer on stdout."""
+    for module in sys.argv[1:]:
+        importlib.import_module(module)
     task = pickle.loads(sys.stdin.buffer.read())
     sys.path[:] = task["path"]
     stream = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
-    memory_bytes, seconds = task["limits"]
-    set_limits(memory_bytes, seconds, file_bytes=0)
+    memory_bytes, seconds, file_bytes = task["limits"]
+    set_limits(memory_bytes, seconds, file_bytes)
     for piece in _answer(task):
         stream.write(piece)
     stream.flush()
@@ -106,7 +176,7 @@ def work() -> None:
 
 def _answer(task: dict[str, Any]) -> list[bytes | memoryview]:
     try:
-        function: Any = __import__(task["module"], fromlist=["_"])
+        function: Any = importlib.import_module(task["module"])
         for name in task["name"].split("."):
             function = getattr(function, name)
         return parcel.pack({"done": function(*task["args"])})

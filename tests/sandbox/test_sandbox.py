@@ -88,6 +88,25 @@ def test_a_reader_in_the_process_says_what_it_says_outside(tmp_path):
     assert str(here.value) == str(there.value)
 
 
+def test_a_process_started_ahead_works_once_and_is_as_safe():
+    ready = sandbox.Ready("vibrident.io.guess")
+    try:
+        ready.prepare()
+        first = ready.run(os.getpid, memory_bytes=MEMORY, seconds=SECONDS)
+        assert ready.run(os.getpid, memory_bytes=MEMORY, seconds=SECONDS) != first
+        with pytest.raises(InputError, match="crashed"):
+            ready.run(crash, memory_bytes=MEMORY, seconds=SECONDS)
+        assert ready.run(noisy, memory_bytes=MEMORY, seconds=SECONDS) == 3
+    finally:
+        ready.close()
+    assert ready._waiting is None
+
+
+def test_a_process_may_write_as_much_as_it_is_told(tmp_path):
+    sandbox.run(write, tmp_path / "x", memory_bytes=MEMORY, seconds=SECONDS, file_bytes=100)
+    assert (tmp_path / "x").read_text() == "anything"
+
+
 VALUES = [
     {"a": [1, 2.5, None, True, "µ"], 3: (np.inf, b"bytes", Path("x/y")), "deep": {"t": ((),)}},
     np.arange(6.0).reshape(2, 3).T,

@@ -15,6 +15,7 @@ from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.io.checksum import sha256
 from vibrident.io.clocks import SAME_RATE, agreed_rate, require_same_start
 from vibrident.io.columns import ColumnFile
+from vibrident.io.file_order import natural
 from vibrident.io.finite import require_finite
 from vibrident.io.readers import open_columns
 from vibrident.io.sampling import Sampling, cut, sampling_from_times
@@ -85,13 +86,7 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
             where=f"{where}, file",
             remedy="check the pattern; it starts at the calibration file's folder",
         )
-    return sorted(matches, key=_natural)
-
-
-def _natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """Sort key under which "2 Hz" comes before "10 Hz"."""
-    pieces = re.split(r"(\d+)", text)
-    return tuple((1, int(piece), piece) if piece.isdigit() else (0, 0, piece) for piece in pieces)
+    return sorted(matches, key=natural)
 
 
 def _refuse_overlaps(parts: Sequence[_Part], folder: Path) -> None:
