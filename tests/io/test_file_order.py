@@ -16,7 +16,6 @@ from vibrident.io.file_order import natural
         ["9 Hz.csv", "10 Hz.csv", "31.5 Hz.csv", "500Hz.csv", "1kHz.csv", "1.25 kHz.csv"],
         ["run 1_2.csv", "run 1_10.csv", "run 2_1.csv"],  # no frequency: two numbers
         ["a01.csv", "a1.csv", "a2.csv", "b.csv"],
-        ["1.csv", "a.csv"],
     ],
 )
 def test_numbers_in_names_decide(names):
