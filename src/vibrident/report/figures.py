@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,11 @@ _BAND = "rgba(86, 180, 233, 0.40)"
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
     """Numbers for JSON: so many digits, None where there is none."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+
+
+def as_text(words: object) -> str:
+    """Text of others for a chart: plotly takes some HTML in names and titles, links among it."""
+    return escape(" ".join(str(words).split()), quote=False)
 
 
 def figure(data: list[Any], height: int, **layout: Any) -> Figure:
