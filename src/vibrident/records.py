@@ -26,6 +26,7 @@ REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(
     {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "drive": "drive unit"}
 )
 
+LARGEST = 1e30  # of a channel's largest value in its unit; the least is one over it
 #: Standard acceleration of free fall, m/s² (CGPM 1901; ISO 80000-3).
 STANDARD_GRAVITY = 9.80665
 
@@ -118,6 +119,7 @@ class Record:
                 where=where,
                 remedy="name the reference column, or set excitation = 'decay'",
             )
+        object.__setattr__(self, "excitation", str(self.excitation))
         response = _frozen(self.response)
         channels = {"response": response}
         if self.reference is not None:
@@ -207,6 +209,14 @@ def _check_channel(label: str, values: FloatArray, shape: tuple[int, ...], where
             where=where,
             remedy="repair the file or choose another part with start_s / stop_s",
         )
+    _check_size(f"The {label} channel", values, where)
+
+
+def _check_size(what: str, values: FloatArray, where: str) -> None:
+    largest, span = float(np.max(np.abs(values))), f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
+    if largest != 0.0 and not 1.0 / LARGEST <= largest <= LARGEST:
+        text = f"{what} holds values of a size that no unit explains."
+        raise InputError(text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale")
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,6 +268,7 @@ class ResponseTable:
                     where=where,
                     remedy="repair or remove that row",
                 )
+            _check_size(f"Column {label}", values, where)
             object.__setattr__(self, label, values)
 
     @property
@@ -354,6 +365,7 @@ class Calibration:
                 where=where,
                 remedy="name one of the expected quantities",
             )
+        object.__setattr__(self, "quantity", str(self.quantity))  # NumPy's own strings are no static argument
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))

@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize.exponential import expm
-from vibrident.discretize.weights import Method, Weights, legendre_shift
+from vibrident.discretize.weights import Method, Weights, drive_size, legendre_shift
 from vibrident.errors import ModelError
 from vibrident.models.base import Rational
 
@@ -100,9 +100,11 @@ def forced_weights(
         part_a, part_b, part_direct = _observer(block, ts)
         a, b = a.at[rows, rows].set(part_a), b.at[rows].set(part_b)
         direct.append(part_direct)
-    generator = _generator(a, b, blocks[0].angular_scale * ts, q, m)
+    size = drive_size(b, blocks[0].angular_scale * ts)
+    generator = _generator(a, b / size, blocks[0].angular_scale * ts, q, m)
     fractions = jnp.concatenate([jnp.asarray(places), jnp.stack([jnp.asarray(fraction, dtype=float), jnp.ones(())])])
     steps = jax.vmap(lambda x: expm(generator * x))(fractions)
+    steps = steps.at[:, :n, n : n + q].multiply(size)
     at_places = jnp.asarray((-1.0) ** np.arange(q)) @ steps[:, n : n + q, n : n + q]  # the input there
     seen = steps[:, 0, :].at[:, n : n + q].add(direct[0] * at_places)  # V of the core
     read = jnp.sum(steps[m, 0:n:2, :], axis=0).at[n : n + q].add(sum(direct) * at_places[m])

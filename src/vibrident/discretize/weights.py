@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibrident.backend import jnp
+from vibrident.backend import jnp, lax
 from vibrident.discretize.exponential import expm
 from vibrident.discretize.inputs import (
     MAX_TERMS,
@@ -135,7 +135,8 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
     n = system.order
     start = jnp.asarray((-1.0) ** np.arange(terms))  # P_j(−1)
     shift = jnp.asarray(legendre_shift(terms))
-    top = jnp.concatenate([system.a * ts, ts * system.b[:, None] * start], axis=1)
+    size = drive_size(system.b, system.scale)
+    top = jnp.concatenate([system.a * ts, ts * (system.b / size)[:, None] * start], axis=1)
     generator = jnp.concatenate([top, jnp.concatenate([jnp.zeros((terms, n)), shift], axis=1)], axis=0)
     whole = expm(generator)
     if isinstance(fraction, float) and fraction == 0.0:  # read at the sample itself: no second exponential
@@ -144,13 +145,23 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
     else:
         part = expm(generator * fraction)
         output = system.c @ part[:n, :n]
-        feedthrough = system.c @ part[:n, n:]
+        feedthrough = size * (system.c @ part[:n, n:])
         basis = start @ part[n:, n:]
     for m, d in enumerate(system.d):
         feedthrough = feedthrough + d * basis
         if m + 1 < len(system.d):
             basis = basis @ shift / ts
-    return Weights(whole[:n, :n], whole[:n, n:], output, feedthrough)
+    return Weights(whole[:n, :n], size * whole[:n, n:], output, feedthrough)
+
+
+def drive_size(b: Any, rate: Any) -> Any:
+    """A power of two that brings B to about the size of A, whose rate is given.
+
+    A step is linear in B, which holds the gain and with it the units of both channels. In the exponential it would make
+    a norm of its own: what is squared so often loses its digits.
+    """
+    _, exponent = jnp.frexp(lax.stop_gradient(jnp.max(jnp.abs(b)) / rate))
+    return jnp.ldexp(1.0, exponent)
 
 
 def _at_fraction(weights: Weights, fraction: Any) -> Weights:

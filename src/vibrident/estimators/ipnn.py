@@ -94,7 +94,7 @@ class Ipnn:
         for _ in range(ROUNDS):
             normal = time_objective(jnp.asarray(z), _args(problem, coordinates, noise))
             found = _record_noise(problem, np.asarray(normal.squares))
-            if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED):
+            if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
                 break
             if trace is None and not evidence.model.is_linear:
                 z = with_harmonic_start(problem, normal, evidence, z)

@@ -136,7 +136,7 @@ def reweighted(
             shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
             spectra = [share.spectrum for share in shares]
             whole = np.sum([share.information for share in shares], axis=0)
-            if not np.all(np.diag(whole) > NOTHING_KNOWN):
+            if not _known(whole):
                 return None
             inverse = _inverse(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
             step = inverse @ np.sum([share.gradient for share in shares], axis=0)
@@ -258,6 +258,14 @@ def _inverse_of_unknowns(matrix: FloatArray) -> FloatArray:
     values, vectors = linalg.eigh(matrix / np.outer(scale, scale))
     kept = values > SMALLEST
     return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+
+
+def _known(information: FloatArray) -> bool:
+    """Whether every direction is known, and not lost in rounding."""
+    size = np.diag(information)
+    if not (np.all(np.isfinite(information)) and np.all(size > NOTHING_KNOWN)):
+        return False
+    return float(np.linalg.eigvalsh(information / np.sqrt(np.outer(size, size)))[0]) > -0.5 * SMALLEST
 
 
 def _width(record: RecordLines) -> int:
