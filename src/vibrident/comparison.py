@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.errors import InputError
+from vibrident.naming import in_words
 from vibrident.result import Parameter, Result
 
 SCHEMA = "vibrident.comparison/1"
@@ -130,8 +131,8 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
         best = min(adequate, key=lambda name: (judged[name].bic or 0.0, judged[name].parameters))
         weak = [n for n, p in results[best].parameters.items() if not p.derived and not p.identifiable]
         words = (
-            f"{best} explains the data, but they do not determine {', '.join(weak)}: use its curve within the band, "
-            "not these parameters, or measure where they matter."
+            f"{best} explains the data, but they do not determine the {', '.join(in_words(n) for n in weak)}: use its "
+            "curve within the band, not these parameters, or measure where they matter."
         )
         return Recommendation(best, words)
     scored = {name: c.chi2 for name, c in judged.items() if c.chi2 is not None}
@@ -146,7 +147,7 @@ def _against(name: str, result: Result, found: Criteria, best: Criteria) -> str:
         return f"{result.model} does not explain them"
     weak = [n for n, p in result.parameters.items() if not p.derived and not p.identifiable]
     if weak:
-        return f"they do not determine {', '.join(weak)} of {result.model}"
+        return f"they do not determine the {', '.join(in_words(n) for n in weak)} of {result.model}"
     if found.bic is not None and best.bic is not None:
         return f"{result.model} has a BIC larger by {found.bic - best.bic:.3g}"
     return f"{result.model} is sound too"

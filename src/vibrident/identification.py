@@ -23,6 +23,7 @@ from vibrident.estimators.optimise import Progress, silent
 from vibrident.measure import Finding
 from vibrident.measure.drift import without_drift
 from vibrident.models import SensorModel, parse
+from vibrident.naming import in_words
 from vibrident.problem import Evidence
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Result, ResultWarning, Training
@@ -138,7 +139,7 @@ def fit(
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     estimate, judgement = _fitted(evidence, chosen, progress)
-    records, drifts = without_drift(evidence.records, judgement.predicted)
+    records, drifts = without_drift(evidence.records, judgement.predicted, calibration.response_unit)
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = _fitted(evidence, chosen, progress)
@@ -308,7 +309,8 @@ def _warnings(
     gain = table[model.gain_name]
     if gain.value < 0:
         text = (
-            f"{model.gain_name} is negative: the response moves against the reference (or a channel is wired reversed)."
+            f"The {in_words(model.gain_name)} is negative: the response moves against the reference (or a "
+            "channel is wired reversed)."
         )
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)

@@ -14,6 +14,7 @@ from vibrident.estimators import Estimate
 from vibrident.estimators.start import find_start
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
+from vibrident.naming import in_words
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import ResultWarning
@@ -23,6 +24,7 @@ from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.band import band_sensitive
 from vibrident.uncertainty.bend import bend
 from vibrident.uncertainty.linearised import Linearised
+from vibrident.uncertainty.parameters import parameter_units
 
 #: Another reading of the data is proposed where it fits this many times better, and well.
 BETTER, WELL = 10.0, 4.0
@@ -135,9 +137,10 @@ def _moving(
     if not evidence.model.is_linear:
         return []  # a transfer function says nothing of what makes it nonlinear
     coordinates, z = estimate.coordinates, estimate.z
-    warnings = band_sensitive(linear, coordinates, z, covariance, (judgement.scatter or 1.0) ** 2)
+    units = parameter_units(evidence.model, evidence.calibration)
+    warnings = band_sensitive(linear, coordinates, z, covariance, units, (judgement.scatter or 1.0) ** 2)
     if alone is not None and estimate.estimator != "ml":
-        warnings += estimators_disagree(alone, coordinates, z, covariance, estimate.estimator)
+        warnings += estimators_disagree(alone, coordinates, z, covariance, units, estimate.estimator)
     return warnings
 
 
@@ -149,7 +152,7 @@ def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
     name = max(suspects, key=lambda key: suspects[key])
     text = (
         "Noise of the reference that the sensor did not feel cannot be told from noise of the response here; it may "
-        f"have moved {name} by up to {suspects[name]:.1f} standard uncertainties."
+        f"have moved the {in_words(name)} by up to {suspects[name]:.1f} standard uncertainties."
     )
     return [ResultWarning("reference_noise", text)]
 

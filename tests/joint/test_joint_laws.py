@@ -138,7 +138,7 @@ def test_calibrations_that_disagree_are_named() -> None:
     assert [result.warning_codes for result in agreed] == [(), ()]
     for result in results:
         (message,) = [w.message for w in result.warnings if w.code == "estimators_disagree"]
-        assert "natural_frequency differs most" in message
+        assert "The natural frequency differs most" in message
         assert not result.settings["joint"]["consistency"]["consistent"]
         u = result.parameters["natural_frequency"].standard_uncertainty
         assert u == pytest.approx(agreed[0].parameters["natural_frequency"].standard_uncertainty, rel=0.05)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from sample_results import calibration_mixed, calibration_records
 
+from vibrident.naming import pretty, scaled
 from vibrident.plots import choose, style, units
 from vibrident.plots.curves import continuous
 
@@ -33,14 +34,14 @@ from vibrident.plots.curves import continuous
     ],
 )
 def test_prefixes(unit, size, factor, text):
-    scale = units.scaled(unit, size)
+    scale = scaled(unit, size)
     assert scale.unit == text
     assert scale.factor == pytest.approx(factor, rel=1e-12)
 
 
 def test_pretty_keeps_parentheses():
-    assert units.pretty("V/(m/s^2)") == "V/(m/s²)"
-    assert units.pretty("V*s^(-2)") == "V·s⁻²"
+    assert pretty("V/(m/s^2)") == "V/(m/s²)"
+    assert pretty("V*s^(-2)") == "V·s⁻²"
     assert units.sensitivity_unit("V", "m/s^2") == "V/(m/s^2)"
     assert units.sensitivity_unit("V", "m") == "V/m"
     assert units.sensitivity_unit("count", "drive unit") == "count/(drive unit)"

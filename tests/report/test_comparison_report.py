@@ -14,7 +14,7 @@ from sample_results import pickup, table2, table_only
 
 from vibrident import report
 from vibrident.comparison import normalized_error, not_comparable
-from vibrident.plots.units import Scale
+from vibrident.naming import Scale
 from vibrident.report.history import date_of, drift_table, histories
 from vibrident.report.side_by_side import Quantity, Value, comparison_tables, difference, quantities
 

@@ -12,6 +12,7 @@ from sample_results import accelerometer, pickup, table2
 from test_html_report import read
 
 from vibrident import report
+from vibrident.naming import parameter_name
 from vibrident.nominal import Nominal
 from vibrident.report import words
 from vibrident.report.certificate import certificate
@@ -35,7 +36,7 @@ def test_the_cards_state_the_estimated_parameters_and_the_reference_frequency(ma
     found = {label.lower(): rest for label, *rest in cards(result)}
     for name, parameter in result.parameters.items():
         if not parameter.derived:
-            number, unit, expanded = found.pop(words.parameter_name(name).words)
+            number, unit, expanded = found.pop(parameter_name(name).words)
             assert_rounded(number, parameter.value, factor_to(unit, parameter.unit))
             assert_rounded(expanded, 2 * parameter.standard_uncertainty, factor_to(unit, parameter.unit))
     stated = {field.label.lower(): field.text for field in certificate(result).reference[1:]}

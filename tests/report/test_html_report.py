@@ -15,6 +15,7 @@ from sample_results import SAMPLES, dense_points, pickup, table2, troubled
 
 from vibrident import report
 from vibrident.errors import InputError
+from vibrident.naming import parameter_name
 from vibrident.plots.units import frequency_text
 from vibrident.report import words
 from vibrident.report.figures import MOST_POINTS
@@ -106,7 +107,7 @@ def test_every_parameter_in_the_table_is_the_results():
     result = table2()
     rows = {row[0]: row for row in read(result).table("parameter", "symbol", "value")}
     for name, parameter in result.parameters.items():
-        _, _, value, u, k, expanded, unit, interval, _ = rows[words.parameter_name(name).words]
+        _, _, value, u, k, expanded, unit, interval, _ = rows[parameter_name(name).words]
         factor = factor_to("" if unit == "1" else unit, parameter.unit)
         assert_rounded(value, parameter.value, factor)
         assert_rounded(u, parameter.standard_uncertainty, factor)
@@ -317,7 +318,7 @@ def test_the_budget_states_what_each_source_adds():
         ["amplifier", "B", "gain", "0.001", "50"],
     ]
     for name in parts:
-        parameter, j = result.parameters[name], columns[words.parameter_name(name).words]
+        parameter, j = result.parameters[name], columns[parameter_name(name).words]
         unit = table[0][j].split(" / ")[1]
         factor = factor_to(unit.removeprefix("(").removesuffix(")") if unit.startswith("(") else unit, parameter.unit)
         for row, text in zip(rows, (table[1][j], table[2][j]), strict=True):

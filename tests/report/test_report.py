@@ -5,6 +5,7 @@ import pytest
 from sample_results import SAMPLES, pickup, table2, table_only, troubled
 
 from vibrident import report
+from vibrident.naming import parameter_name
 from vibrident.plots import PICTURES
 from vibrident.report import words
 from vibrident.result import WARNING_CODES, Result
@@ -15,7 +16,7 @@ def test_report_holds_every_parameter_and_warning(sample):
     result = SAMPLES[sample]()
     text = report.render(result)
     for name in result.parameters:
-        assert f"| {words.parameter_name(name).words} |" in text
+        assert f"| {parameter_name(name).words} |" in text
     for warning in result.warnings:
         assert f"(`{warning.code}`)" in text
         assert words.explain(warning.code).meaning in text

@@ -93,12 +93,14 @@ class Corrections:
         findings: doubts about the data.
         unit: of the acceleration.
         model: the sensor's.
+        motion: what was restored: acceleration, or the drive that the sensitivity is per.
     """
 
     corrections: tuple[Correction, ...]
     findings: tuple[Finding, ...]
     unit: str
     model: str
+    motion: str = "acceleration"
 
 
 def correct(
@@ -144,7 +146,8 @@ def correct(
     more = [doubt for correction in done for doubt in _doubts(correction, calibrated)]
     drive = result.reference.get("quantity") == "drive"
     unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
-    return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model)
+    motion = "drive" if drive else "acceleration"
+    return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model, motion)
 
 
 def _corrected(

@@ -18,10 +18,11 @@ from vibrident.identification import EstimatorName, Fitted, Uncertainty, documen
 from vibrident.joint.consistency import Consistency, compare
 from vibrident.joint.descent import Descent, descend
 from vibrident.joint.sharing import joined
+from vibrident.naming import amount, in_words
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
 from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
-from vibrident.uncertainty.parameters import parameter_table, unit_fields
+from vibrident.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 
 #: What is covered of a calibration whose own fit is of no use.
 RESIDUAL = "what its residual holds at the joint fit, noise and misfit (its own fit was of no use)"
@@ -214,9 +215,10 @@ def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Desc
     values = []
     for owner, _ in number.members:
         estimate = descent.fitted[owner].estimate
-        text = f"{estimate.coordinates.values(estimate.z)[name]:.6g}" if owner in descent.alone else "elsewhere"
+        unit = parameter_units(estimate.coordinates.model, descent.fitted[owner].evidence.calibration)[name]
+        text = amount(estimate.coordinates.values(estimate.z)[name], unit, 6) if owner in descent.alone else "elsewhere"
         values.append(f"{text} ({labels[owner]})")
-    said = f"{name} differs most: {', '.join(values)}. " if name in consistency.each else ""
+    said = f"The {in_words(name)} differs most: {', '.join(values)}. " if name in consistency.each else ""
     return ResultWarning(
         "estimators_disagree",
         f"The calibrations disagree on what they share: χ² = {whole.chi2:.4g} with {whole.degrees_of_freedom} degrees "

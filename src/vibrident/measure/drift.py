@@ -9,6 +9,7 @@ import numpy as np
 
 from vibrident.measure.quality import Finding
 from vibrident.measure.response import ComplexArray
+from vibrident.naming import amount
 from vibrident.records import FloatArray, Record
 
 #: Slow lines that tell how far noise alone may wander.
@@ -21,13 +22,14 @@ FEWEST = 64
 
 
 def without_drift(
-    records: Sequence[Record], predicted: Sequence[FloatArray]
+    records: Sequence[Record], predicted: Sequence[FloatArray], unit: str = ""
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """The records with the drift of their response taken out, and which ones had any.
 
     Args:
         records: the records.
         predicted: response that a model predicts for each, shape (samples,), NaN where there is none.
+        unit: of the responses, for the messages.
     """
     kept, findings = [], []
     for record, series in zip(records, predicted, strict=True):
@@ -48,7 +50,7 @@ def without_drift(
         drift = rise * (record.time_s - middle)
         kept.append(record.with_response(record.response - drift, f"drift of {rise * duration:.6g} removed"))
         text = (
-            f"{record.name}: the response drifts by {rise * duration:.3g} over the record, "
+            f"{record.name}: the response drifts by {amount(rise * duration, unit or '1', 3)} over the record, "
             f"{100 * abs(rise) * duration / size:.2g} % of its rms, which the motion does not explain; a straight line "
             "was taken out."
         )

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vibrident.naming import pretty, scaled
 from vibrident.plots import style
 from vibrident.plots.choose import envelope, excerpt, grid, spread
 from vibrident.plots.style import FloatArray
-from vibrident.plots.units import pretty, scaled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,18 +47,20 @@ def figure(corrections: Corrections, sensor: Mapping[str, object]) -> Figure:
         picture = style.new_figure(6.7 if columns == 1 else 8.6, 1.2 + (3.8 if rows == 1 else 3.2) * rows)
         cells = picture.add_gridspec(rows, columns)
         for i, correction in enumerate(chosen):
-            _panel(picture, cells[divmod(i, columns)], correction, corrections.unit, named=i % columns == 0)
+            _panel(picture, cells[divmod(i, columns)], correction, corrections, named=i % columns == 0)
         handles: dict[str, Any] = {}
         for axes in picture.axes:
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)
         picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
         share = f" ({len(chosen)} of {len(every)} records)" if len(every) > len(chosen) else ""
-        style.title(picture, f"Acceleration restored from the response{share}", corrections.model, sensor)
+        subject = f"{corrections.motion.capitalize()} restored from the response{share}"
+        style.title(picture, subject, corrections.model, sensor)
         return picture
 
 
-def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str, *, named: bool) -> None:
+def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, whole: Corrections, *, named: bool) -> None:
+    unit = style.printable(pretty(whole.unit))
     rows = cell.subgridspec(2, 1, height_ratios=(2, 1), hspace=0.0)
     upper = picture.add_subplot(rows[0])
     lower = picture.add_subplot(rows[1], sharex=upper)
@@ -79,22 +81,22 @@ def _panel(picture: Figure, cell: SubplotSpec, correction: Correction, unit: str
     band = correction.band
     heading = f"{style.shortened(record.name, 28)} · {_range(band.low_hz, band.high_hz)}"
     if correction.peak is not None:
-        heading += f"\npeak {_peak(correction.peak, style.printable(pretty(unit)))}"
+        heading += f"\npeak {_peak(correction.peak, unit)}"
     upper.set_title(heading, fontsize=8)
-    whole = float(np.nanmedian(u)) if np.isfinite(u).any() else 0.0
+    typical = float(np.nanmedian(u)) if np.isfinite(u).any() else 0.0
     shown = [u]
     for name, (color, dash, words) in _ORIGINS.items():
         series = correction.components[name][part]
-        if np.isfinite(series).any() and np.nanmax(series) > _SHOWN * whole:
-            seen = np.where(series > _LEAST * whole, series, np.nan)
+        if np.isfinite(series).any() and np.nanmax(series) > _SHOWN * typical:
+            seen = np.where(series > _LEAST * typical, series, np.nan)
             lower.plot(*_thinned_one(time, seen), color=color, ls=dash, lw=1.1, label=words)
             shown.append(seen)
     lower.plot(*_thinned_one(time, u), color=style.BLACK, lw=1.4, label="together (u)")
     style.size_axis(lower, np.concatenate(shown))
     lower.set_xlabel(f"Time in {time_scale.unit}")
     if named:
-        upper.set_ylabel(f"Acceleration\nin {style.printable(pretty(unit))}")
-        lower.set_ylabel(f"u, standard\nuncertainty\nin {style.printable(pretty(unit))}")
+        upper.set_ylabel(f"{whole.motion.capitalize()}\nin {unit}")
+        lower.set_ylabel(f"u, standard\nuncertainty\nin {unit}")
     upper.tick_params(labelbottom=False)
 
 

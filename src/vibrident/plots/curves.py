@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vibrident.naming import scaled
 from vibrident.plots import style
 from vibrident.plots.style import FloatArray, K
-from vibrident.plots.units import scaled
 from vibrident.result import Curve
 
 if TYPE_CHECKING:

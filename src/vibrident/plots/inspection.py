@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.naming import scaled
 from vibrident.plots import curves, style
 from vibrident.plots.choose import PANELS, envelope, excerpt, grid, sine_frequency, spread
 from vibrident.plots.sensitivity import CONVENTION
 from vibrident.plots.style import FloatArray
-from vibrident.plots.units import frequency_text, scaled, sensitivity_unit
+from vibrident.plots.units import frequency_text, sensitivity_unit
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.result import Curve
 

@@ -28,7 +28,8 @@ def figure(result: Result) -> Figure:
             measured_label="measured",
         )
         style.head(picture, "Sensitivity", result)
-        doubts = f"Warnings: {', '.join(result.warning_codes)}." if result.warnings else ""
+        codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
+        doubts = f"Warnings: {codes}." if codes else ""
         style.note(picture, _small_print(result), doubts)
         return picture
 

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.naming import Scale, scaled
 from vibrident.plots import style
 from vibrident.plots.choose import PANELS, envelope, grid, record_frequencies, spread
 from vibrident.plots.style import FloatArray
-from vibrident.plots.units import Scale, frequency_text, scaled
+from vibrident.plots.units import frequency_text
 from vibrident.result import Result, Signal
 
 if TYPE_CHECKING:

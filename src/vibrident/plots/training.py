@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vibrident.naming import in_words
 from vibrident.plots import style
 from vibrident.result import Result, Training
 
@@ -59,7 +60,7 @@ def _parameters(axes: Axes, training: Training) -> None:
         if usable.size == 0:
             continue
         color, line, marker = style.LINES[i % len(style.LINES)]
-        label = style.printable(name.replace("_", " "))
+        label = style.printable(in_words(name))
         final = usable[-1]
         if final == 0:  # nothing to relate to: show where it went, on top of 1
             values, label = 1 + values / (float(np.abs(usable).max()) or 1.0), f"1 + {label} / its largest"

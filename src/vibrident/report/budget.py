@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from vibrident.plots.units import pretty, scaled
-from vibrident.report import words
+from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.report.numbers import NONE, plain
 from vibrident.report.tables import Table
 from vibrident.result import Parameter, Result
@@ -39,7 +38,7 @@ def budget(result: Result) -> Table | None:
     ]
     together = (_times(result.parameters[name].standard_uncertainty, units[name].factor) for name in names)
     body.append(("u of the result", "", "", "", "", *together))
-    titles = (f"{words.parameter_name(n).words}{_in(units[n].unit)}" for n in names)
+    titles = (f"{parameter_name(n).words}{_in(units[n].unit)}" for n in names)
     header = ("source", "type", "kind", "u", "ν", *titles)
     return Table(header, tuple(body), tuple(range(3, len(header))), notes=(_NOTE,))
 

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from vibrident.naming import Scale, pretty, scaled
 from vibrident.nominal import same
-from vibrident.plots.units import Scale, pretty, reference_unit, scaled, sensitivity_unit, sensor_name
+from vibrident.plots.units import reference_unit, sensitivity_unit, sensor_name
 from vibrident.report import tables, words
 from vibrident.report.coverage import coverage
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, plain

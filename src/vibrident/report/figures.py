@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.naming import scaled
 from vibrident.plots.choose import record_frequencies, spread
 from vibrident.plots.curves import continuous, nearest_turn
 from vibrident.plots.deviation import fitted
 from vibrident.plots.style import BLUE, ORANGE, VERMILION, K, numbers, shortened
-from vibrident.plots.units import frequency_text, scaled
+from vibrident.plots.units import frequency_text
 from vibrident.records import FloatArray
 from vibrident.report import tables
 from vibrident.report.certificate import sensitivity_scale

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from vibrident.naming import parameter_name
 from vibrident.plots.units import sensor_name
 from vibrident.report import figures, figures_beside, page, tables, words
 from vibrident.report.budget import budget
@@ -88,7 +89,7 @@ def _cards(result: Result) -> str:
             number = stated(parameter)
             value = f"{number.value} {number.unit}".strip()
             bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
-            found.append((words.parameter_name(name).words, f"{value}{bar}{' (k = 2)' if bar else ''}"))
+            found.append((parameter_name(name).words, f"{value}{bar}{' (k = 2)' if bar else ''}"))
     cards = []
     for label, content_text in found:
         value, _, rest = content_text.partition(", U = ")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import TypeGuard
 
-from vibrident.plots.units import scaled
+from vibrident.naming import scaled
 from vibrident.result import Parameter
 
 #: Coverage factor of every expanded uncertainty that is printed.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from vibrident.comparison import normalized_error, not_comparable
-from vibrident.plots.units import Scale, pretty, reference_unit, scaled, sensor_name
-from vibrident.report import words
+from vibrident.naming import Scale, parameter_name, pretty, scaled
+from vibrident.plots.units import reference_unit, sensor_name
 from vibrident.report.certificate import sensitivity_scale
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, pair, percent, plain
 from vibrident.report.points import Point, nominal_points, reference_point
@@ -76,7 +76,7 @@ def quantities(results: Sequence[Result]) -> list[Quantity]:
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
             scale = scaled(unit, known[0] if known else 0.0)
-            found.append(Quantity(words.parameter_name(key).words, scale, tuple(values), key != "delay"))
+            found.append(Quantity(parameter_name(key).words, scale, tuple(values), key != "delay"))
     return found
 
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vibrident.plots.units import nominal_frequency, pretty, reference_unit, scaled, sensitivity_unit
+from vibrident.naming import parameter_name, pretty, scaled
+from vibrident.plots.units import nominal_frequency, reference_unit, sensitivity_unit
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.report import words
 from vibrident.report.coverage import coverage
@@ -68,7 +69,7 @@ def parameters(result: Result) -> Table:
     rows = []
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
         number = stated(parameter)
-        full = words.parameter_name(name)
+        full = parameter_name(name)
         known = parameter.standard_uncertainty is not None
         rows.append(
             (
@@ -107,9 +108,9 @@ def correlation(result: Result) -> Table | None:
     names = result.correlation.names
     if not names:
         return None
-    short = [words.parameter_name(name).symbol or name for name in names]
+    short = [parameter_name(name).symbol or name for name in names]
     rows = tuple(
-        (name.replace("_", " "), *(NONE if value is None else f"{value:+.3f}" for value in row))
+        (parameter_name(name).words, *(NONE if value is None else f"{value:+.3f}" for value in row))
         for name, row in zip(names, result.correlation.matrix, strict=False)
     )
     return Table(("", *short), rows, tuple(range(1, len(names) + 1)))

@@ -1,4 +1,4 @@
-"""Plain words: what each warning means and what to do about it, what each parameter and each metric is."""
+"""Plain words: what each warning means and what to do about it, and what each metric is."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ class Words:
 _WORDS: dict[WarningCode, Words] = {
     "lack_of_fit": Words(
         "the model does not describe the data",
-        "The deviations at the excited frequencies are larger than their uncertainties explain. The stated "
-        "parameter uncertainties hold only if the model is right, so they are too small here.",
+        "The deviations at the excited frequencies are larger than their uncertainties explain. The message "
+        "says what the uncertainties of the parameters cover: where they were widened to the size of the misfit they "
+        "cover a misfit of that size, else they hold only if the model is right.",
         "Look where the deviation picture leaves zero: rising towards high frequencies suggests a delay or a second "
         "mode, falling towards low ones a high-pass. Add it to the model, narrow the band, or check the stated "
         "uncertainties.",
@@ -124,37 +125,6 @@ def explain(code: str) -> Words:
         if known == code:
             return words
     return Words(code, "This version of vibrident has no explanation for this warning.", "Read its message.")
-
-
-@dataclass(frozen=True)
-class Name:
-    """A parameter's name in words, and its usual symbol."""
-
-    words: str
-    symbol: str
-
-
-_PARAMETERS = {
-    "sensitivity": Name("sensitivity", "S0"),
-    "generator_constant": Name("generator constant", "G"),
-    "natural_frequency": Name("natural frequency", "fn"),
-    "damping_ratio": Name("damping ratio", "δ"),
-    "delay": Name("delay", "τ"),
-    "highpass_frequency": Name("high-pass frequency", "fhp"),
-    "mode2_frequency": Name("second mode, frequency", "f2"),
-    "mode2_damping": Name("second mode, damping ratio", "δ2"),
-    "mode2_gain": Name("second mode, gain", "g2"),
-    "cubic_stiffness": Name("cubic stiffness", "k3"),
-    "boxcar_length": Name("boxcar length", "Tb"),
-    "natural_angular_frequency": Name("natural angular frequency", "ωn"),
-    "resonance_frequency": Name("resonance frequency", "f0"),
-    "conversion_coefficient": Name("conversion coefficient", "K"),
-}
-
-
-def parameter_name(name: str) -> Name:
-    """Words and symbol of a parameter; its own name with spaces where it is not a standard one."""
-    return _PARAMETERS.get(name, Name(name.replace("_", " "), ""))
 
 
 def remark(parameter: Parameter) -> str:

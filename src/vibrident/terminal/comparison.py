@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from vibrident.comparison import criteria, deviations, recommendation
-from vibrident.plots.units import pretty, scaled
+from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.report import words
 from vibrident.report.numbers import NONE, concise, percent, plain, stated
 from vibrident.result import Parameter, Result
@@ -58,7 +58,7 @@ def truth_table(result: Result, truth: Mapping[str, float]) -> Table:
         parameter = result.parameters[key]
         number = stated(parameter)
         scale = scaled(parameter.unit, abs(parameter.value))
-        row = (words.parameter_name(key).words, plain(off.true * scale.factor, 8), number.value, number.standard)
+        row = (parameter_name(key).words, plain(off.true * scale.factor, 8), number.value, number.standard)
         difference = NONE if off.in_u is None else f"{off.in_u:+.1f}".replace("-0.0", "+0.0")
         table.add_row(*(literal(cell) for cell in (*row, number.unit, difference)))
     return table
@@ -99,7 +99,7 @@ def _parameters_by_method(results: Sequence[Result], labels: Sequence[str], trut
             if zero is not None and (truth or i > 0) and parameter.unit == owners[0].unit:
                 cell.append(f"\n{_deviation(parameter.value, zero, scale.factor)}", "dim")
             cells.append(cell)
-        row = [Text(words.parameter_name(key).words), Text("" if scale.unit == "1" else scale.unit)]
+        row = [Text(parameter_name(key).words), Text("" if scale.unit == "1" else scale.unit)]
         if truth:
             row.append(Text(NONE if zero is None else plain(zero * scale.factor)))
         table.add_row(*row, *cells)

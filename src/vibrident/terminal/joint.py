@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from vibrident.plots.units import scaled
-from vibrident.report import words
+from vibrident.naming import parameter_name, scaled
 from vibrident.report.numbers import NONE, concise, plain
 from vibrident.result import Result
 from vibrident.terminal.tables import literal, titled
@@ -35,7 +34,7 @@ def joint_table(result: Result) -> Group:
         numbers = [row["joint"], *(row["separate"].get(label) for label in labels)]
         cells = [NONE if n is None else _concise(n, scale.factor) for n in numbers]
         unit = "" if scale.unit == "1" else scale.unit
-        name = words.parameter_name(row["name"]).words
+        name = parameter_name(row["name"]).words
         table.add_row(*(literal(cell) for cell in (name, unit, *cells, plain(row["probability"], 2))))
     table.caption = "p: chance of a difference at least as large between calibrations that agree"
     parts: list[Any] = [table]

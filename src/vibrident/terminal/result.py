@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from vibrident.plots.units import pretty, scaled, sensor_name
+from vibrident.naming import parameter_name, pretty, scaled
+from vibrident.plots.units import sensor_name
 from vibrident.report import words
 from vibrident.report.numbers import plain, stated
 from vibrident.report.weights import weight_rows
@@ -63,7 +64,7 @@ def _parameters(result: Result, interval: bool) -> Table:
             table.add_row("derived from these:", style="dim")
             derived = True
         number = stated(parameter)
-        label = words.parameter_name(key).words + ("" if parameter.identifiable else " (not identifiable)")
+        label = parameter_name(key).words + ("" if parameter.identifiable else " (not identifiable)")
         row = (label, number.value, number.standard, number.expanded, number.unit, number.interval)
         cells = row if interval else row[:-1]
         table.add_row(*(literal(cell) for cell in cells), style=None if parameter.identifiable else "yellow")
@@ -131,5 +132,5 @@ def posterior_table(result: Result) -> Table:
         low, high = row["interval_95"]
         cells = (f"{row['mean']:.6g}", f"{row['standard_deviation']:.2g}", f"{low:.6g} to {high:.6g}")
         more = (pretty(result.parameters[key].unit), f"{row['r_hat']:.3f}", f"{row['effective_sample_size']:.0f}")
-        table.add_row(*(literal(cell) for cell in (words.parameter_name(key).words, *cells, *more)))
+        table.add_row(*(literal(cell) for cell in (parameter_name(key).words, *cells, *more)))
     return table

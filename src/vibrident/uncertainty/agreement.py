@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from vibrident.naming import amount, in_words
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 from vibrident.result import ResultWarning
@@ -17,7 +20,12 @@ IRRELEVANT = 1e-4
 
 
 def estimators_disagree(
-    tones: Linearised, coordinates: Coordinates, z: FloatArray, covariance: FloatArray, estimator: str
+    tones: Linearised,
+    coordinates: Coordinates,
+    z: FloatArray,
+    covariance: FloatArray,
+    units: Mapping[str, str],
+    estimator: str,
 ) -> list[ResultWarning]:
     """A warning where the maximum-likelihood estimate from the tones alone lies elsewhere.
 
@@ -26,6 +34,7 @@ def estimators_disagree(
         coordinates: the map from z to parameters.
         z: the estimate, shape (p,).
         covariance: of z, shape (p, p).
+        units: of the parameters, by name.
         estimator: that made it.
     """
     if len(tones.rest) < len(z) + 2:
@@ -39,9 +48,11 @@ def estimators_disagree(
     spec = coordinates.model.parameters[index]
     moved = np.array(z)
     moved[index] += shift[index]
+    unit = units[spec.name]
     before, after = coordinates.values(z)[spec.name], coordinates.values(moved)[spec.name]
     text = (
-        f"{estimator} says {spec.name} = {before:.6g}, the complex amplitudes of the tones (maximum likelihood) about "
-        f"{after:.6g}: {size[index]:.1f} joint standard uncertainties apart."
+        f"For the {in_words(spec.name)} {estimator} says {amount(before, unit, 6)}, the complex amplitudes of "
+        f"the tones (maximum likelihood) about {amount(after, unit, 6)}: {size[index]:.1f} joint standard "
+        "uncertainties apart."
     )
     return [ResultWarning("estimators_disagree", text)]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from vibrident.naming import amount, in_words
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 from vibrident.result import ResultWarning
@@ -21,7 +24,12 @@ IRRELEVANT = 1e-4
 
 
 def band_sensitive(
-    linear: Linearised, coordinates: Coordinates, z: FloatArray, covariance: FloatArray, variance_factor: float = 1.0
+    linear: Linearised,
+    coordinates: Coordinates,
+    z: FloatArray,
+    covariance: FloatArray,
+    units: Mapping[str, str],
+    variance_factor: float = 1.0,
 ) -> list[ResultWarning]:
     """A warning for each parameter that the lower or the upper two thirds of the frequencies would move.
 
@@ -34,6 +42,7 @@ def band_sensitive(
         coordinates: the map from z to parameters.
         z: the estimate, shape (p,).
         covariance: of z, as stated, shape (p, p); a shift within its standard uncertainty is covered.
+        units: of the parameters, by name.
         variance_factor: of the rows, where no uncertainty was stated.
     """
     frequencies = np.unique(linear.frequency_hz)
@@ -59,13 +68,25 @@ def band_sensitive(
             size = float(abs(shift[index]) / spread[index])
             if size > worst.get(int(index), (0.0, ""))[0]:
                 times = float(abs(shift[index]) / stated[index]) if stated[index] > 0 else size
-                worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, times))
+                worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, times, units))
     return [ResultWarning("band_sensitive", text) for _, text in worst.values()]
 
 
-def _sentence(coordinates: Coordinates, z: FloatArray, shift: FloatArray, index: int, label: str, times: float) -> str:
+def _sentence(
+    coordinates: Coordinates,
+    z: FloatArray,
+    shift: FloatArray,
+    index: int,
+    label: str,
+    times: float,
+    units: Mapping[str, str],
+) -> str:
     spec = coordinates.model.parameters[index]
     moved = np.array(z)
     moved[index] += shift[index]
     before, after = coordinates.values(z)[spec.name], coordinates.values(moved)[spec.name]
-    return f"{spec.name} would be about {after:.5g} instead of {before:.5g} {label}: {times:.1f} times its stated u."
+    unit = units[spec.name]
+    return (
+        f"The {in_words(spec.name)} would be about {amount(after, unit)} instead of {amount(before, unit)} "
+        f"{label}: {times:.1f} times its stated u."
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.naming import in_words
 from vibrident.problem import Coordinates
 from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
 from vibrident.records import FloatArray
@@ -44,13 +45,16 @@ def doubts(
             partner = names[int(np.argmax(others))] if others.size else ""
             weak[spec.name] = partner
             relative = "rad at the highest frequency" if spec.kind == "time" else "of its value"
-            traded = f"; it trades against {partner} (correlation {strongest:.3f})" if strongest > 0.9 else ""
+            traded = (
+                f"; it trades against the {in_words(partner)} (correlation {strongest:.3f})" if strongest > 0.9 else ""
+            )
             amount = f"{size:.2g} rad" if spec.kind == "time" else f"{100 * size:.2g} %"
             relative = relative.removeprefix("rad ")
             warnings.append(
                 ResultWarning(
                     "weakly_determined",
-                    f"The data hardly determine {spec.name}: standard uncertainty {amount} {relative}{traded}.",
+                    f"The data hardly determine the {in_words(spec.name)}: standard uncertainty {amount} {relative}"
+                    f"{traded}.",
                 )
             )
     warnings += _at_bounds(coordinates, values, deviation)
@@ -63,8 +67,8 @@ def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: Fl
     for index, spec in enumerate(coordinates.model.parameters):
         value = values[spec.name]
         if spec.kind == "log" and not 1.001 * low < value < high / 1.001:
-            text = f"{spec.name} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
+            text = f"The {in_words(spec.name)} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
             warnings.append(ResultWarning("at_bound", text))
         if spec.kind == "positive" and value < 1e-6 + 0.01 * deviation[index]:
-            warnings.append(ResultWarning("at_bound", f"{spec.name} lies at its bound, zero."))
+            warnings.append(ResultWarning("at_bound", f"The {in_words(spec.name)} lies at its bound, zero."))
     return warnings

@@ -157,6 +157,12 @@ def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
     return Correlation(model.parameter_names, tuple(tuple(float(v) for v in row) for row in matrix))
 
 
+def parameter_units(model: SensorModel, calibration: Calibration) -> dict[str, str]:
+    """Unit of each estimated parameter."""
+    fields = unit_fields(calibration)
+    return {spec.name: _unit(spec.unit, fields) for spec in model.parameters}
+
+
 def _unit(template: str, fields: Mapping[str, str]) -> str:
     """A unit from its template; brackets around a single unit go: V/(A) is V/A."""
     return re.sub(r"\(([^()/*· ]+)\)", r"\1", template.format(**fields))

@@ -77,7 +77,7 @@ def correct(
                 plots.save(figure(corrections, dict(known.sensor)), output.path / "correction.png")
     for finding in corrections.findings:
         note(f"Warning ({finding.code}): {finding.message}")
-    _show(document, folder, drawn=not no_plots)
+    _show(document, folder, corrections.motion, drawn=not no_plots)
 
 
 def _write_csv(path: Path, correction: Correction) -> None:
@@ -90,9 +90,9 @@ def _write_csv(path: Path, correction: Correction) -> None:
         stream.writelines(f"{t!r},{a!r},{u!r}\n" if a == a else f"{t!r},,\n" for t, a, u in rows)
 
 
-def _show(document: dict[str, Any], folder: Path, *, drawn: bool) -> None:
+def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:
     from vibrident import terminal
-    from vibrident.plots.units import pretty
+    from vibrident.naming import pretty
 
     unit = pretty(document["unit"])
     rows = []
@@ -109,7 +109,7 @@ def _show(document: dict[str, Any], folder: Path, *, drawn: bool) -> None:
             }
         )
     console = out()
-    console.print(terminal.inspection_table(rows, "Restored acceleration"))
+    console.print(terminal.inspection_table(rows, f"Restored {motion}"))
     csv = folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"
     written = [folder / "correction.json", csv, *([folder / "correction.png"] if drawn else [])]
     wrote(written)

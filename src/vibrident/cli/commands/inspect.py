@@ -79,7 +79,8 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
 
 def _understood(calibration: Calibration) -> dict[str, str]:
     """What the calibration file says, in words."""
-    from vibrident.plots.units import pretty, sensor_name
+    from vibrident.naming import pretty
+    from vibrident.plots.units import sensor_name
 
     u = calibration.reference_standard_uncertainty
     reference = f"{calibration.quantity} in {pretty(calibration.reference_unit)}"
@@ -94,7 +95,7 @@ def _understood(calibration: Calibration) -> dict[str, str]:
 
 def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
     from vibrident.io import RecordSummary
-    from vibrident.plots.units import pretty
+    from vibrident.naming import pretty
 
     if not isinstance(summary, RecordSummary):
         return {
@@ -135,6 +136,6 @@ def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _channel(name: str, channel: ChannelSummary | None) -> dict[str, float]:
-    from vibrident.plots.units import pretty
+    from vibrident.naming import pretty
 
     return {} if channel is None else {f"{name} rms / {pretty(channel.unit)}": channel.rms}

@@ -195,7 +195,7 @@ def _recording(rate: float | None, samples: int | None, *noise: float) -> Record
 
 def _show(planned: Plan) -> None:
     from vibrident import terminal
-    from vibrident.plots.units import pretty, scaled
+    from vibrident.naming import pretty, scaled
 
     rows = []
     for name, parameter in planned.parameters.items():
