@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args
 
 from vibrident.errors import InputError
 
@@ -36,7 +36,9 @@ WarningCode = Literal[
 ]
 WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 
-_T = TypeVar("_T")
+#: Most bytes of a result file; one with hundreds of records has a few millions.
+MOST_BYTES = 200_000_000
+_MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record")
 
 
 @dataclass(frozen=True)
@@ -237,34 +239,37 @@ class Result:
                 found=repr(found),
                 remedy="give the result.json that `vibrident identify` wrote",
             )
+        from pydantic import TypeAdapter, ValidationError
+
         try:
-            training = document.get("training")
-            return cls(
-                model=document["model"],
-                estimator=document["estimator"],
-                settings=document["settings"],
-                provenance=document["provenance"],
-                parameters={name: _build(Parameter, p) for name, p in document["parameters"].items()},
-                correlation=_build(Correlation, document["correlation"]),
-                fit=_build(Fit, document["fit"]),
-                response=_build(Curve, document["response"]),
-                measured=_build(MeasuredCurve, document["measured"]),
-                warnings=tuple(_build(ResultWarning, w) for w in document["warnings"]),
-                sensor=document.get("sensor", {}),
-                reference=document.get("reference", {}),
-                response_unit=document.get("response_unit", "V"),
-                signals=tuple(_build(Signal, s) for s in document.get("signals", ())),
-                training=None if training is None else _build(Training, training),
-                weights=document.get("weights", {}),
-                certificate=document.get("certificate", {}),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(
-                "The result file is incomplete or damaged.",
-                expected=f"all fields of {SCHEMA}",
-                found=f"{type(error).__name__}: {error}",
-                remedy="run `vibrident identify` again",
-            ) from error
+            result = TypeAdapter(cls).validate_python(dict(document))
+            result.require_consistent()
+        except ValidationError as error:
+            finding = error.errors()[0]
+            place = ".".join(str(part) for part in finding["loc"])
+            raise _damaged(f"{place}: {finding['msg']}") from None
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            raise _damaged(f"{type(error).__name__}: {error}") from error
+        return result
+
+    def require_consistent(self) -> None:
+        """Check what the fields say of each other.
+
+        Raises:
+            ValueError: a curve's columns differ in length, or the matrix of correlation is not square.
+        """
+        for name, curve in (("response", self.response), ("measured", self.measured)):
+            points = len(curve.frequency_hz)
+            for column in fields(curve):
+                length = len(getattr(curve, column.name))
+                if length != points and not (length == 0 and column.name in _MAY_BE_ABSENT):
+                    raise ValueError(f"{name}.{column.name} has {length} values for {points} frequencies")
+        size = len(self.correlation.names)
+        if [len(row) for row in self.correlation.matrix] != [size] * size:
+            raise ValueError(f"the matrix of correlation is not {size} by {size}")
+        for signal in self.signals:
+            if not len(signal.time_s) == len(signal.measured) == len(signal.predicted):
+                raise ValueError(f"the parts of the signal {signal.record!r} differ in length")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Result:
@@ -274,8 +279,11 @@ class Result:
             InputError: the file cannot be read or is not a result.
         """
         try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            file = Path(path)
+            if (size := file.stat().st_size) > MOST_BYTES:
+                raise ValueError(f"{size} bytes, which is more than any result has")
+            document = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        except (OSError, ValueError, RecursionError, MemoryError) as error:  # UnicodeDecodeError is a ValueError
             raise InputError(
                 "The result file cannot be read.",
                 expected="a JSON file written by `vibrident identify`",
@@ -299,14 +307,14 @@ def _plain(value: Any) -> Any:
     return number if math.isfinite(number) else None
 
 
-def _build(kind: type[_T], document: Mapping[str, Any]) -> _T:
-    known = {f.name for f in fields(kind)}  # type: ignore[arg-type]
-    return kind(**{key: _tuples(value) for key, value in document.items() if key in known})
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name}, which is no number of JSON")
 
 
-def _tuples(value: Any) -> Any:
-    if isinstance(value, list):
-        return tuple(_tuples(item) for item in value)
-    if isinstance(value, Mapping):
-        return {key: _tuples(item) for key, item in value.items()}
-    return value
+def _damaged(found: str) -> InputError:
+    return InputError(
+        "The result file is incomplete or damaged.",
+        expected=f"all fields of {SCHEMA}",
+        found=found[:500],
+        remedy="run `vibrident identify` again",
+    )

@@ -15,6 +15,7 @@ from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.columns import unreadable
 from vibrident.io.schema_errors import schema_error
+from vibrident.io.toml_text import MOST_BYTES, refuse_costly
 from vibrident.records import EffectKind, Excitation, Quantity, SystematicEffect
 
 
@@ -160,7 +161,10 @@ def read_calibration_file(path: Path) -> CalibrationFile:
 
 def _parse(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        with path.open("rb") as stream:
+            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
+        refuse_costly(text, str(path))
+        return tomllib.loads(text.replace("\r\n", "\n"))
     except OSError as error:
         raise unreadable(str(path), error, "a calibration file (TOML)") from error
     except UnicodeDecodeError as error:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import require_few
 from vibrident.io.columns import Clock, ColumnFile
 from vibrident.records import FloatArray
 
@@ -41,6 +42,7 @@ class ChannelFile(ColumnFile):
         self._path = path
         self._channels = tuple(channels)
         self._refused = refused
+        require_few(path, self._channels, "channels")
         if not self._channels:
             reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
             raise InputError(

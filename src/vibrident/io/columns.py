@@ -140,5 +140,13 @@ def unreadable(file: str, error: BaseException, expected: str) -> InputError:
         IsADirectoryError: ("a folder", "name a file, or a glob such as 'folder/*.csv'"),
         PermissionError: ("a file that may not be read", "ask for the right to read it"),
     }
+    if isinstance(error, MemoryError):
+        return InputError(
+            "The file does not fit in memory.",
+            expected="a file whose numbers fit in the memory that is free",
+            found=f"a file that needs more: {error}".rstrip(": "),
+            where=file,
+            remedy="check that the file is whole; read a shorter record, or free memory",
+        )
     found, remedy = reasons.get(type(error), (f"{type(error).__name__}: {error}", "check that the file is whole"))
     return InputError("The file cannot be read.", expected=expected, found=found, where=file, remedy=remedy)

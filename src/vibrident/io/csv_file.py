@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import require_few
 from vibrident.io.columns import ColumnFile, unreadable
 from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number
 from vibrident.io.csv_lines import numbered_rows, row_lines
@@ -31,6 +32,7 @@ class CsvFile(ColumnFile):
     def __init__(self, path: Path) -> None:
         self._path = path
         self._layout: CsvLayout = detect_layout(path, str(path))
+        require_few(path, self._layout.names)
 
     @property
     def file(self) -> str:

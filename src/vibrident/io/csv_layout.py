@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import LONGEST_LINE
 from vibrident.io.columns import unreadable
 
 #: Stands for one or more blanks or tabs.
 BLANKS = " "
 
-_HEAD_BYTES = 1 << 18
+_HEAD_BYTES = LONGEST_LINE
 _HEAD_LINES = 400
 _SAMPLE_LINES = 25
 _BOM = b"\xef\xbb\xbf"
@@ -91,6 +92,17 @@ def detect_layout(path: Path, file: str) -> CsvLayout:
     return _layout_of(lines, head, encoding, file)
 
 
+def too_long_a_line(file: str, line: int) -> InputError:
+    """The error of a line that no table of numbers has."""
+    return InputError(
+        "A line of the file is too long.",
+        expected=f"lines of at most {LONGEST_LINE} characters",
+        found="a longer one",
+        where=f"{file}, line {line}",
+        remedy="export the data with one sample a line, and only the columns that are needed",
+    )
+
+
 def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
     if not head.removeprefix(_BOM).strip():
         raise InputError(
@@ -116,6 +128,8 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
             where=file,
             remedy="save it with the line ends of Windows or Unix",
         )
+    if not whole and b"\n" not in head:
+        raise too_long_a_line(file, 1)
     complete = head if whole else head[: head.rfind(b"\n") + 1]
     try:
         text, encoding = complete.decode("utf-8-sig"), "utf-8"

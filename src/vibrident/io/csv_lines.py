@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.errors import InputError
-from vibrident.io.csv_layout import BLANKS, CsvLayout, split_line
+from vibrident.io.allowance import LONGEST_LINE
+from vibrident.io.csv_layout import BLANKS, CsvLayout, split_line, too_long_a_line
 
 _CHUNK_BYTES = 1 << 20  # counting makes ten times as much of it
 _NEWLINE = 10
@@ -28,6 +29,8 @@ def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
     with path.open("rb") as stream:
         stream.seek(layout.offset)
         for chunk in _chunks_of_lines(stream):
+            if chunk is None:
+                raise too_long_a_line(file, line)
             fields = _fields(chunk, layout)
             ragged = np.flatnonzero((fields != layout.fields) & (fields != 0))
             if ragged.size:
@@ -47,7 +50,8 @@ def numbered_rows(path: Path, layout: CsvLayout) -> Iterator[tuple[int, list[str
                 yield number, split_line(line.decode(layout.encoding, errors="replace"), layout.delimiter)
 
 
-def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes]:
+def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
+    """Whole lines, about a block at a time; None for a line that is longer than any may be."""
     rest = b""
     while block := stream.read(_CHUNK_BYTES):
         block = rest + block
@@ -55,6 +59,8 @@ def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes]:
         rest = block[end:]
         if end:
             yield block[:end]
+        if len(rest) > LONGEST_LINE:
+            yield None
     if rest:
         yield rest
 

@@ -1,7 +1,12 @@
-"""HDF5 files: one-dimensional datasets, and the columns of two-dimensional ones."""
+"""HDF5 files: one-dimensional datasets, and the columns of two-dimensional ones.
+
+HDF5 itself follows links into other files, loads filters as plug-ins by their number, and gives a dataset of any length
+from a fill value. A file read here holds its numbers itself, and only as many as it may.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +15,15 @@ from typing import Any
 import numpy as np
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import MOST_COLUMNS, require_few, require_room
 from vibrident.io.columns import ColumnFile, unreadable
 from vibrident.records import FloatArray
 
 _EXPECTED = "an HDF5 file with datasets of real numbers"
+#: What h5py raises on damaged files.
+_DAMAGE = (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, OverflowError)
+#: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset; LZF comes with h5py.
+_FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
 
 
 @dataclass(frozen=True)
@@ -43,9 +53,12 @@ class ArrayColumn:
 
 
 def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
-    """Return the columns of an array: samples run along the longer axis. Scalars and arrays of 3 axes have none."""
+    """Return the columns of an array: samples run along the longer axis.
+
+    Scalars, arrays of three axes and very wide ones have none.
+    """
     long_axes = [length for length in shape if length != 1]
-    if len(shape) > 2 or len(long_axes) == 0 or 0 in shape:
+    if len(shape) > 2 or len(long_axes) == 0 or min(shape) < 1 or (len(long_axes) == 2 and min(shape) > MOST_COLUMNS):
         return ()
     if len(long_axes) == 1:
         return (ArrayColumn(name),)
@@ -61,6 +74,7 @@ class ArrayFile(ColumnFile):
         self._path = path
         self._columns = tuple(columns)
         self._refused = refused
+        require_few(path, self._columns)
         if not self._columns:
             reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
             raise InputError(
@@ -131,11 +145,12 @@ class Hdf5File(ArrayFile):
             columns.extend(usable)
             if not usable:
                 refused[name] = reason or f"of shape {item.shape}"
+            require_few(path, [*columns, *refused], "datasets")
 
         try:
             with h5py.File(path, "r") as file:
                 file.visititems(visit)
-        except (OSError, RuntimeError, KeyError) as error:
+        except _DAMAGE as error:
             raise unreadable(str(path), error, _EXPECTED) from error
         super().__init__(path, columns, refused)
 
@@ -150,9 +165,31 @@ class Hdf5File(ArrayFile):
         try:
             with h5py.File(self._path, "r") as file:
                 columns = [self._columns[position] for position in positions]
+                require_room(self._path, *_cost([file[column.array] for column in columns]))
                 return tuple(np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns)
-        except (OSError, RuntimeError, KeyError) as error:
+        except _DAMAGE as error:
             raise unreadable(self.file, error, _EXPECTED) from error
+
+
+def _cost(datasets: Sequence[Any]) -> tuple[int, int]:
+    """How many numbers are read of these datasets, a column of each, and how large one is; a chunk is read whole."""
+    chunk = max((math.prod(dataset.chunks) for dataset in datasets if dataset.chunks), default=0)
+    numbers = sum(max(dataset.shape) for dataset in datasets)
+    return max(numbers, chunk), max(dataset.dtype.itemsize for dataset in datasets)
+
+
+def _kept_elsewhere(dataset: Any) -> str:
+    """Say why the numbers of a dataset are not in the file itself, or need code that is not; "" where all is well."""
+    if dataset.external:
+        return f"stored in another file, {str(dataset.external[0][0])!r}"
+    if dataset.is_virtual:
+        return "put together from other datasets or files (a virtual dataset)"
+    steps = dataset.id.get_create_plist()
+    for step in range(steps.get_nfilters()):
+        number, _, _, name = steps.get_filter(step)
+        if number not in _FILTERS:
+            return f"compressed with filter {number} ({name.decode('ascii', 'replace')}), which is a plug-in"
+    return ""
 
 
 def _reason_against(dataset: Any) -> str:
@@ -164,6 +201,6 @@ def _reason_against(dataset: Any) -> str:
     if "MATLAB_empty" in dataset.attrs or dataset.shape is None:
         return "empty"
     if dataset.dtype.kind in "iufb":
-        return ""
+        return _kept_elsewhere(dataset)
     words = {"c": "complex", "O": "text or references", "S": "text", "V": "compound (a table of mixed fields)"}
     return f"{words.get(dataset.dtype.kind, str(dataset.dtype))} and not real numbers"

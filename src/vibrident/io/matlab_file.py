@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from vibrident.io.allowance import require_room
 from vibrident.io.columns import ColumnFile, unreadable
 from vibrident.io.hdf5_file import ArrayColumn, ArrayFile, Hdf5File, columns_of
 from vibrident.records import FloatArray
@@ -50,6 +52,7 @@ class MatlabFile(ArrayFile):
             columns.extend(usable)
             if not usable:
                 refused[name] = f"of shape {shape}" if kind in _NUMERIC else f"a MATLAB {kind} and not a numeric array"
+        self._numbers = {name: math.prod(shape) for name, shape, _ in variables}
         super().__init__(path, columns, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -61,6 +64,7 @@ class MatlabFile(ArrayFile):
         import scipy.io
 
         columns = [self._columns[position] for position in positions]
+        require_room(self._path, sum(self._numbers[name] for name in {column.array for column in columns}))
         try:
             arrays = scipy.io.loadmat(self._path, appendmat=False, variable_names=[c.array for c in columns])
             complex_names = [c.name for c in columns if np.iscomplexobj(arrays[c.array])]

@@ -1,13 +1,20 @@
-"""MDF files (ASAM), version 4 and before: channels of all groups, with the rate of their group's time stamps."""
+"""MDF files (ASAM), version 4 and before: channels of all groups, with the rate of their group's time stamps.
+
+A channel's conversion may be a formula in text, which asammdf would evaluate as code. So a conversion must be one of a
+few that are arithmetic with numbers of the file, and that is looked at before any value is read.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vibrident.errors import InputError
+from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers
 from vibrident.io.clocks import clock_from_times
 from vibrident.io.columns import Clock, unreadable
@@ -15,6 +22,10 @@ from vibrident.io.extra import let_go, library
 from vibrident.records import FloatArray
 
 _EXPECTED = "an MDF file of measured signals, written to its end"
+#: Conversion types by the number in the file: none, linear, rational, tables of numbers; in version 3 also polynomial,
+#: exponential and logarithmic. Formulas (3; 10 in version 3) and texts are not among them.
+_ARITHMETIC = {4: frozenset({0, 1, 2, 4, 5, 6}), 3: frozenset({0, 1, 2, 6, 7, 8, 9, 65535})}
+_FORMULA = {4: 3, 3: 10}
 
 
 class MdfFile(ChannelFile):
@@ -26,17 +37,20 @@ class MdfFile(ChannelFile):
         Raises:
             InputError: asammdf is not installed, or the file is no MDF file.
         """
+        self._path = path
         self._mdf = library("asammdf", "mdf", path).MDF
         self._clocks: dict[int, Clock | None] = {}
         channels: list[Channel] = []
         refused: dict[str, str] = {}
         try:
-            with path.open("rb") as stream, self._mdf(stream) as file:
+            with self._opened() as file:
                 for group, index, name in _listed(file):
                     if reason := _reason_against(file, group, index):
                         refused[name] = reason
                     else:
                         channels.append(Channel(name, (group, index)))
+        except InputError:
+            raise
         except Exception as error:  # damaged files raise anything, from struct.error to MdfException
             let_go(error)
             raise unreadable(str(path), error, _EXPECTED) from error
@@ -51,8 +65,10 @@ class MdfFile(ChannelFile):
         group, _ = self._channels[position].handle
         if group not in self._clocks:
             try:
-                with self._path.open("rb") as stream, self._mdf(stream) as file:
+                with self._opened() as file:
                     times_s = real_numbers(file.get_master(group))
+            except InputError:
+                raise
             except Exception as error:
                 let_go(error)
                 raise unreadable(self.file, error, _EXPECTED) from error
@@ -66,11 +82,22 @@ class MdfFile(ChannelFile):
             InputError: the file is damaged.
         """
         try:
-            with self._path.open("rb") as stream, self._mdf(stream) as file:
-                return tuple(_signal(file, *self._channels[position].handle) for position in positions)
+            with self._opened() as file:
+                handles = [self._channels[position].handle for position in positions]
+                require_room(self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles))
+                return tuple(_signal(file, *handle) for handle in handles)
+        except InputError:
+            raise
         except Exception as error:
             let_go(error)
             raise unreadable(self.file, error, _EXPECTED) from error
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The file, its time stamps known to be arithmetic; logged bus traffic, whose data bases are code, is left."""
+        with self._path.open("rb") as stream, self._mdf(stream, process_bus_logging=False) as file:
+            _refuse_formulas_of_time(file, self.file)
+            yield file
 
 
 def _listed(file: Any) -> list[tuple[int, int, str]]:
@@ -84,8 +111,13 @@ def _listed(file: Any) -> list[tuple[int, int, str]]:
 
 
 def _reason_against(file: Any, group: int, index: int) -> str:
-    if file.groups[group].channel_group.cycles_nr == 0:
+    content = file.groups[group]
+    if content.channel_group.cycles_nr == 0:
         return "empty"
+    if content.channel_dependencies[index]:
+        return "an array or a structure at each instant"
+    if reason := _reason_against_conversion(content.channels[index].conversion, _generation(file)):
+        return reason
     first = file.get(group=group, index=index, record_count=1).samples
     if first.ndim != 1 or first.dtype.names:
         return "an array or a structure at each instant"
@@ -94,8 +126,43 @@ def _reason_against(file: Any, group: int, index: int) -> str:
     return {"c": "complex", "S": "text", "U": "text", "O": "text"}.get(first.dtype.kind, str(first.dtype))
 
 
+def _generation(file: Any) -> int:
+    return 4 if str(file.version) >= "4" else 3
+
+
+def _reason_against_conversion(conversion: Any, generation: int) -> str:
+    """Return why a channel's conversion is not done; "" where it is arithmetic, or there is none."""
+    kind = 0 if conversion is None else int(conversion.conversion_type)
+    if kind in _ARITHMETIC[generation] and not getattr(conversion, "referenced_blocks", None):
+        return ""
+    return "converted by a formula, which would be code" if kind == _FORMULA[generation] else "text"
+
+
+def _refuse_formulas_of_time(file: Any, where: str) -> None:
+    """Time stamps are read with every channel, so theirs must be arithmetic in every group.
+
+    Raises:
+        InputError: they are not.
+    """
+    for group, index in file.masters_db.items():
+        channel = file.groups[group].channels[index]
+        if reason := _reason_against_conversion(channel.conversion, _generation(file)):
+            raise InputError(
+                "The time stamps of the file cannot be used.",
+                expected="time stamps as numbers, or with a linear conversion",
+                found=f"{channel.name!r} is {reason}",
+                where=where,
+                remedy="export the data with converted time stamps, or as CSV",
+            )
+
+
 def _signal(file: Any, group: int, index: int) -> FloatArray:
     """Samples that the file declares invalid become no numbers; asammdf would leave them out, and shift the rest."""
+    content = file.groups[group]
+    if content.channel_dependencies[index] or _reason_against_conversion(
+        content.channels[index].conversion, _generation(file)
+    ):
+        raise ValueError("another file than was opened")
     signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
     values = real_numbers(signal.samples)
     stated = file.groups[group].channel_group.cycles_nr

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
 from vibrident.io.columns import Clock, unreadable
 from vibrident.io.extra import library
@@ -55,10 +56,21 @@ class ParquetFile(ChannelFile):
         names = [self._channels[position].handle for position in positions]
         try:
             with self._parquet.ParquetFile(self._path) as file:
+                require_room(self._path, _numbers(file.metadata, set(names)))
                 table = file.read(columns=[*dict.fromkeys(names)])
             return tuple(real_numbers(table.column(name).to_numpy()) for name in names)
+        except InputError:
+            raise
         except Exception as error:
             raise unreadable(self.file, error, _EXPECTED) from error
+
+
+def _numbers(metadata: Any, names: set[str]) -> int:
+    """How many numbers these columns hold, by the footer: its rows, or the bytes of their pages if these are more."""
+    groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
+    chunks = [group.column(index) for group in groups for index in range(group.num_columns)]
+    unpacked = sum(chunk.total_uncompressed_size for chunk in chunks if chunk.path_in_schema in names)
+    return max(metadata.num_rows * len(names), sum(group.num_rows for group in groups) * len(names), unpacked // 8)
 
 
 def _usable(types: Any, kind: Any) -> bool:

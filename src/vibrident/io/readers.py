@@ -44,6 +44,9 @@ READERS: Mapping[str, Callable[[Path], ColumnFile]] = MappingProxyType(
 )
 
 
+_SPREADSHEETS = frozenset({".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".fods", ".numbers"})
+
+
 def open_columns(path: Path) -> ColumnFile:
     """Open a data file with the reader for its ending; numbers are converted only when asked for.
 
@@ -52,11 +55,24 @@ def open_columns(path: Path) -> ColumnFile:
     """
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(
-            "The file's format is not known.",
-            expected="a file ending in " + ", ".join(READERS),
-            found=repr(path.suffix) if path.suffix else "no ending",
-            where=str(path),
-            remedy="rename the file, or export it as CSV or HDF5",
-        )
+        raise unknown_format(path.suffix, str(path))
     return reader(path)
+
+
+def unknown_format(suffix: str, where: str) -> InputError:
+    """The error of a file ending that no reader is for; a spreadsheet is told apart."""
+    if suffix.lower() in _SPREADSHEETS:
+        return InputError(
+            "A spreadsheet is not read.",
+            expected="a text file of columns, such as CSV, or one of " + ", ".join(READERS),
+            found=repr(suffix),
+            where=where,
+            remedy='open it and save the sheet as CSV ("CSV UTF-8"), one header line above the numbers',
+        )
+    return InputError(
+        "The file's format is not known.",
+        expected="a file ending in " + ", ".join(READERS),
+        found=repr(suffix) if suffix else "no ending",
+        where=where,
+        remedy="rename the file, or export it as CSV or HDF5",
+    )

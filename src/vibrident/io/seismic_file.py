@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.errors import InputError
+from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
 from vibrident.io.clocks import plainest_clock
 from vibrident.io.columns import Clock, unreadable
@@ -54,20 +56,24 @@ class MiniSeedFile(ChannelFile):
             InputError: the file is damaged.
         """
         try:
+            stated = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
+            require_room(self._path, stated)
             traces = self._traces(self._path, headonly=False)
             wanted = [self._channels[position].handle for position in positions]
             return tuple(
                 np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name]) for name in wanted
             )
+        except InputError:
+            raise
         except Exception as error:
             raise unreadable(self.file, error, _MINISEED) from error
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
         """Traces in the order of the file; what obspy warns of is damage."""
-        with warnings.catch_warnings():
+        with path.open("rb") as stream, warnings.catch_warnings():  # a name would be globbed, fetched or unpacked
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", DeprecationWarning)
-            return [*self._obspy.read(str(path), format="MSEED", headonly=headonly)]
+            return [*self._obspy.read(stream, format="MSEED", headonly=headonly)]
 
 
 def _gap(parts: Sequence[Any]) -> str:
@@ -98,6 +104,8 @@ class SacFile(ChannelFile):
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
         try:
             header = self._trace(path, headonly=True)
+            if not 0 < 4 * int(header.npts) < path.stat().st_size:
+                raise ValueError(f"{header.npts} samples in a file of {path.stat().st_size} bytes")
             if not header.leven or header.iftype != "itime":
                 raise ValueError(f"leven {header.leven}, type {header.iftype}")
             delta = np.float32(header.delta)  # a four-byte number in the file
@@ -117,10 +125,13 @@ class SacFile(ChannelFile):
             InputError: the file is damaged.
         """
         try:
+            require_room(self._path, self._channels[0].handle * len(positions))
             values = real_numbers(self._trace(self._path, headonly=False).data)
             if values.size != self._channels[0].handle:
                 raise ValueError(f"{values.size} samples of {self._channels[0].handle}")
             return tuple(values.copy() for _ in positions)
+        except InputError:
+            raise
         except Exception as error:
             raise unreadable(self.file, error, _SAC) from error
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.errors import InputError
+from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers
 from vibrident.io.columns import Clock, unreadable
 from vibrident.io.extra import library
@@ -53,7 +55,10 @@ class TdmsFile(ChannelFile):
         try:
             with self._path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
                 handles = [self._channels[position].handle for position in positions]
+                require_room(self._path, sum(len(file[group][name]) for group, name in handles))
                 return tuple(real_numbers(file[group][name][:]) for group, name in handles)
+        except InputError:
+            raise
         except Exception as error:
             raise unreadable(self.file, error, _EXPECTED) from error
 

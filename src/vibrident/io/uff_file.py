@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
 from vibrident.io.clocks import clock_from_times, plainest_clock
 from vibrident.io.columns import Clock, unreadable
@@ -46,6 +47,7 @@ class UffFile(ChannelFile):
             file = self._pyuff.UFF(str(path))
             for place in (place for place, kind in enumerate(file.get_set_types()) if kind == 58):
                 header = file.read_sets(place, header_only=True)
+                self._refuse_more_than_there_is(header)
                 if reason := _reason_against(header):
                     refused[_name(header, repeated=False)] = reason
                 else:
@@ -73,9 +75,18 @@ class UffFile(ChannelFile):
         """
         try:
             file = self._pyuff.UFF(str(self._path))
+            require_room(self._path, sum(self._channels[position].handle[1] for position in positions))
             return tuple(self._signal(file, *self._channels[position].handle) for position in positions)
+        except InputError:
+            raise
         except Exception as error:
             raise unreadable(self.file, error, _EXPECTED) from error
+
+    def _refuse_more_than_there_is(self, header: dict[str, Any]) -> None:
+        """Pyuff makes as many abscissas as the header states, whatever the file holds."""
+        stated, held = int(header["num_pts"]), self._path.stat().st_size
+        if not 0 < stated <= held:
+            raise ValueError(f"{stated} values in a file of {held} bytes")
 
     def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
         """From the interval; where each sample has its abscissa, and a file with even ones may, from these."""

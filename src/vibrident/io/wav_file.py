@@ -7,10 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from vibrident.io.allowance import require_room
 from vibrident.io.columns import Clock, ColumnFile, unreadable
 from vibrident.records import FloatArray
 
-_EXPECTED = "a WAV file"
+_EXPECTED = "a WAV file of PCM or floating-point samples"
+#: What libsndfile calls them; a name may end in .wav and hold MP3, and coded speech is no measured signal.
+_CONTAINERS = ("WAV", "WAVEX", "RF64", "W64")
+_SAMPLES = ("PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
 
 
 class WavFile(ColumnFile):
@@ -28,10 +32,13 @@ class WavFile(ColumnFile):
         try:
             path.open("rb").close()  # the system's own reason is clearer than libsndfile's
             header = soundfile.info(str(path))
-        except (OSError, RuntimeError) as error:
+            if header.format not in _CONTAINERS or header.subtype not in _SAMPLES:
+                raise ValueError(f"{header.format} with samples of type {header.subtype}")
+        except (OSError, RuntimeError, ValueError, TypeError) as error:
             raise unreadable(str(path), error, _EXPECTED) from error
         self._channels = int(header.channels)
         self._rate_hz = float(header.samplerate)
+        self._frames = int(header.frames)
 
     @property
     def file(self) -> str:
@@ -60,9 +67,10 @@ class WavFile(ColumnFile):
         """
         import soundfile
 
+        require_room(self._path, self._frames * self._channels)
         try:
             samples, _ = soundfile.read(str(self._path), dtype="float64", always_2d=True)
-        except (OSError, RuntimeError) as error:
+        except (OSError, RuntimeError, ValueError, TypeError) as error:
             raise unreadable(self.file, error, _EXPECTED) from error
         return tuple(np.array(samples[:, position], dtype=np.float64) for position in positions)
 
