@@ -1,21 +1,30 @@
-"""Matrix exponential of small matrices, small to compile: scaling, Taylor series, squaring (Higham 2009, sec. 2).
+"""Matrix exponential of small matrices: SciPy's for NumPy arrays, and for JAX one that is small to compile.
 
-JAX's own ``expm`` compiles five Padé approximants with their solves, several seconds with derivatives; here the
-loops are rolled up. The norm is brought below one half, where 18 terms leave less than rounding; each squaring
-doubles the error, so for the norms met here (up to 10⁴) the result is good to about 1e-12, tested against SciPy.
+The latter is scaling, Taylor series, squaring (Higham 2009, sec. 2). JAX's own ``expm`` compiles five Padé approximants
+with their solves, several seconds with derivatives; here the loops are rolled up. The norm is brought below one half,
+where 18 terms leave less than rounding; each squaring doubles the error, so for the norms met here (up to 10⁴) the result
+is good to about 1e-12, tested against SciPy.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from vibrident.backend import jnp, lax
+import numpy as np
+
+from vibrident.models.base import array_library
 
 TERMS = 18
 
 
 def expm(matrix: Any) -> Any:
-    """exp(matrix), shape (n, n); differentiable forwards."""
+    """exp(matrix), shape (n, n); of JAX arrays, differentiable forwards. SciPy's takes stacks (…, n, n)."""
+    if array_library(matrix) is np:
+        from scipy import linalg
+
+        return linalg.expm(matrix)
+    from vibrident.backend import jnp, lax
+
     norm = jnp.max(jnp.sum(jnp.abs(lax.stop_gradient(matrix)), axis=0))
     squarings = jnp.maximum(0, jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-300))) + 1).astype(int)
     scaled = matrix * 0.5**squarings

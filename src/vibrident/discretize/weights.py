@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibrident.backend import jnp, lax
 from vibrident.discretize.exponential import expm
 from vibrident.discretize.inputs import (
     MAX_TERMS,
@@ -40,6 +39,7 @@ from vibrident.discretize.inputs import (
     terms_needed,
 )
 from vibrident.errors import ModelError
+from vibrident.models.base import array_library
 from vibrident.models.state_space import StateSpace
 from vibrident.records import BoolArray, FloatArray
 
@@ -59,8 +59,9 @@ class Weights(NamedTuple):
     output: Any
     feedthrough: Any
 
-    def table(self, xp: Any = jnp) -> dict[str, Any]:
-        """W1…W4 of the paper's Table 1: hidden states updated first, then read out. ``xp``: array library."""
+    def table(self) -> dict[str, Any]:
+        """W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
+        xp = array_library(*self)
         back = xp.linalg.solve(self.transition.T, self.output)  # C Φ⁻¹
         return {
             "W1": self.drive,
@@ -132,16 +133,17 @@ def legendre_shift(terms: int) -> np.ndarray:
 
 
 def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
+    xp = array_library(system.a, system.b, ts, fraction)
     n = system.order
-    start = jnp.asarray((-1.0) ** np.arange(terms))  # P_j(−1)
-    shift = jnp.asarray(legendre_shift(terms))
+    start = (-1.0) ** np.arange(terms)  # P_j(−1)
+    shift = legendre_shift(terms)
     size = drive_size(system.b, system.scale)
-    top = jnp.concatenate([system.a * ts, ts * (system.b / size)[:, None] * start], axis=1)
-    generator = jnp.concatenate([top, jnp.concatenate([jnp.zeros((terms, n)), shift], axis=1)], axis=0)
+    top = xp.concatenate([system.a * ts, ts * (system.b / size)[:, None] * start], axis=1)
+    generator = xp.concatenate([top, xp.concatenate([np.zeros((terms, n)), shift], axis=1)], axis=0)
     whole = expm(generator)
     if isinstance(fraction, float) and fraction == 0.0:  # read at the sample itself: no second exponential
         output, basis = system.c, start
-        feedthrough = jnp.zeros(terms)
+        feedthrough = xp.zeros(terms)
     else:
         part = expm(generator * fraction)
         output = system.c @ part[:n, :n]
@@ -160,8 +162,13 @@ def drive_size(b: Any, rate: Any) -> Any:
     A step is linear in B, which holds the gain and with it the units of both channels. In the exponential it would make
     a norm of its own: what is squared so often loses its digits.
     """
-    _, exponent = jnp.frexp(lax.stop_gradient(jnp.max(jnp.abs(b)) / rate))
-    return jnp.ldexp(1.0, exponent)
+    xp = array_library(b, rate)
+    ratio = xp.max(xp.abs(b)) / abs(rate)
+    if xp is not np:
+        from vibrident.backend import lax
+
+        ratio = lax.stop_gradient(ratio)
+    return xp.ldexp(1.0, xp.frexp(ratio)[1])
 
 
 def _at_fraction(weights: Weights, fraction: Any) -> Weights:
@@ -180,24 +187,24 @@ def _direct(system: StateSpace) -> Any:
 
 def _euler_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
     step = Weights(
-        jnp.eye(system.order) + ts * system.a,
+        np.eye(system.order) + ts * system.a,
         (ts * system.b)[:, None],
         system.c,
-        jnp.full((1,), _direct(system)),
+        _direct(system) * np.ones(1),
     )
     return _at_fraction(step, fraction)
 
 
 def _tustin_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
+    xp = array_library(system.a, system.b, ts, fraction)
     half = 0.5 * ts * system.a
-    implicit = jnp.eye(system.order) - half
-    transition = jnp.linalg.solve(implicit, jnp.eye(system.order) + half)
-    drive = jnp.linalg.solve(implicit, ts * system.b)
-    zero = jnp.zeros_like(drive)
-    direct = _direct(system) * jnp.ones(())
+    implicit = np.eye(system.order) - half
+    transition = xp.linalg.solve(implicit, np.eye(system.order) + half)
+    drive = xp.linalg.solve(implicit, ts * system.b)
+    zero = xp.zeros_like(drive)
     # c_0 is the mean of both ends and c_1 half their difference, so the line at f is c_0 + (2 f − 1) c_1.
-    feedthrough = jnp.stack([direct, direct * (2.0 * fraction - 1.0)])
-    step = Weights(transition, jnp.stack([drive, zero], axis=1), system.c, feedthrough)
+    feedthrough = _direct(system) * xp.stack([xp.asarray(1.0), 2.0 * xp.asarray(fraction) - 1.0])
+    step = Weights(transition, xp.stack([drive, zero], axis=1), system.c, feedthrough)
     return _at_fraction(step, fraction)
 
 

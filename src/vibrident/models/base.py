@@ -209,16 +209,17 @@ def polynomial(coefficients: tuple[Any, ...], s: Any) -> Any:
 
 def exponential(z: Any) -> Any:
     """e^z of NumPy or JAX arrays."""
-    return _library(z).exp(z)
+    return array_library(z).exp(z)
 
 
 def sinc(x: Any) -> Any:
     """sin(x)/x of NumPy or JAX arrays."""
-    return _library(x).sinc(x / np.pi)
+    return array_library(x).sinc(x / np.pi)
 
 
-def _library(z: Any) -> Any:
-    if isinstance(z, (np.ndarray, np.generic, complex, float)):
+def array_library(*values: Any) -> Any:
+    """NumPy where every value is a number or a NumPy array, ``jax.numpy`` otherwise."""
+    if all(isinstance(value, (np.ndarray, np.generic, complex, float, int)) for value in values):
         return np
     import jax.numpy as jnp  # only tracers and JAX arrays come here, so JAX is loaded already
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from vibrident.backend import jnp
-from vibrident.models.base import Rational
+import numpy as np
+
+from vibrident.models.base import Rational, array_library
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,11 @@ class StateSpace:
 
 
 def realise(system: Rational) -> StateSpace:
-    """Companion realisation of ``system``; the gain sits in B, as in the paper."""
+    """Companion realisation of ``system``; the gain sits in B, as in the paper.
+
+    Arrays are of NumPy where every coefficient is, complex where one is; of JAX otherwise.
+    """
+    xp = array_library(system.gain, system.angular_scale, *system.numerator, *system.denominator)
     order = len(system.denominator) - 1
     w = system.angular_scale
     den = [coefficient * w ** (k - order) for k, coefficient in enumerate(system.denominator[:-1])]
@@ -52,19 +57,17 @@ def realise(system: Rational) -> StateSpace:
         for k, coefficient in enumerate(den):
             remainder[shift + k] = remainder[shift + k] - lead * coefficient
     remainder += [0.0] * (order - len(remainder))
-    a = w * jnp.stack([_row(order, i, den) for i in range(order)])
-    b = jnp.zeros(order).at[-1].set(w * system.gain)
-    c = jnp.stack([jnp.asarray(value, dtype=float) for value in remainder])
+    last = -_vector(den, xp)
+    a = w * xp.concatenate([np.eye(order)[1:], last[None, :]], axis=0)
+    b = xp.concatenate([np.zeros(order - 1), _vector([w * system.gain], xp)])
     d = tuple(system.gain * value * w ** (-m) for m, value in enumerate(reversed(direct)))
-    return StateSpace(a, b, c, d, w)
+    return StateSpace(a, b, _vector(remainder, xp), d, w)
 
 
-def _row(order: int, index: int, den: list[Any]) -> Any:
-    if index < order - 1:
-        return jnp.eye(order)[index + 1]
-    return -jnp.stack([jnp.asarray(value, dtype=float) for value in den])
+def _vector(values: list[Any], xp: Any) -> Any:
+    return xp.stack([xp.asarray(value) * 1.0 for value in values])
 
 
 def state_scaling(system: StateSpace) -> Any:
     """Factors t with (paper's states) = t · (scaled states), shape (n,): 1, w, w², …."""
-    return system.scale ** jnp.arange(system.order, dtype=float)
+    return system.scale ** np.arange(system.order, dtype=float)

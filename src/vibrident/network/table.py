@@ -31,7 +31,7 @@ def weight_table(weights: Weights, state_scaling: Any | None = None) -> dict[str
         output=np.asarray(weights.output) / t,
         feedthrough=np.asarray(weights.feedthrough),
     )
-    table = physical.table(np)
+    table = physical.table()
     return {
         name: {"layer": layer, "meaning": meaning, "value": np.asarray(table[name]).tolist()}
         for name, (layer, meaning) in MEANING.items()

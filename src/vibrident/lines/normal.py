@@ -1,0 +1,200 @@
+"""Normal equations of the network at the lines of its transform, initial states taken out.
+
+The residual of a run is R = Y − (Σ_k b_k w^k · U + z Σ_{k<n} d_k w^k) / a(w): what initial state and leakage add is
+spanned by z w^k / a, so their n numbers d are solved for exactly, and the slopes are freed of what they could imitate
+(variable projection; Kaufman 1975), as in :mod:`vibrident.network.sensitivity`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.lines.runs import Run
+from vibrident.lines.transfer import StepTransfer
+from vibrident.measure.response import ComplexArray
+from vibrident.records import FloatArray
+
+#: Lines that are worked on at once: they stay in the processor's cache.
+AT_ONCE = 1 << 14
+#: Directions of the initial states that the data show less than this, relative to the best, get no correction.
+LEAST_SHOWN = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class LineNormal:
+    """Least-squares problem of P parameters, summed over runs.
+
+    Attributes:
+        matrix: JᵀJ, shape (P, P), J = ∂(weighted response)/∂parameters.
+        gradient: Jᵀr, shape (P,), r the weighted residual measured − network.
+        cost: rᵀr.
+        squares: rᵀr of every run, shape (runs,).
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    cost: float
+    squares: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Runs of one sampling interval with the same number of lines, side by side.
+
+    Attributes:
+        shifted: w = z − 1 at the lines, shape (1 or R, L).
+        inputs: shape (R, q, L).
+        response: shape (R, L).
+        runs: number of each run in the whole list, shape (R,).
+    """
+
+    shifted: ComplexArray
+    inputs: ComplexArray
+    response: ComplexArray
+    runs: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], numbers: Sequence[int]) -> Batch:
+        """Runs with the same number of lines; ``numbers``: of each in the whole list."""
+        place = np.stack([2.0 * np.pi * run.lines / run.samples for run in runs])
+        if np.all(place == place[0]):
+            place = place[:1]
+        return cls(
+            np.expm1(1j * place),
+            np.stack([run.inputs for run in runs]),
+            np.stack([run.response for run in runs]),
+            np.asarray(numbers),
+        )
+
+
+def normal_equations(
+    batches: Sequence[Batch],
+    transfers: Sequence[StepTransfer],
+    slopes: Sequence[StepTransfer],
+    weights: Sequence[FloatArray],
+) -> LineNormal:
+    """Normal equations of all runs.
+
+    Args:
+        batches: the runs.
+        transfers: transfer function of a step of each batch.
+        slopes: its derivatives with each parameter, in a leading axis of P.
+        weights: one over the variance of each line of the residual, of each batch; shape (R, L).
+    """
+    count = 1 + max(int(np.max(batch.runs)) for batch in batches)
+    p = len(slopes[0].denominator)
+    matrix, gradient, squares = np.zeros((p, p)), np.zeros(p), np.zeros(count)
+    for batch, transfer, slope, weight in zip(batches, transfers, slopes, weights, strict=True):
+        own_matrix, own_gradient, own_squares = _of_batch(batch, transfer, slope, np.sqrt(weight))
+        matrix += own_matrix
+        gradient += own_gradient
+        squares[batch.runs] = own_squares
+    return LineNormal(matrix, gradient, float(np.sum(squares)), squares)
+
+
+class _Block(NamedTuple):
+    """Some lines of a batch, weighted.
+
+    Attributes:
+        lines: which.
+        over: 1/a, shape (1 or R, l).
+        free: free responses T, shape (R, n, l).
+        residual: shape (R, l).
+    """
+
+    lines: slice
+    over: ComplexArray
+    free: ComplexArray
+    residual: ComplexArray
+
+
+def _of_batch(
+    batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """JᵀJ, Jᵀr, and rᵀr of every run; ``root``: one over the standard deviation of the lines, shape (R, L)."""
+    runs, lines = batch.response.shape
+    blocks = [_forced(batch, transfer, root, slice(i, i + AT_ONCE)) for i in range(0, lines, AT_ONCE)]
+    inverse = _inverse(sum(_products(b.free, b.free) for b in blocks))
+    states = inverse @ sum(_products(b.free, b.residual[:, None]) for b in blocks)
+    n, p = inverse.shape[-1], len(slope.denominator)
+    sums = np.zeros((runs, p + n + 1, p + 1))
+    for block in blocks:
+        block.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], block.free)
+        columns = _slopes(batch, slope, block, root)
+        sums += _products(np.concatenate([columns, block.free], axis=1), columns[:, : p + 1])
+    # What initial states could imitate is taken out of the slopes. Of the residual nothing but rounding is left to take.
+    shared = sums[:, p + 1 :]
+    freed = sums[:, : p + 1] - np.swapaxes(shared, -1, -2) @ inverse @ shared
+    whole = np.sum(freed, axis=0)
+    return whole[:p, :p], whole[:p, p], freed[:, p, p]
+
+
+def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
+    """Residual of the forced response, and the free responses."""
+    w, root = batch.shifted[:, lines], root[:, lines]
+    over = 1.0 / _horner(transfer.denominator, w)
+    residual = _horner_of_inputs(transfer.numerator[None], batch.inputs[..., lines], w)[:, 0]
+    residual *= -over
+    residual += batch.response[:, lines]
+    residual *= root
+    free = np.empty((len(root), len(transfer.denominator) - 1, w.shape[-1]), dtype=complex)
+    np.multiply((1.0 + w) * over, root, out=free[:, 0])
+    for k in range(1, free.shape[1]):
+        np.multiply(free[:, k - 1], w, out=free[:, k])
+    return _Block(lines, over, free, residual)
+
+
+def _slopes(batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray) -> ComplexArray:
+    """Weighted slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ, then the residual; shape (R, P + 1, l)."""
+    w, root = batch.shifted[:, block.lines], root[:, block.lines]
+    columns = np.empty((len(root), len(slope.denominator) + 1, w.shape[-1]), dtype=complex)
+    columns[:, -1] = block.residual
+    modelled = (root * batch.response[:, block.lines] - block.residual) * block.over
+    driven = _horner_of_inputs(slope.numerator, batch.inputs[..., block.lines], w)
+    driven *= (root * block.over)[:, None]
+    columns[:, :-1] = driven
+    for number, denominator in enumerate(slope.denominator):
+        if np.any(denominator):
+            columns[:, number] -= modelled * _horner(denominator, w)
+    return columns
+
+
+def _horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:
+    """Value of a polynomial with ascending coefficients, in the shape of ``w``."""
+    value = np.full(w.shape, coefficients[-1], dtype=complex)
+    for coefficient in coefficients[-2::-1]:
+        value *= w
+        value += coefficient
+    return value
+
+
+def _horner_of_inputs(numerators: FloatArray, inputs: ComplexArray, w: ComplexArray) -> ComplexArray:
+    """Σ_k w^k Σ_j b[p, k, j] U_j; (P, n + 1, q) and (R, q, l) → (R, P, l)."""
+    p, powers, terms = numerators.shape
+    flat = np.swapaxes(numerators, 0, 1).reshape(powers * p, terms)
+    parts = (flat @ np.ascontiguousarray(inputs).view(float)).view(complex)  # real times complex, by real BLAS
+    value = parts[:, -p:]
+    for k in range(powers - 2, -1, -1):
+        value *= w[:, None]
+        value += parts[:, k * p : (k + 1) * p]
+    return value
+
+
+def _products(one: ComplexArray, other: ComplexArray) -> FloatArray:
+    """Re Σ one* other over lines: (R, i, L) and (R, j, L) → (R, i, j)."""
+    return one.view(float) @ np.swapaxes(np.ascontiguousarray(other).view(float), -1, -2)
+
+
+def _inverse(gram: FloatArray) -> FloatArray:
+    """Inverse of scaled normal matrices, zero along directions that the data do not show; shape (R, n, n)."""
+    diagonal = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    scaled = gram / diagonal[..., :, None] / diagonal[..., None, :]
+    values, vectors = np.linalg.eigh(scaled)
+    kept = np.where(values > LEAST_SHOWN, 1.0 / np.maximum(values, LEAST_SHOWN), 0.0)
+    inverse = np.einsum("rij,rj,rkj->rik", vectors, kept, vectors)
+    return inverse / diagonal[..., :, None] / diagonal[..., None, :]

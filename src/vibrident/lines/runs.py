@@ -1,0 +1,188 @@
+"""Records → unbroken runs of steps, and their transforms.
+
+The inputs of a step are weighted sums of the samples around it. Their transforms need no signals of their own: with
+A(z) the transform of the run's reference, Σ_s h_j[s] z^s that of the filter of input j, and the samples beyond either
+end of the run put in,
+
+    U_j(z) = A(z) Σ_s h_j[s] z^s + (a polynomial in z of as many coefficients as the filter has).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from vibrident.discretize.inputs import StepFilters
+from vibrident.lines.transfer import Trained
+from vibrident.measure.response import ComplexArray
+from vibrident.records import BoolArray, FloatArray, Record
+
+#: Fewer lines than this part of the samples are computed one by one.
+FEW = 1 / 32
+#: Transforms of filters are kept for runs of up to so many samples.
+MOST_KEPT = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """An unbroken run of N steps of one record, at L lines of its transform.
+
+    Attributes:
+        record: number of the record.
+        span: samples of the response.
+        lines: numbers m of the lines, shape (L,).
+        inputs: transforms of the inputs of the steps, shape (q, L).
+        response: transform of the response, shape (L,).
+    """
+
+    record: int
+    span: slice
+    lines: NDArray[np.int_]
+    inputs: ComplexArray
+    response: ComplexArray
+
+    @property
+    def samples(self) -> int:
+        """Number of steps N."""
+        return int(self.span.stop - self.span.start)
+
+    @property
+    def share(self) -> FloatArray:
+        """Share of each line in a mean square over the run: 2/N², or 1/N² for a line that is real; shape (L,)."""
+        twice = np.where((self.lines == 0) | (2 * self.lines == self.samples), 1.0, 2.0)
+        return twice / self.samples**2
+
+
+def runs_of(
+    records: Sequence[Record], trained: Trained, delay_s: float, highest: float, fewest: int
+) -> tuple[Run, ...]:
+    """The transforms of all unbroken runs, in order.
+
+    Args:
+        records: the records; one without reference is a free decay.
+        trained: the network, for the number of its inputs and their filters.
+        delay_s: delay of the response for which the inputs are made, s.
+        highest: lines up to this frequency over the sampling rate; line 0 is left out, an offset with it.
+        fewest: runs of fewer samples are left out.
+    """
+    found = []
+    for number, record in enumerate(records):
+        reference, valid = seen_by_network(record)
+        filters = trained.method.filters(valid, trained.terms, delay_s * record.sampling_rate_hz)
+        for span in unbroken(filters.usable & record.mask):
+            samples = int(fft.prev_fast_len(span.stop - span.start, real=True) or 0)
+            if samples >= fewest:
+                cut = slice(span.start, span.start + samples)
+                lines = np.arange(1, min(int(highest * samples), samples // 2) + 1)
+                found.append(_run(number, cut, lines, reference, record.response, filters))
+    return tuple(found)
+
+
+def seen_by_network(record: Record) -> tuple[FloatArray, BoolArray]:
+    """Reference less its mean, zero for a free decay and where it is not valid; and where it is valid."""
+    if record.reference is None:
+        return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
+    mean = record.reference[record.mask].mean() if record.mask.any() else 0.0
+    return np.where(record.mask, record.reference - mean, 0.0), record.mask
+
+
+def unbroken(usable: BoolArray) -> list[slice]:
+    """Runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _run(
+    record: int,
+    span: slice,
+    lines: NDArray[np.int_],
+    reference: FloatArray,
+    response: FloatArray,
+    step: StepFilters,
+) -> Run:
+    inputs = input_lines(reference, span, step, lines)
+    return Run(record, span, lines, inputs, np.asarray(fft.rfft(response[span]))[lines])
+
+
+def input_lines(reference: FloatArray, span: slice, step: StepFilters, lines: NDArray[np.int_]) -> ComplexArray:
+    """Transforms of the inputs of the steps of a run at some lines, shape (q, L).
+
+    Args:
+        reference: the whole record's, shape (samples,).
+        span: the run; every sample that its steps need is there.
+        step: the filters, and their place.
+        lines: numbers of the lines, shape (L,).
+    """
+    samples = span.stop - span.start
+    taps = step.filters.shape[1]
+    late = step.first + taps // 2  # the middle of the filters is brought to the run's own samples
+    begin = span.start + late
+    before = taps // 2  # taps stand at −before … taps − before − 1 about ``begin``
+    own = np.asarray(fft.rfft(reference[begin : begin + samples]))[lines]
+    # Samples behind the run less those at its begin, from ``before`` samples ahead of either.
+    ahead, behind = begin - before, begin + samples - before
+    reach = max(taps - 1, 1)
+    jump = _part(reference, behind, reach) - _part(reference, ahead, reach)
+    edges = _edges(step.filters, before, jump)
+    filters, edge = _polynomials(step.filters, edges, -before, samples, lines)
+    edge += own * filters
+    return edge
+
+
+def _part(values: FloatArray, begin: int, count: int) -> FloatArray:
+    """``count`` values from ``begin`` on; beyond either end of the record no tap that counts ever looks."""
+    found = np.zeros(count)
+    first, last = max(begin, 0), min(begin + count, len(values))
+    if first < last:
+        found[first - begin : last - begin] = values[first:last]
+    return found
+
+
+def _edges(filters: FloatArray, before: int, jump: FloatArray) -> FloatArray:
+    """Coefficients g[j, p] of z^p, p = −before …, that the ends of the run add; shape (q, taps).
+
+    With e[i] = a[N + i] − a[i]: g[p] = Σ_{s ≥ p} h[s] e[s − p] for p ≥ 1, and −Σ_{s < p} h[s] e[s − p] for p ≤ 0.
+    """
+    places, signs = _edge_places(filters.shape[1], before)
+    return filters @ (signs * jump[places])
+
+
+@functools.lru_cache(maxsize=8)
+def _edge_places(taps: int, before: int) -> tuple[NDArray[np.int_], FloatArray]:
+    """Place of e[s − p] and its sign for every tap s and power p, both of shape (taps, taps)."""
+    s, p = np.meshgrid(np.arange(taps) - before, np.arange(taps) - before, indexing="ij")
+    signs = np.where((p >= 1) & (s >= p), 1.0, 0.0) - np.where((p <= 0) & (s < p), 1.0, 0.0)
+    return np.where(signs != 0.0, before + s - p, 0), signs
+
+
+def _polynomials(
+    filters: FloatArray, edges: FloatArray, first: int, samples: int, lines: NDArray[np.int_]
+) -> tuple[ComplexArray, ComplexArray]:
+    """Σ_i c[j, i] z^{first + i} at lines of N samples for the coefficients of both, each of shape (q, L)."""
+    if len(lines) < FEW * samples:
+        powers = np.outer(np.arange(first, first + filters.shape[1]), lines) % samples
+        z = np.exp(2j * np.pi / samples * powers)
+        return filters @ z, edges @ z
+    band = slice(int(lines[0]), int(lines[-1]) + 1)
+    known = (filters.shape, filters.tobytes(), first, samples, band.start, band.stop)
+    return (_kept if samples <= MOST_KEPT else _transformed)(*known), _transformed(
+        edges.shape, edges.tobytes(), first, samples, band.start, band.stop
+    )
+
+
+def _transformed(
+    shape: tuple[int, ...], coefficients: bytes, first: int, samples: int, start: int, stop: int
+) -> ComplexArray:
+    part = np.frombuffer(coefficients).reshape(shape)
+    placed = np.zeros((shape[0], samples))
+    placed[:, : first + shape[1]] = part[:, -first:]  # z^p with p ≥ 0
+    placed[:, samples + first :] = part[:, :-first]
+    return np.conj(np.asarray(fft.rfft(placed, axis=-1))[:, start:stop])  # z^p, where a transform has z^{−p}
+
+
+_kept = functools.lru_cache(maxsize=8)(_transformed)
