@@ -2,8 +2,8 @@
 
 The latter is scaling, Taylor series, squaring (Higham 2009, sec. 2). JAX's own ``expm`` compiles five Padé approximants
 with their solves, several seconds with derivatives; here the loops are rolled up. The norm is brought below one half,
-where 18 terms leave less than rounding; each squaring doubles the error, so for the norms met here (up to 10⁴) the result
-is good to about 1e-12, tested against SciPy.
+where 18 terms leave less than rounding; each squaring doubles the error, so for the norms met here (up to 10⁴) the
+result is good to about 1e-12, tested against SciPy.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def _of_batch(
         block.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], block.free)
         columns = _slopes(batch, slope, block, root)
         sums += _products(np.concatenate([columns, block.free], axis=1), columns[:, : p + 1])
-    # What initial states could imitate is taken out of the slopes. Of the residual nothing but rounding is left to take.
+    # What initial states could imitate is taken out of the slopes; of the residual only rounding is left to take.
     shared = sums[:, p + 1 :]
     freed = sums[:, : p + 1] - np.swapaxes(shared, -1, -2) @ inverse @ shared
     whole = np.sum(freed, axis=0)
