@@ -119,8 +119,8 @@ def _of_batch(
     """JᵀJ, Jᵀr, and rᵀr of every run; ``root``: one over the standard deviation of the lines, shape (R, L)."""
     runs, lines = batch.response.shape
     blocks = [_forced(batch, transfer, root, slice(i, i + AT_ONCE)) for i in range(0, lines, AT_ONCE)]
-    inverse = _inverse(sum(_products(b.free, b.free) for b in blocks))
-    states = inverse @ sum(_products(b.free, b.residual[:, None]) for b in blocks)
+    inverse = _inverse(np.sum([_products(b.free, b.free) for b in blocks], axis=0))
+    states = inverse @ np.sum([_products(b.free, b.residual[:, None]) for b in blocks], axis=0)
     n, p = inverse.shape[-1], len(slope.denominator)
     sums = np.zeros((runs, p + n + 1, p + 1))
     for block in blocks:
