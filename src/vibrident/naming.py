@@ -17,7 +17,8 @@ class Name:
     symbol: str
 
 
-_PARAMETERS: Mapping[str, Name] = MappingProxyType(
+#: Name in result.json to name in words.
+PARAMETERS: Mapping[str, Name] = MappingProxyType(
     {
         "sensitivity": Name("sensitivity", "S0"),
         "generator_constant": Name("generator constant", "G"),
@@ -39,7 +40,7 @@ _PARAMETERS: Mapping[str, Name] = MappingProxyType(
 
 def parameter_name(name: str) -> Name:
     """Words and symbol of a parameter; its own name with spaces where it is not a standard one."""
-    return _PARAMETERS.get(name, Name(name.replace("_", " "), ""))
+    return PARAMETERS.get(name, Name(name.replace("_", " "), ""))
 
 
 def in_words(name: str) -> str:

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from vibrident.errors import InputError, VibridentError
+from vibrident.escaping import terminal
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 #: Most columns of a table that goes into a file or a pipe, and least of any: better a broken line than a cut number.
 WIDTH_IN_A_FILE, LEAST_WIDTH = 120, 80
-#: Control characters that text of others may hold, but tab and line end.
-_CONTROLS = {code: "�" for code in (*range(32), 127, *range(128, 160)) if chr(code) not in "\t\n"}
 
 
 def forgiving_streams() -> None:
@@ -38,7 +37,7 @@ def err() -> Console:
 
 def printable(text: str) -> str:
     """Text of others with a mark in place of each control character."""
-    return text.translate(_CONTROLS)
+    return terminal(text)
 
 
 def note(text: str) -> None:

@@ -5,13 +5,19 @@ from __future__ import annotations
 import re
 
 _UNSAFE = re.compile(r"[^\w.+-]+")
+#: Devices of Windows, with any ending.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+#: Bytes of a name: with a number and an ending, every file system takes it.
+_MOST_BYTES = 120
 
 
 def record_files(records: list[str]) -> list[str]:
     """A CSV file name for each record that every system takes and no other record has."""
     stems: list[str] = []
     for record in records:
-        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).strip("._") or "record"
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
+        stem = stem.decode(errors="ignore").strip("._") or "record"
+        stem = f"record_{stem}" if _RESERVED.match(stem) or stem.startswith("-") else stem
         used = {name.casefold() for name in stems}
         candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
         stems.append(next(name for name in candidates if name.casefold() not in used))

@@ -5,12 +5,14 @@ What each is worth is computed here from the coefficients as they are written, a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from vibrident.escaping import c_comment
 from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
 from vibrident.export.discrete import Cell, Sections
 from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
@@ -52,7 +54,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
         InputError: there is no rate, it is too low, or the model is not linear.
     """
     made = firmware(sensor, options.rate_hz)
-    about = "\n".join(f" * {_comment(line)}".rstrip() for line in description(made))
+    about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
     common = _common(made, options.name, about)
     paths = []
     for ending, frame, part in (("h", HEADER, DECLARATIONS), ("c", SOURCE, DEFINITIONS)):
@@ -148,8 +150,8 @@ def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
         "SECTIONS": str(max(len(f.sections.rows) for f in (model, correction))),
         "LINE": str(line),
         "STATES": str(len(made.cell.now)),
-        "INPUT": _comment(made.sensor.input_unit),
-        "OUTPUT": _comment(made.sensor.output_unit),
+        "INPUT": c_comment(made.sensor.input_unit),
+        "OUTPUT": c_comment(made.sensor.output_unit),
     }
 
 
@@ -189,11 +191,5 @@ def _single(value: float) -> str:
 
 
 def _filled(template: str, values: Mapping[str, str]) -> str:
-    for name, text in values.items():
-        template = template.replace(f"@{name}@", text)
-    return template
-
-
-def _comment(line: str) -> str:
-    """Text that ends no comment and holds no trigraph or spliced line."""
-    return line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").replace("\\", "/")
+    """In one pass: what is filled in is no template."""
+    return re.sub("@(\\w+)@", lambda place: values[place[1]], template)

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from vibrident.escaping import csv_cell
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
 
@@ -68,8 +69,12 @@ def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) 
     """Floats by ``repr``, which reads back to the same number; blank where there is none."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(
-            [repr(float(v)) if isinstance(v, float) else "" if v is None else v for v in row] for row in rows
-        )
+        writer.writerow([csv_cell(name) for name in header])
+        writer.writerows([_cell(v) for v in row] for row in rows)
     return path
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return repr(float(value)) if isinstance(value, float) else csv_cell(value)

@@ -139,7 +139,7 @@ def _half_open(low: float | None, high: float | None) -> list[str]:
 def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = None) -> Any:
     return tree.make(
         "si:real",
-        tree.make("si:label", text=label) if label else None,
+        tree.make("si:label", text=cleaned(label)) if label else None,
         tree.make("si:value", text=numeral(value)),
         tree.make("si:unit", text=unit),
         spread,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from vibrident.escaping import xml_text
 from vibrident.export.missing import library
 
 #: Of every text that is written here, by ISO 639-1.
@@ -50,5 +51,5 @@ def numeral(value: float) -> str:
 
 
 def cleaned(text: object) -> str:
-    """One line without control characters, never empty."""
-    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split()) or "not stated"
+    """One line of what XML allows, never empty."""
+    return xml_text(text) or "not stated"

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import keyword
+import math
+import re
 import shutil
 import sys
 import tempfile
@@ -17,11 +20,13 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.escaping import python_docstring, xml_text
 from vibrident.export.filters import checked_rate, model_filter
 from vibrident.export.missing import library
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import Sensor, identity
+from vibrident.naming import PARAMETERS as WORDS
 
 _SLAVE = '''"""{about}
 """
@@ -142,6 +147,12 @@ def _documentation(work: Path, text: str) -> Path:
     return folder
 
 
+def _class_name(name: str) -> str:
+    """The name with a capital; one more letter where Python, or the unit's own text, knows it already."""
+    made = name[0].upper() + name[1:]
+    return f"{made}_" if keyword.iskeyword(made) or re.search(rf"\b{made}\b", _SLAVE) else made
+
+
 def slave(sensor: Sensor, options: Options) -> str:
     """Python text of the unit.
 
@@ -167,11 +178,12 @@ def slave(sensor: Sensor, options: Options) -> str:
     ]
     constants = [("response_latency", late, "s"), ("response_cell_latency", once, "s")]
     for name, p in sensor.result.parameters.items():
-        constants.append((name, p.value, p.unit))
-        if p.standard_uncertainty is not None:
+        known = name in WORDS and p.value is not None and math.isfinite(p.value)
+        constants += [(name, p.value, p.unit)] if known else []
+        if known and p.standard_uncertainty is not None and math.isfinite(p.standard_uncertainty):
             constants.append((f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty"))
     return _SLAVE.format(
-        about="\n".join(line.replace("\\", "/").replace('"', "'") for line in about),
+        about="\n".join(python_docstring(line) for line in about),
         interval=once,
         taps=model.taps.taps.tolist(),
         lead=model.taps.lead,
@@ -181,10 +193,12 @@ def slave(sensor: Sensor, options: Options) -> str:
         now=cell.now.tolist(),
         output=cell.output.tolist(),
         direct=float(cell.feedthrough),
-        constants="".join(f"    {name!r}: ({float(value)!r}, {text!r}),\n" for name, value, text in constants),
-        model=options.name[0].upper() + options.name[1:],
-        description="; ".join(about[:2]),
-        input_text=f"{sensor.input_unit}, at the beginning of a step",
-        response_text=response_text,
-        cell_text=cell_text,
+        constants="".join(
+            f"    {name!r}: ({float(value)!r}, {xml_text(text)!r}),\n" for name, value, text in constants
+        ),
+        model=_class_name(options.name),
+        description=xml_text("; ".join(about[:2])),
+        input_text=xml_text(f"{sensor.input_unit}, at the beginning of a step"),
+        response_text=xml_text(response_text),
+        cell_text=xml_text(cell_text),
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vibrident.errors import InputError
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,40}")
+_NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Options:
         if not _NAME.fullmatch(self.name):
             raise InputError(
                 "The name cannot be used.",
-                expected="letters, digits and _, a letter first, 41 characters at most",
+                expected="letters, digits and _, a letter first, 41 characters at most, no device (con, nul, …)",
                 found=repr(self.name),
                 where="--name",
                 remedy="choose another",

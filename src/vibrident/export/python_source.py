@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vibrident.escaping import python_docstring
 from vibrident.export.approximation import held
 from vibrident.export.missing import library
 from vibrident.export.options import Options
@@ -79,11 +81,11 @@ def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
     system, words = held(sensor)
     names, covariance = covariance_of(sensor)
     parameters = "".join(
-        f"    {name!r}: ({p.value!r}, {p.unit!r}, {p.standard_uncertainty!r}),\n"
+        f"    {name!r}: ({_number(p.value)}, {p.unit!r}, {_number(p.standard_uncertainty)}),\n"
         for name, p in sensor.result.parameters.items()
     )
     note = "the transfer function holds no uncertainties: PARAMETERS and COVARIANCE beside it do"
-    lines = [_plain(line) for line in (*identity(sensor), *words, note)]
+    lines = [python_docstring(line) for line in (*identity(sensor), *words, note)]
     return _MODULE.format(
         title=f"Sensitivity of a vibration sensor as a {kind}.",
         identity="\n".join(lines),
@@ -94,16 +96,16 @@ def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
         zeros=", ".join(repr(complex(z)) for z in system.zeros),
         poles=", ".join(repr(complex(p)) for p in system.poles),
         gain=system.gain,
-        input_unit=_plain(sensor.input_unit),
-        output_unit=_plain(sensor.output_unit),
+        input_unit=python_docstring(sensor.input_unit),
+        output_unit=python_docstring(sensor.output_unit),
         kind=kind,
         make=make,
     )
 
 
-def _plain(line: str) -> str:
-    """Text that ends no docstring and escapes nothing."""
-    return line.replace("\\", "/").replace('"', "'")
+def _number(value: float | None) -> str:
+    """A literal; None for a number that is not finite, as in result.json."""
+    return "None" if value is None or not math.isfinite(value) else repr(float(value))
 
 
 def _written(path: Path, text: str) -> Path:

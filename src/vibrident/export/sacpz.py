@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vibrident.escaping import sac_comment
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.seismic import caveats, codes, described, unit
@@ -31,10 +32,10 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
         f"* LOCATION    : {where.location}",
         f"* CHANNEL     : {where.channel}",
         "* INPUT UNIT  : M",
-        f"* OUTPUT UNIT : {unit(sensor.output_unit)}",
-        *(f"* {line}" for line in identity(sensor)),
+        f"* OUTPUT UNIT : {sac_comment(unit(sensor.output_unit))}",
+        *(f"* {sac_comment(line)}" for line in identity(sensor)),
         "* this format holds no uncertainties; those above are comments",
-        *(f"* {line}" for line in (*words, *caveats(sensor))),
+        *(f"* {sac_comment(line)}" for line in (*words, *caveats(sensor))),
         *_numbers("ZEROS", whole.zeros),
         *_numbers("POLES", whole.poles),
         f"CONSTANT {whole.gain!r}",

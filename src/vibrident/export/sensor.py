@@ -10,6 +10,7 @@ import numpy as np
 
 from vibrident import __version__
 from vibrident.errors import InputError
+from vibrident.escaping import one_line
 from vibrident.models import ADD_ONS, SensorModel, parse
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Result
@@ -192,4 +193,4 @@ def identity(sensor: Sensor) -> list[str]:
     if set(sensor.left_out) - {"cubic"}:
         error = sensor.error_of_leaving_out
         lines.append(f"without it, the response deviates from the model by up to {error:.2e} (relative) over the band")
-    return [" ".join(line.split()) for line in lines]
+    return [one_line(line) for line in lines]

@@ -7,17 +7,20 @@ A delay stands as poles and zeros too (Padé). The Delay of a Decimation belongs
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vibrident.errors import InputError
+from vibrident.escaping import xml_text
 from vibrident.export.missing import library
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
 from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
 from vibrident.export.sensor import Sensor, identity
+from vibrident.report.history import date_of
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
@@ -50,17 +53,16 @@ def build(sensor: Sensor, options: Options) -> Any:
         InputError: the sensor cannot be described for ground motion, or ObsPy is not installed.
     """
     library("obspy", "seismic")
-    from obspy import UTCDateTime
     from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
 
     response, words = _response(sensor)
     where = codes(sensor, options)
     named = sensor.result.sensor
-    when = sensor.result.provenance.get("time")
-    start = UTCDateTime(when) if when else None
+    start, since = _start(sensor)
     notes = [
         *identity(sensor),
         "plusError and minusError of poles and zeros are standard uncertainties (k = 1) of their parts",
+        since,
         *words,
         *caveats(sensor),
         "latitude, longitude, elevation and depth are not known and stand as 0; no orientation is stated",
@@ -74,16 +76,32 @@ def build(sensor: Sensor, options: Options) -> Any:
         0.0,
         response=response,
         sensor=Equipment(
-            type=named.get("type"),
-            manufacturer=named.get("manufacturer"),
-            serial_number=named.get("serial_number"),
+            type=_stated(named, "type"),
+            manufacturer=_stated(named, "manufacturer"),
+            serial_number=_stated(named, "serial_number"),
             description=sensor.model.core.title,
         ),
         start_date=start,
-        comments=[Comment(text) for text in notes],
+        comments=[Comment(xml_text(text)) for text in notes],
     )
     station = Station(where.station, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start)
     return Inventory(networks=[Network(where.network, stations=[station])], source="vibrident")
+
+
+def _start(sensor: Sensor) -> tuple[Any, str]:
+    """Since when the response is known, and what that date is: of the calibration as stated, else of the evaluation."""
+    from obspy import UTCDateTime
+
+    day, stated = date_of(sensor.result), sensor.result.certificate.get("date_of_calibration")
+    if day is None:
+        return None, "no date of the calibration is stated: the start date is left out"
+    known = str(stated or "")[:10] == day.isoformat()
+    words = "calibration" if known else "evaluation, as no date of the calibration is stated"
+    return UTCDateTime(day.year, day.month, day.day), f"the start date is that of the {words}"
+
+
+def _stated(named: Mapping[str, str], key: str) -> str | None:
+    return xml_text(named[key]) if named.get(key) else None
 
 
 def _response(sensor: Sensor) -> tuple[Any, list[str]]:
@@ -100,7 +118,7 @@ def _response(sensor: Sensor) -> tuple[Any, list[str]]:
     gain = float(np.copysign(abs(value), sensor.values[sensor.model.gain_name]))
     own = poles_zeros(sensor)
     u_poles, u_zeros = uncertainties(sensor, "poles"), uncertainties(sensor, "zeros")
-    units = (unit(quantity), unit(sensor.output_unit))
+    units = (unit(quantity), xml_text(unit(sensor.output_unit)))
     stage = PolesZerosResponseStage(
         1,
         gain,

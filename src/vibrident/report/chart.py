@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
+from vibrident.escaping import svg as escaped
 from vibrident.plots.style import BLUE, SKY, VERMILION
 from vibrident.records import FloatArray
 
@@ -163,7 +163,7 @@ def _panel(panel: Panel, x_axis: Axis, top: float, number: int, *, last: bool) -
         "</g>",
         f'<rect {box} fill="none" stroke="#444444" stroke-width="0.8"/>',
         f'<text x="12" y="{middle:g}" text-anchor="middle" transform="rotate(-90 12 {middle:g})">'
-        f"{escape(panel.label)}</text>",
+        f"{escaped(panel.label)}</text>",
     ]
     return parts
 
@@ -218,4 +218,4 @@ def _line(x1: float, y1: float, x2: float, y2: float, colour: str, width: float)
 
 
 def _text(x: float, y: float, text: str, anchor: str) -> str:
-    return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}">{escape(text)}</text>'
+    return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}">{escaped(text)}</text>'

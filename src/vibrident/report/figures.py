@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 
+from vibrident.escaping import plotly
 from vibrident.naming import scaled
 from vibrident.plots.choose import record_frequencies, spread
 from vibrident.plots.curves import continuous, nearest_turn
@@ -35,11 +35,6 @@ _BAND = "rgba(86, 180, 233, 0.40)"
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
     """Numbers for JSON: so many digits, None where there is none."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
-
-
-def as_text(words: object) -> str:
-    """Text of others for a chart: plotly takes some HTML in names and titles, links among it."""
-    return escape(" ".join(str(words).split()), quote=False)
 
 
 def figure(data: list[Any], height: int, **layout: Any) -> Figure:
@@ -119,13 +114,13 @@ def _stated(frequency: Sequence[float], values: Sequence[float | None], u: Float
     texts = []
     for f, value, expanded in zip(frequency, values, u, strict=True):
         text, bar = tables.with_u(value, expanded / K if np.isfinite(expanded) else None, factor)
-        texts.append(f"{f:.6g} Hz: {text}{f' ± {bar}' if np.isfinite(expanded) else ''} {unit}")
+        texts.append(plotly(f"{f:.6g} Hz: {text}{f' ± {bar}' if np.isfinite(expanded) else ''} {unit}"))
     return texts
 
 
 def _records(measured: MeasuredCurve, chosen: list[int]) -> list[str]:
     """Name of the record of each point, for its label."""
-    return [shortened(tables.at(measured.record, i) or "", 40) for i in chosen]
+    return [plotly(shortened(tables.at(measured.record, i) or "", 40)) for i in chosen]
 
 
 def sensitivity(result: Result) -> Figure | None:
@@ -155,7 +150,7 @@ def sensitivity(result: Result) -> Figure | None:
     ]
     menus = [{"buttons": choose, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}]
     domain = [0.42, 1.0] if has_phase else [0.0, 1.0]
-    upper = axis(f"|S| in {scale.unit}", type=kind, domain=domain, **marks["log"])
+    upper = axis(f"|S| in {plotly(scale.unit)}", type=kind, domain=domain, **marks["log"])
     upper["tickmode"] = "array" if kind == "log" and marks["log"] else "auto"
     frequency = numbers([*model.frequency_hz, *measured.frequency_hz])
     below = frequency_axis(frequency, anchor="y2" if has_phase else "y")
@@ -306,8 +301,8 @@ def _signal(signal: Signal, drawn: slice) -> Figure:
         data,
         440,
         xaxis=axis(f"time in {clock.unit}{part}", anchor="y2", mirror="all"),
-        yaxis=axis(f"response in {size.unit}", domain=[0.40, 1.0]),
-        yaxis2=axis(f"residual in {small.unit}", domain=[0.0, 0.33]),
+        yaxis=axis(f"response in {plotly(size.unit)}", domain=[0.40, 1.0]),
+        yaxis2=axis(f"residual in {plotly(small.unit)}", domain=[0.0, 0.33]),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from vibrident.escaping import plotly
 from vibrident.nominal import Nominal
 from vibrident.plots.style import GREY, LINES, VERMILION, numbers
 from vibrident.report.certificate import sensitivity_scale
@@ -29,19 +30,19 @@ def drift(history: History) -> Figure:
         top = 1.0 - i / count
         zero = {"zeroline": True, "zerolinecolor": "#444444"}
         layout[f"yaxis{i + 1}" if i else "yaxis"] = axis(
-            f"{quantity.label}<br>in {unit}", domain=[max(0.0, top - 0.88 / count), top], **zero
+            f"{plotly(quantity.label)}<br>in {plotly(unit)}", domain=[max(0.0, top - 0.88 / count), top], **zero
         )
         data.append(
             {
                 "x": dates,
                 "y": listed(change),
                 "error_y": bars(half),
-                "text": list(history.labels),
-                "hovertemplate": f"%{{text}}: %{{y:+.3g}} {unit}<extra>{quantity.label}</extra>",
+                "text": [plotly(label) for label in history.labels],
+                "hovertemplate": f"%{{text}}: %{{y:+.3g}} {plotly(unit)}<extra>{plotly(quantity.label)}</extra>",
                 "mode": "lines+markers",
                 "line": {"color": GREY, "width": 1, "dash": "dot"},
                 "marker": {"color": VERMILION, "size": 8},
-                "name": quantity.label,
+                "name": plotly(quantity.label),
                 "yaxis": place,
             }
         )
@@ -65,16 +66,17 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
     for i, (result, name) in enumerate(alike):
         x, y = numbers(result.response.frequency_hz), numbers(result.response.magnitude)
         look = {"color": LINES[i % len(LINES)][0], "width": 2, "dash": ("solid", "dash", "dot", "dashdot")[i % 4]}
-        line = {"x": listed(x), "mode": "lines", "line": look, "name": name, "legendgroup": name}
+        line = {"x": listed(x), "mode": "lines", "line": look, "name": plotly(name), "legendgroup": plotly(name)}
         data.append({**line, "y": listed(y * scale.factor), "hovertemplate": "%{x:.5g} Hz: %{y:.6g}"})
         base = [sensitivity_at(first, Nominal(f, f)) for f in result.response.frequency_hz]
         percent = 100.0 * (y / numbers([None if point is None else point.magnitude for point in base]) - 1.0)
         data.append({**line, "y": listed(percent), "yaxis": "y2", "showlegend": False})
     every = numbers([f for result, _ in alike for f in result.response.frequency_hz])
     sizes = numbers([m for result, _ in alike for m in result.response.magnitude]) * scale.factor
+    zero = {"zeroline": True, "zerolinecolor": "#444444"}
     layout = {
         "xaxis": frequency_axis(every, anchor="y2"),
-        "yaxis": axis(f"|S| in {scale.unit}", type="log", domain=[0.42, 1.0], **log_marks(sizes)),
-        "yaxis2": axis(f"difference from {names[0]} in %", domain=[0.0, 0.36], zeroline=True, zerolinecolor="#444444"),
+        "yaxis": axis(f"|S| in {plotly(scale.unit)}", type="log", domain=[0.42, 1.0], **log_marks(sizes)),
+        "yaxis2": axis(f"difference from {plotly(names[0])} in %", domain=[0.0, 0.36], **zero),
     }
     return figure(data, 560, **layout)

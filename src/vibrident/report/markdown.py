@@ -6,7 +6,9 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+from vibrident.escaping import markdown, markdown_paragraph
 from vibrident.plots import applicable
 from vibrident.plots.units import sensor_name
 from vibrident.report import tables, words
@@ -49,7 +51,7 @@ def render(
         _tabled("Measured points and the model", tables.measured(result)),
         links.get("deviation"),
         _warnings(result),
-        _section("Training", _safe(tables.training(result))),
+        _section("Training", markdown_paragraph(tables.training(result))),
         links.get("training"),
         _tabled("Weights of the network", tables.weights(result)),
         _section("Stated for a certificate", _tree(result.certificate)),
@@ -63,8 +65,8 @@ def render_comparison(results: Sequence[Result], names: Sequence[str]) -> str:
     """Write several results side by side as Markdown text, with the drift of each sensor calibrated more than once."""
     parts = [f"# Comparison of {len(results)} calibrations"]
     for history in histories(results, names):
-        parts.append(_tabled(f"Drift of {_safe(history.sensor)}", drift_table(history)))
-    parts += [_tabled(_safe(title), table) for title, table in comparison_tables(results, names)]
+        parts.append(_tabled(f"Drift of {markdown(history.sensor)}", drift_table(history)))
+    parts += [_tabled(markdown(title), table) for title, table in comparison_tables(results, names)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -80,7 +82,7 @@ def _links(
         file = next((file for file in files if file.is_file()), None)
         if file is not None:
             link = Path(os.path.relpath(file, base)).as_posix()
-            found[name] = f"![{_CAPTIONS[name]}](<{link}>)\n\n*{_CAPTIONS[name]}.*"
+            found[name] = f"![{_CAPTIONS[name]}](<{quote(link)}>)\n\n*{_CAPTIONS[name]}.*"
     return found
 
 
@@ -92,32 +94,22 @@ def _tabled(title: str, table: tables.Table | None) -> str:
     if table is None:
         return ""
     body = _table(table.header, table.rows, table.right)
-    return _section(title, "\n\n".join((*table.lead, body, *table.notes)))
+    return _section(
+        title, "\n\n".join((*map(markdown_paragraph, table.lead), body, *map(markdown_paragraph, table.notes)))
+    )
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[int] = ()) -> str:
     numbers = set(right)
     rule = ["---:" if i in numbers else "---" for i in range(len(header))]
-    return "\n".join(f"| {' | '.join(_cell(c) for c in row)} |" for row in (header, rule, *rows))
-
-
-def _cell(text: str) -> str:
-    return _safe(text).replace("|", "\\|")
-
-
-def _safe(text: str) -> str:
-    """Text of others as text: one line, no HTML, no emphasis by accident."""
-    line = " ".join(str(text).split())
-    for mark in ("\\", "`", "*", "_", "[", "]", "<", ">"):
-        line = line.replace(mark, {"<": "&lt;", ">": "&gt;"}.get(mark, "\\" + mark))
-    return line
+    return "\n".join(f"| {' | '.join(markdown(c) for c in row)} |" for row in (header, rule, *rows))
 
 
 def _head(result: Result) -> str:
     name = sensor_name(result.sensor)
     adequate = "adequate" if result.fit.adequate else "**not adequate**"
     doubts = f"{tables.count(len(result.warnings), 'warning')}, explained below" if result.warnings else "no warnings"
-    title = f"# Calibration of {_safe(name)}" if name else "# Calibration"
+    title = f"# Calibration of {markdown(name)}" if name else "# Calibration"
     return f"{title}\n\nThe model is {adequate} for these data; {doubts}.\n\n{_table(('', ''), tables.facts(result))}"
 
 
@@ -127,7 +119,7 @@ def _warnings(result: Result) -> str:
     parts = []
     for code in result.warning_codes:
         explained = words.explain(code)
-        messages = [f"> {_safe(w.message)}" for w in result.warnings if w.code == code]
+        messages = [f"> {markdown_paragraph(w.message)}" for w in result.warnings if w.code == code]
         parts.append(
             f"### {explained.title[:1].upper()}{explained.title[1:]} (`{code}`)\n\n"
             + "\n>\n".join(messages)
@@ -141,12 +133,12 @@ def _tree(values: Any, depth: int = 0) -> str:
     lines = []
     pairs = values.items() if isinstance(values, Mapping) else enumerate(values, 1)
     for key, value in pairs:
-        bullet = f"{'  ' * depth}- {_safe(str(key).replace('_', ' '))}:"
+        bullet = f"{'  ' * depth}- {markdown_paragraph(str(key).replace('_', ' '))}:"
         if isinstance(value, (Mapping, list, tuple)) and value:
             if isinstance(value, (list, tuple)) and not any(isinstance(v, (Mapping, list, tuple)) for v in value):
-                lines.append(f"{bullet} {_safe(', '.join(tables.leaf(v) for v in value))}")
+                lines.append(f"{bullet} {markdown(', '.join(tables.leaf(v) for v in value))}")
             else:
                 lines += [bullet, _tree(value, depth + 1)]
         else:
-            lines.append(f"{bullet} {_safe(tables.leaf(value))}")
+            lines.append(f"{bullet} {markdown(tables.leaf(value))}")
     return "\n".join(lines)

@@ -7,12 +7,12 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from vibrident import __version__
 from vibrident.errors import InputError
+from vibrident.escaping import html
 from vibrident.report import tables
 from vibrident.report.tables import Table
 
@@ -52,7 +52,7 @@ class Page:
         self.figures[name] = content[0] if isinstance(content, list) and len(content) == 1 else content
         options = "".join(f"<option>{text(choice)}</option>" for choice in choices)
         chosen = f'<select aria-label="record">{options}</select>' if len(choices) > 1 else ""
-        label = escape(caption, quote=True)
+        label = html(caption)
         plot = f'<div class="plot" data-figure="{name}" role="img" aria-label="{label}"></div>'
         return f"<figure>{chosen}{plot}<figcaption>{formulas(text(caption))}</figcaption></figure>"
 
@@ -117,7 +117,7 @@ def _plotly() -> str:
 
 def text(words: object) -> str:
     """Text of others as text, on one line."""
-    return escape(" ".join(str(words).split()))
+    return html(words)
 
 
 def formulas(escaped: str) -> str:

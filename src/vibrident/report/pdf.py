@@ -12,6 +12,7 @@ from typing import Any
 
 from vibrident import __version__
 from vibrident.errors import InputError
+from vibrident.escaping import typst_data
 from vibrident.report.certificate import certificate
 from vibrident.report.drawings import drift_svg, sensitivity_svg
 from vibrident.report.history import date_of, drift_table, histories
@@ -71,7 +72,7 @@ def _set(template: str, content: Mapping[str, Any], day: datetime.date | None) -
         )
     import typst
 
-    document = json.dumps(content, ensure_ascii=False)
+    document = json.dumps(typst_data(content), ensure_ascii=False)
     # The same result gives the same file: no clock, and no fonts of this machine where ours have all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
     return typst.compile(

@@ -76,7 +76,7 @@ def _parameters_by_method(results: Sequence[Result], labels: Sequence[str], trut
 
     base = "the true value" if truth else " ".join(labels[0].split())
     table = titled("Parameters: value(u in its last digits)")
-    table.caption = f"Below each value: deviation from {base}"
+    table.caption = literal(f"Below each value: deviation from {base}")
     table.add_column("unit", no_wrap=True)
     if truth:
         table.add_column("true", justify="right")
@@ -94,12 +94,12 @@ def _parameters_by_method(results: Sequence[Result], labels: Sequence[str], trut
             if parameter is None:
                 cells.append(Text(NONE))
                 continue
-            cell = Text(_short(parameter, scale.factor, owners[0].unit))
+            cell = literal(_short(parameter, scale.factor, owners[0].unit))
             widest[i] = max(widest[i], len(cell))
             if zero is not None and (truth or i > 0) and parameter.unit == owners[0].unit:
                 cell.append(f"\n{_deviation(parameter.value, zero, scale.factor)}", "dim")
             cells.append(cell)
-        row = [Text(parameter_name(key).words), Text("" if scale.unit == "1" else scale.unit)]
+        row = [literal(parameter_name(key).words), literal("" if scale.unit == "1" else scale.unit)]
         if truth:
             row.append(Text(NONE if zero is None else plain(zero * scale.factor)))
         table.add_row(*row, *cells)
@@ -169,4 +169,4 @@ def model_table(results: Mapping[str, Result], foretold: Mapping[str, Mapping[st
         table.add_row(*(literal(cell) for cell in row))
     if foretold:
         table.caption = "foretold: rms deviation at records left out of the fit"
-    return Group(table, Text(recommendation(results).words), Text(""))
+    return Group(table, literal(recommendation(results).words), Text(""))

@@ -29,7 +29,7 @@ def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibra
         for key in same:
             name, _, unit = _heading(key).partition(" / ")
             parts.append(f"{name} {_cell(rows[0][key])} {unit}".strip())
-        table.caption = f"All: {', '.join(parts)}"
+        table.caption = literal(f"All: {', '.join(parts)}")
     keys = [key for key in keys if key not in same]
     for key in keys:
         values = [row[key] for row in rows if row.get(key) is not None]

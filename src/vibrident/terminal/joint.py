@@ -40,7 +40,7 @@ def joint_table(result: Result) -> Group:
     parts: list[Any] = [table]
     unused = [one["file"] for one in joint["calibrations"] if not one["own_fit_used"]]
     if unused:
-        parts.append(Text(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}."))
+        parts.append(literal(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}."))
     whole = joint["consistency"]
     line = Text(
         f"The calibrations by themselves: chi² = {plain(whole['chi2'], 4)} (ν = {whole['degrees_of_freedom']}), "

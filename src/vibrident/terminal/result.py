@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from vibrident.escaping import terminal
 from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.plots.units import sensor_name
 from vibrident.report import words
@@ -73,7 +74,6 @@ def _parameters(result: Result, interval: bool) -> Table:
 
 def fit_line(result: Result) -> Text:
     """Root mean square residual, its relation to the signal, reduced chi squared, and the verdict."""
-    from rich.text import Text
 
     fit = result.fit
     scale = scaled(fit_unit(result), fit.rmse or 0.0)
@@ -84,7 +84,7 @@ def fit_line(result: Result) -> Text:
         parts.append(f"R² {plain(fit.r2, 6)}")
     if fit.chi2_reduced is not None:
         parts.append(f"chi²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
-    line = Text("Fit: " + ", ".join(parts) + ": ")
+    line = literal("Fit: " + ", ".join(parts) + ": ")
     return line.append("adequate", "green") if fit.adequate else line.append("not adequate", "bold red")
 
 
@@ -109,7 +109,7 @@ def written_lines(paths: Sequence[str | os.PathLike[str]]) -> Text:
     from rich.text import Text
 
     lines = [f"{'Written: ' if i == 0 else ' ' * 9}{os.fspath(path)}" for i, path in enumerate(paths)]
-    return Text("\n".join(lines), no_wrap=True, overflow="ignore")
+    return Text("\n".join(map(terminal, lines)), no_wrap=True, overflow="ignore")
 
 
 def weights_table(result: Result) -> Table:

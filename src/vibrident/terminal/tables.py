@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vibrident.escaping import terminal
 from vibrident.plots.units import reference_unit, sensitivity_unit
 
 if TYPE_CHECKING:
@@ -33,10 +34,10 @@ def titled(title: str, first: str | None = "parameter") -> Table:
 
 
 def literal(text: str) -> Text:
-    """Text of others is text: square brackets in it are not markup."""
+    """Text of others is text: square brackets in it are not markup, and no escape sequence leaves it."""
     from rich.text import Text
 
-    return Text(text)
+    return Text(terminal(text))
 
 
 def fit_unit(result: Result) -> str:
