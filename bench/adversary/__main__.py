@@ -1,0 +1,79 @@
+"""``python -m bench.adversary``: sensors, motions and defects that nobody prepared, against the truth.
+
+python -m bench.adversary --runs 1               every case once; stops and resumes at will
+python -m bench.adversary --only clean/in        cases whose name holds the text
+python -m bench.adversary --list                 names of the cases
+python -m bench.adversary --repeat-failures      run again what failed with the last code; keep nothing
+python -m bench.adversary --show NAME [--run 2]  one case in detail
+
+The page is docs/adversary.md; see :mod:`bench.study`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+from bench.adversary.cases import BY_NAME, CASES
+from bench.adversary.judge import BAD, judged, quiet
+from bench.adversary.table import table
+from bench.study import ROOT, Study
+
+
+def block(name: str, first: int, count: int) -> dict[str, Any]:
+    """Some runs of a case."""
+    quiet()
+    return {
+        "cell": name,
+        "first": first,
+        "count": count,
+        "runs": [judged(BY_NAME[name].trial(run)) for run in range(first, first + count)],
+    }
+
+
+STUDY = Study("adversary", __doc__.splitlines()[0], 1, CASES, block, table)
+
+
+def main(arguments: list[str]) -> int:
+    """What the study does not do itself: list, show, and run the failures again."""
+    only = _after(arguments, "--only")
+    if "--list" in arguments:
+        sys.stdout.write("".join(f"{case.name}\n" for case in CASES if only in case.name))
+        return 0
+    if "--show" in arguments:
+        run = int(_after(arguments, "--run") or 0)
+        for name in (case.name for case in CASES if _after(arguments, "--show") in case.name):
+            quiet()
+            _print(name, run, judged(BY_NAME[name].trial(run)))
+        return 0
+    if "--repeat-failures" in arguments:
+        quiet()
+        for name, run in _failed(only):
+            _print(name, run, judged(BY_NAME[name].trial(run)))
+        return 0
+    return STUDY.main(arguments)
+
+
+def _after(arguments: list[str], option: str) -> str:
+    return arguments[arguments.index(option) + 1] if option in arguments else ""
+
+
+def _failed(only: str) -> list[tuple[str, int]]:
+    """Cases and runs that failed when they were last run."""
+    last: dict[tuple[str, int], str] = {}
+    file = ROOT / "bench" / "results" / "adversary.jsonl"
+    for text in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        line = json.loads(text)
+        for run, found in enumerate(line["runs"], line["first"]):
+            last[line["cell"], run] = found["class"]
+    return [key for key, kind in last.items() if kind in BAD and key[0] in BY_NAME and only in key[0]]
+
+
+def _print(name: str, run: int, found: dict[str, Any]) -> None:
+    sys.stdout.write(f"{found['class']:13} {name} run {run}: {json.dumps(found)}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

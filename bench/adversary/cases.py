@@ -1,0 +1,42 @@
+"""All cases by name; each makes its trial from its own random numbers, whatever else is run."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.adversary import clean, damaged, decays, extremes, lacking, tables
+from bench.adversary.trial import Maker, Trial
+
+GROUPS = {
+    "clean": clean.cases,
+    "defect": damaged.cases,
+    "lacking": lacking.cases,
+    "table": tables.cases,
+    "decay": decays.cases,
+    "extreme": extremes.cases,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case; ``runs`` of it differ by their seed."""
+
+    name: str
+    make: Maker
+
+    def runs(self, asked: int) -> int:
+        """As many as asked for."""
+        return asked
+
+    def trial(self, run: int = 0) -> Trial:
+        """The trial of one run."""
+        return self.make(np.random.default_rng([zlib.crc32(self.name.encode()), run]))
+
+
+CASES = tuple(Case(f"{group}/{name}", make) for group, cases in GROUPS.items() for name, make in cases())
+BY_NAME = {case.name: case for case in CASES}
+if len(BY_NAME) != len(CASES):
+    raise ValueError("two cases have one name")

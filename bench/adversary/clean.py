@@ -1,0 +1,97 @@
+"""Nothing is wrong: sensors of every kind, motions of every kind, noise of every kind. The right model is asked for."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+
+from bench.adversary.noise import Noise
+from bench.adversary.recording import Setting, records, setting
+from bench.adversary.trial import Cases, Trial, calibration, truth
+
+NOISES = (
+    Noise("white 0.1 %", 1e-3),
+    Noise("white 1 %", 1e-2),
+    Noise("white 1e-6", 1e-6),
+    Noise("1/f 0.3 %", 3e-3, colour="pink"),
+    Noise("growing 0.5 %", 5e-3, colour="growing"),
+    Noise("hum 1 %", 1e-3, hum=0.01),
+    Noise("hum 0.1 %", 1e-3, hum=0.001),
+    Noise("reference 0.1 %", 1e-3, reference=1e-3),
+    Noise("reference 1 %", 1e-3, reference=1e-2),
+    Noise("felt 5 %", 1e-3, felt=0.05),
+    Noise("16 bit", 1e-5, bits=16),
+    Noise("8 bit", 1e-4, bits=8),
+    Noise("12 bit", 1e-5, bits=12),
+    Noise("24 bit", 1e-6, bits=24),
+)
+SENSORS = (
+    "below-light",
+    "below-damped",
+    "in-sharp",
+    "in-light",
+    "in-damped",
+    "in-over",
+    "edge-sharp",
+    "edge-light",
+    "edge-damped",
+    "above-sharp",
+    "above-light",
+    "above-damped",
+    "far-light",
+    "in-light+delay",
+    "above-light+delay",
+    "in-damped+delay",
+    "in-light+delay=40",
+    "below-light+delay=300",
+    "in-damped+highpass",
+    "above-light+highpass",
+    "in-light+mode2=0.03",
+    "in-light+mode2=-0.1",
+    "in-light+mode2=0.3",
+    "above-light+mode2=0.01",
+    "pickup-below-damped",
+    "pickup-in-light",
+    "pickup-below-over",
+    "pickup-below-damped+delay",
+    "pickup-in-damped+highpass",
+)
+MOTIONS = ("sine", "multisine", "random", "sweep", "shock", "burst", "mixed")
+#: Noises that each sensor and motion are tried with; each takes the next in turn.
+EACH = 3
+
+
+def cases() -> Cases:
+    """Names and makers."""
+    turn = itertools.cycle(NOISES)
+    for sensor, motion in itertools.product(SENSORS, MOTIONS):
+        for _ in range(EACH):
+            noise = next(turn)
+            yield f"{sensor}/{motion}/{noise.name}", _maker(sensor, motion, noise)
+    for noise, motion in itertools.product(NOISES, ("sine", "multisine")):
+        yield f"far-light+boxcar/{motion}/{noise.name}", _maker("far-light+boxcar", motion, noise)
+
+
+def readable(given: Setting) -> Setting:
+    """With a reference in which noise or steps of its own are small beside the motion over the whole band.
+
+    The displacement of a motion that is level in acceleration falls by 64 dB over the band.
+    """
+    return replace(given, quantity="velocity" if given.quantity == "displacement" else given.quantity)
+
+
+def _maker(sensor: str, motion: str, noise: Noise):
+    def make(rng: np.random.Generator) -> Trial:
+        given = setting(sensor, rng)
+        if motion not in ("sine", "multisine", "mixed") and (noise.reference or noise.bits):
+            given = readable(given)
+        made = records(motion, given, noise, rng)
+        allowed = {"reference_noise"} if noise.reference else set()
+        model = given.sensor.model
+        strange = "boxcar" in sensor and motion != "sine"  # no network: refused, as documented
+        made = calibration(made, model, given.quantity)
+        return Trial(made, model, truth(given.sensor), allowed=frozenset(allowed), strange=strange)
+
+    return make

@@ -1,0 +1,145 @@
+"""One thing is wrong with the recordings; the right model is asked for."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+
+from bench.adversary import motions
+from bench.adversary.clean import readable
+from bench.adversary.defects import Defect, Raw, recordings
+from bench.adversary.noise import Noise
+from bench.adversary.physics import Sensor
+from bench.adversary.recording import SHAPES, Setting, excite, recorded, records, setting, switched, twin
+from bench.adversary.trial import Cases, Trial, calibration, truth
+
+SENSORS = ("in-light", "above-light", "in-damped", "below-light", "edge-light", "pickup-in-damped", "far-light")
+MOTIONS = ("sine", "multisine", "random", "sweep", "shock", "mixed")
+NOISES = (Noise("0.1 %", 1e-3), Noise("1 %", 1e-2), Noise("0.01 %", 1e-4), Noise("16 bit", 1e-4, bits=16))
+#: Defects of the sensor itself: name, and what it becomes in the middle of each record.
+BECOMES = {
+    "regime of damping:2": {"damping_ratio": 2.0},
+    "regime of damping:1.1": {"damping_ratio": 1.1},
+    "regime of damping:10": {"damping_ratio": 10.0},
+    "regime of frequency:1.01": {"natural_frequency": 1.01},
+    "regime of frequency:1.1": {"natural_frequency": 1.1},
+}
+ANOTHER = {
+    "another sensor in one record:fn 1.02": {"natural_frequency": 1.02},
+    "another sensor in one record:fn 1.3": {"natural_frequency": 1.3},
+    "another sensor in one record:damping 3": {"damping_ratio": 3.0},
+    "timing of one record:0.3": {"delay": 0.3},
+    "timing of one record:3": {"delay": 3.0},
+}
+
+
+def cases() -> Cases:
+    """Names and makers."""
+    turn = itertools.cycle(itertools.product(SENSORS, NOISES))
+    for defect, motion in itertools.product(recordings(), (*MOTIONS, "sine", "random")):
+        if "stated frequency" in defect.name and motion != "sine":
+            continue
+        sensor, noise = next(turn)
+        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", _maker(sensor, motion, noise, defect)
+    for (name, factors), motion in itertools.product(BECOMES.items(), MOTIONS[:5]):
+        sensor = "in-light" if "frequency" in name or motion != "random" else "in-damped"
+        noise = next(turn)[1]
+        yield f"{name}/{motion}/{sensor}/{noise.name}", _becoming(name, factors, sensor, motion, noise)
+    for (name, factors), motion in itertools.product(ANOTHER.items(), MOTIONS):
+        noise = next(turn)[1]
+        yield f"{name}/{motion}/in-light/{noise.name}", _another(name, factors, motion, noise)
+    for quantities, motion in itertools.product(MISTAKEN, MOTIONS):
+        sensor, noise = next(turn)
+        name = f"reference mistaken:{quantities[0]} for {quantities[1]}"
+        yield f"{name}/{motion}/{sensor}/{noise.name}", _mistaken(name, quantities, sensor, motion, noise)
+    for rest, noise in itertools.product((0.3, 0.6), NOISES):
+        yield f"rest in sines:{rest:g}/sine/in-light/{noise.name}", _resting(rest, noise)
+
+
+MISTAKEN = (
+    ("velocity", "acceleration"),
+    ("acceleration", "velocity"),
+    ("displacement", "acceleration"),
+    ("acceleration", "displacement"),
+)
+
+
+def _trial(made: list[Raw], given: Setting, defect: Defect | str) -> Trial:
+    model = given.sensor.model
+    cause, heeds = (defect, False) if isinstance(defect, str) else (defect.name, defect.heeds_polarity)
+    cause, true = cause.split(":")[0], truth(given.sensor)
+    return Trial(calibration(made, model, given.quantity), model, true, cause=cause, polarity_heeds=heeds)
+
+
+def _maker(sensor: str, motion: str, noise: Noise, defect: Defect):
+    def make(rng: np.random.Generator) -> Trial:
+        given = setting(sensor, rng)
+        if noise.bits:
+            given = readable(given)
+        made = records(motion, given, noise, rng, stated="stated" in defect.name)
+        return _trial(defect.change(made, rng), given, defect)
+
+    return make
+
+
+def _becoming(name: str, factors: dict[str, float], sensor: str, motion: str, noise: Noise):
+    def make(rng: np.random.Generator) -> Trial:
+        given = setting(sensor, rng)
+        other = twin(given.sensor, **factors)
+        samples = SHAPES[motion][1]
+        t = np.arange(samples) / given.rate
+        at = t[-1] * rng.uniform(0.4, 0.6)
+        made = []
+        for i, move in enumerate(excite(motion, given, rng)):
+            response = switched(move, given.sensor, other, at, t)
+            reference, response = recorded(move.reference(t, given.quantity), response, given.rate, noise, rng)
+            made.append(Raw(f"{motion}-{i}", reference, response, given.rate, motion))
+        return _trial(made, given, name)
+
+    return make
+
+
+def _another(name: str, factors: dict[str, float], motion: str, noise: Noise):
+    def make(rng: np.random.Generator) -> Trial:
+        given = setting("in-light", rng)
+        other = replace(given, sensor=_other(given.sensor, factors, given.rate))
+        seed = int(rng.integers(2**31))
+        own, strange = (records(motion, g, noise, np.random.default_rng(seed)) for g in (given, other))
+        at = int(rng.integers(len(own)))
+        own[at] = strange[at]
+        return _trial(own, given, name)
+
+    return make
+
+
+def _other(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:
+    late = {"delay": factors["delay"] / rate} if "delay" in factors else {}
+    return replace(twin(sensor, **factors), parameters={**twin(sensor, **factors).parameters, **late})
+
+
+def _mistaken(name: str, quantities: tuple[str, str], sensor: str, motion: str, noise: Noise):
+    def make(rng: np.random.Generator) -> Trial:
+        given = replace(setting(sensor, rng), quantity=quantities[0])
+        made = records(motion, given, noise, rng)
+        return _trial(made, replace(given, quantity=quantities[1]), name)
+
+    return make
+
+
+def _resting(rest: float, noise: Noise):
+    """Sines that begin late in their record."""
+
+    def make(rng: np.random.Generator) -> Trial:
+        given = setting("in-light", rng)
+        count, samples = SHAPES["sine"]
+        t = np.arange(samples) / given.rate
+        made = []
+        for i, tone in enumerate(excite("sine", given, rng)):
+            move = motions.gated(tone, samples, given.rate, rest)
+            channels = move.reference(t, given.quantity), move.response(given.sensor, t)
+            made.append(Raw(f"sine-{i} of {count}", *recorded(*channels, given.rate, noise, rng), given.rate, "sine"))
+        return _trial(made, given, "rest in sines")
+
+    return make

@@ -1,0 +1,280 @@
+"""What goes wrong with recordings: each is a change of the channels of one record, or of the list of records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.adversary.noise import rms
+from bench.adversary.physics import TAU, Real
+
+
+@dataclass(frozen=True)
+class Raw:
+    """One recording before it is handed over: channels, samples a second, kind of motion, stated frequency."""
+
+    name: str
+    reference: Real
+    response: Real
+    rate: float
+    excitation: str
+    frequency_hz: float | None = None
+
+    def both(self, change: Callable[[Real], Real]) -> Raw:
+        """The same change of both channels."""
+        return replace(self, reference=change(self.reference), response=change(self.response))
+
+
+Change = Callable[[Raw, np.random.Generator], Raw]
+Changes = Callable[[list[Raw], np.random.Generator], list[Raw]]
+
+
+@dataclass(frozen=True)
+class Defect:
+    """A defect of recordings.
+
+    Attributes:
+        name: cause and size.
+        change: of all records.
+        heeds: a ``polarity`` warning says what is wrong.
+    """
+
+    name: str
+    change: Changes
+    heeds_polarity: bool = False
+
+    @property
+    def cause(self) -> str:
+        """The name without its size."""
+        return self.name.split(":")[0]
+
+
+def each(change: Change) -> Changes:
+    """The same defect in every record."""
+    return lambda records, rng: [change(record, rng) for record in records]
+
+
+def one(change: Change) -> Changes:
+    """A defect of one record among several."""
+
+    def changed(records: list[Raw], rng: np.random.Generator) -> list[Raw]:
+        at = int(rng.integers(len(records)))
+        return [change(r, rng) if i == at else r for i, r in enumerate(records)]
+
+    return changed
+
+
+def _on(channel: str, change: Callable[[Real, np.random.Generator], Real]) -> Change:
+    return lambda raw, rng: replace(raw, **{channel: change(getattr(raw, channel), rng)})
+
+
+def clip(part: float, side: str = "both") -> Callable[[Real, np.random.Generator], Real]:
+    """Cut at a part of the peak, on both sides or above."""
+
+    def cut(values: Real, rng: np.random.Generator) -> Real:
+        limit = part * float(np.max(np.abs(values)))
+        return np.clip(values, -limit if side == "both" else None, limit)
+
+    return cut
+
+
+def dropout(count: int, length: int, held: bool) -> Callable[[Real, np.random.Generator], Real]:
+    """Stretches of samples that are zero, or keep the last value before them."""
+
+    def dropped(values: Real, rng: np.random.Generator) -> Real:
+        values = values.copy()
+        for at in rng.integers(1, values.size - length, count):
+            values[at : at + length] = values[at - 1] if held else 0.0
+        return values
+
+    return dropped
+
+
+def step(size: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A gain that changes in the middle."""
+
+    def stepped(values: Real, rng: np.random.Generator) -> Real:
+        at = int(values.size * rng.uniform(0.4, 0.6))
+        return np.concatenate([values[:at], (1.0 + size) * values[at:]])
+
+    return stepped
+
+
+def ramp(size: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A gain that changes evenly over the record."""
+    return lambda values, rng: values * (1.0 + size * np.linspace(0.0, 1.0, values.size))
+
+
+def drift(size: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A zero that wanders by this much of the rms."""
+    return lambda values, rng: values + size * rms(values) * np.linspace(-1.0, 1.0, values.size) ** 3
+
+
+def spikes(count: int, size: float) -> Callable[[Real, np.random.Generator], Real]:
+    """Single samples off by this many rms."""
+
+    def spiked(values: Real, rng: np.random.Generator) -> Real:
+        values = values.copy()
+        values[rng.integers(0, values.size, count)] += size * rms(values) * rng.choice([-1.0, 1.0], count)
+        return values
+
+    return spiked
+
+
+def missing(count: int) -> Callable[[Real, np.random.Generator], Real]:
+    """Samples lost, one here and there; the rest moves up and the end is repeated."""
+
+    def lost(values: Real, rng: np.random.Generator) -> Real:
+        kept = np.delete(values, rng.integers(values.size // 10, values.size - 10, count))
+        return np.concatenate([kept, kept[-(values.size - kept.size) :]])
+
+    return lost
+
+
+def gap(length: int) -> Change:
+    """A jump of time: a stretch of both channels is gone, and so is the time that it took."""
+
+    def jumped(raw: Raw, rng: np.random.Generator) -> Raw:
+        at = int(raw.response.size * rng.uniform(0.3, 0.7))
+        return raw.both(lambda values: np.delete(values, slice(at, at + length)))
+
+    return jumped
+
+
+def compressed(part: float) -> Callable[[Real, np.random.Generator], Real]:
+    """The response falls short by this part at its peak, as the cube of it."""
+    return lambda values, rng: values * (1.0 - part * (values / np.max(np.abs(values))) ** 2)
+
+
+def squared(part: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A square of this part of the peak is added."""
+    return lambda values, rng: values + part * values**2 / np.max(np.abs(values))
+
+
+def dead_band(part: float) -> Callable[[Real, np.random.Generator], Real]:
+    """What is smaller than this part of the peak is not seen."""
+
+    def banded(values: Real, rng: np.random.Generator) -> Real:
+        edge = part * np.max(np.abs(values))
+        return np.sign(values) * np.maximum(np.abs(values) - edge, 0.0)
+
+    return banded
+
+
+def slewed(part: float) -> Callable[[Real, np.random.Generator], Real]:
+    """The response cannot change faster than this part of its fastest change."""
+
+    def limited(values: Real, rng: np.random.Generator) -> Real:
+        most = part * float(np.max(np.abs(np.diff(values))))
+        out = values.copy()
+        for i in range(1, out.size):
+            out[i] = out[i - 1] + min(max(values[i] - out[i - 1], -most), most)
+        return out
+
+    return limited
+
+
+def folded(tone: float, size: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A tone from above half the rate, folded into the band."""
+    return lambda values, rng: (
+        values + size * rms(values) * np.cos(TAU * (tone * np.arange(values.size) + rng.random()))
+    )
+
+
+def respond(change: Callable[[Real, np.random.Generator], Real]) -> Changes:
+    """In the response of every record."""
+    return each(_on("response", change))
+
+
+def refer(change: Callable[[Real, np.random.Generator], Real]) -> Changes:
+    """In the reference of every record."""
+    return each(_on("reference", change))
+
+
+def respond_once(change: Callable[[Real, np.random.Generator], Real]) -> Changes:
+    """In the response of one record."""
+    return one(_on("response", change))
+
+
+def swapped(raw: Raw, rng: np.random.Generator) -> Raw:
+    """Channels exchanged."""
+    return replace(raw, reference=raw.response, response=raw.reference)
+
+
+def rate(factor: float, stated: bool) -> Change:
+    """The rate is wrong by a factor; sines may state their frequency."""
+
+    def wrong(raw: Raw, rng: np.random.Generator) -> Raw:
+        possible = stated and raw.frequency_hz and raw.frequency_hz < 0.5 * raw.rate * factor
+        return replace(raw, rate=raw.rate * factor, frequency_hz=raw.frequency_hz if possible else None)
+
+    return wrong
+
+
+def repeated(times: int) -> Changes:
+    """Identical copies under other names."""
+    return lambda records, rng: [
+        replace(r, name=f"{r.name}-copy{i}" if i else r.name) for r in records for i in range(times)
+    ]
+
+
+def scaled(factor: float) -> Callable[[Real, np.random.Generator], Real]:
+    """Another gain (−1: polarity)."""
+    return lambda values, rng: factor * values
+
+
+def constant(offset: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A constant of this many rms."""
+    return lambda values, rng: values + offset * rms(values)
+
+
+def _sizes(name: str, sizes: tuple[float, ...], make: Callable[[float], Changes]) -> list[Defect]:
+    return [Defect(f"{name}:{size:g}", make(size)) for size in sizes]
+
+
+def recordings() -> tuple[Defect, ...]:
+    """All defects of recordings."""
+    found: list[Defect] = []
+    for part in (0.9, 0.7, 0.4):
+        found += [
+            Defect(f"clipped response:{part:g}", respond(clip(part))),
+            Defect(f"clipped response above:{part:g}", respond(clip(part, "above"))),
+            Defect(f"clipped reference:{part:g}", refer(clip(part))),
+            Defect(f"clipped reference above:{part:g}", refer(clip(part, "above"))),
+        ]
+    for count, length in ((10, 5), (1, 20), (3, 100)):
+        for held in (True, False):
+            kind = "held" if held else "zero"
+            found += [
+                Defect(f"dropouts {kind} response:{count}x{length}", respond(dropout(count, length, held))),
+                Defect(f"dropouts {kind} reference:{count}x{length}", refer(dropout(count, length, held))),
+            ]
+    found += _sizes("gain step", (0.001, 0.01, 0.1, 0.5), lambda s: respond(step(s)))
+    found += _sizes("gain step of the reference", (0.01, 0.1), lambda s: refer(step(s)))
+    found += _sizes("gain ramp", (0.01, 0.1), lambda s: respond(ramp(s)))
+    found += _sizes("gain of one record", (0.003, 0.03, 0.3), lambda s: respond_once(scaled(1.0 + s)))
+    found += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift(s)))
+    found += _sizes("offset", (1.0, 100.0), lambda s: each(lambda r, g: r.both(lambda v: v + s * rms(v))))
+    found += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes(3, s)))
+    found += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes(3, s)))
+    found += _sizes("missing samples", (1, 3), lambda s: respond(missing(int(s))))
+    found += _sizes("jump of time", (1, 37, 400), lambda s: each(gap(int(s))))
+    found += _sizes("compression", (0.001, 0.01, 0.1, 0.2), lambda s: respond(compressed(s)))
+    found += _sizes("square", (0.01, 0.1), lambda s: respond(squared(s)))
+    found += _sizes("dead band", (0.001, 0.01), lambda s: respond(dead_band(s)))
+    found += _sizes("slew rate", (0.5, 0.8), lambda s: respond(slewed(s)))
+    found += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded(0.19, s)))
+    found += _sizes("copies", (2, 5), lambda s: repeated(int(s)))
+    found += _sizes("rate with stated frequency", (0.5, 2.0, 1.024), lambda s: each(rate(s, stated=True)))
+    found += [
+        Defect("swapped channels", each(swapped)),
+        Defect("swapped channels of one record", one(swapped)),
+        Defect("polarity of one record", respond_once(scaled(-1.0))),
+        Defect("polarity of the reference of one record", one(_on("reference", scaled(-1.0)))),
+        Defect("dead response", respond_once(lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
+        Defect("dead reference", one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size)))),
+        Defect("constant response", respond_once(lambda v, g: np.full(v.size, v[0]))),
+    ]
+    return tuple(found)

@@ -1,0 +1,154 @@
+"""What the package says of a trial, against the truth."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm, t
+
+from bench.adversary.trial import Trial
+from vibrident import Result, VibridentError, identify
+
+#: A parameter further from the truth than this many standard uncertainties is wrong.
+LIMIT = 4.0
+#: Errors below this part of the truth are rounding.
+ROUNDING = 1e-8
+#: What speaks of single parameters: heeded for those that its message names.
+OF_PARAMETERS = ("weakly_determined", "at_bound")
+#: Derived parameters and what they are made of.
+MADE_OF = {
+    "natural_angular_frequency": ("natural_frequency",),
+    "resonance_frequency": ("natural_frequency", "damping_ratio"),
+    "conversion_coefficient": ("sensitivity", "natural_frequency"),
+}
+#: A weakly determined parameter is no false alarm where its stated uncertainty is above this part of its value.
+WEAK = 0.009
+
+RIGHT, WARNED, REFUSED = "right", "warned", "refused"
+SILENT, ALARM, TRACEBACK = "silent-wrong", "false alarm", "traceback"
+BAD = (SILENT, ALARM, TRACEBACK)
+
+
+def judged(trial: Trial) -> dict[str, Any]:
+    """Class of the trial, and what led to it, as plain values."""
+    begin, cpu = time.perf_counter(), time.process_time()
+    found: dict[str, Any] = {"cause": trial.cause, "clean": not trial.cause}
+    try:
+        with warnings.catch_warnings(record=True) as noted:
+            warnings.simplefilter("always")
+            result = identify(trial.calibration(), model=trial.model)
+        found |= of_result(trial, result)
+        found["python_warnings"] = sorted({f"{w.category.__name__}: {w.message}"[:100] for w in noted})
+    except VibridentError as error:
+        expected = bool(trial.cause) or trial.strange
+        found |= {"class": REFUSED if expected else ALARM, "codes": ["refused"], "says": [str(error)[:300]]}
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{where.filename.rpartition('/')[2]}:{where.lineno}"
+        found |= {"class": TRACEBACK, "codes": [], "says": [f"{type(error).__name__}: {error} ({place})"[:300]]}
+    spent = {"seconds": round(time.perf_counter() - begin, 2), "cpu": round(time.process_time() - cpu, 2)}
+    return {**found, **spent}
+
+
+def of_result(trial: Trial, result: Result) -> dict[str, Any]:
+    """The class of a trial that gave a result."""
+    z = distances(result, trial.truth)
+    wrong = [name for name, value in z.items() if value > LIMIT]
+    unheeded = [name for name in wrong if not heeded(name, result, polarity=trial.polarity_heeds)]
+    alarms = [] if trial.cause else false_alarms(trial, result)
+    kind = SILENT if unheeded else ALARM if alarms else WARNED if result.warnings and wrong else RIGHT
+    fit = result.fit
+    return {
+        "class": kind,
+        "z": {name: round(value, 2) if math.isfinite(value) else 1e300 for name, value in z.items()},
+        "wrong": wrong,
+        "codes": list(result.warning_codes),
+        "says": [f"{w.code}: {w.message}"[:240] for w in result.warnings],
+        "alarms": alarms,
+        "chi2": fit.chi2_reduced,
+        "degrees": fit.degrees_of_freedom,
+        "estimator": result.estimator,
+        "samples_left_out": sum("left out" in step for f in result.provenance["files"] for step in f["history"]),
+    }
+
+
+def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
+    """Distance of each stated parameter from the truth, in standard uncertainties of a normal distribution.
+
+    Where the stated uncertainty has few degrees of freedom, the distance is that of a normal variable as probable as
+    Student's is.
+    """
+    found = {}
+    freedom = float(result.settings.get("effective_degrees_of_freedom") or math.inf)
+    for name, true in truth.items():
+        parameter = result.parameters.get(name)
+        if parameter is None or parameter.standard_uncertainty is None:
+            continue
+        error = abs(parameter.value - true)
+        if error <= ROUNDING * abs(true):
+            found[name] = 0.0
+        elif not parameter.standard_uncertainty > 0.0:
+            found[name] = math.inf
+        else:
+            found[name] = as_normal(error / parameter.standard_uncertainty, freedom)
+    return found
+
+
+def as_normal(ratio: float, freedom: float) -> float:
+    """The normal deviate as improbable as Student's."""
+    if not freedom < 1e4:
+        return ratio
+    tail = float(t.sf(ratio, max(freedom, 1.0)))
+    return float(norm.isf(tail)) if tail > 1e-300 else ratio
+
+
+def heeded(name: str, result: Result, *, polarity: bool) -> bool:
+    """Whether a warning would keep a person from relying on this parameter."""
+    own = (name, *MADE_OF.get(name, ()))
+    for warning in result.warnings:
+        if warning.code == "polarity":
+            if polarity:
+                return True
+        elif warning.code in OF_PARAMETERS:
+            text = warning.message.replace(" ", "_")
+            if any(part in text for part in own):
+                return True
+        else:
+            return True
+    return False
+
+
+def false_alarms(trial: Trial, result: Result) -> list[str]:
+    """Warnings of a clean trial that are not true of it."""
+    found = []
+    for warning in result.warnings:
+        if warning.code in trial.allowed:
+            continue
+        gain = next((v for k, v in trial.truth.items() if k in ("sensitivity", "generator_constant")), 1.0)
+        if warning.code == "polarity" and gain < 0.0:
+            continue
+        if warning.code in OF_PARAMETERS and _weak(warning.message, result):
+            continue
+        found.append(warning.code)
+    return found
+
+
+def _weak(message: str, result: Result) -> bool:
+    """Whether a parameter that the message names is as uncertain as it says."""
+    text = message.replace(" ", "_")
+    for name, parameter in result.parameters.items():
+        u = parameter.standard_uncertainty
+        if name in text and (u is None or name == "delay" or u > WEAK * abs(parameter.value)):
+            return True
+    return False
+
+
+def quiet() -> None:
+    """What NumPy says of overflows is no part of the verdict."""
+    np.seterr(all="ignore")

@@ -1,0 +1,102 @@
+"""The sensor has something that the model asked for lacks, or bends."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from bench.adversary import motions
+from bench.adversary.bent import bent
+from bench.adversary.defects import Raw
+from bench.adversary.noise import Noise
+from bench.adversary.physics import Motion, Sensor
+from bench.adversary.recording import SHAPES, recorded, records, setting
+from bench.adversary.trial import Cases, Trial, calibration, truth
+
+LACKS = {
+    "delay": ("in-light+delay=1", "in-damped+delay=3", "in-light+delay=30"),
+    "highpass": ("in-light+highpass=1", "in-damped+highpass=0.3", "above-light+highpass=2"),
+    "mode2": ("in-light+mode2=0.1", "above-light+mode2=0.03", "in-damped+mode2=-0.1"),
+    "boxcar": ("far-light+boxcar", "in-light+boxcar"),
+}
+MOTIONS = ("sine", "multisine", "random", "sweep", "shock", "mixed")
+NOISES = (Noise("0.1 %", 1e-3), Noise("1 %", 1e-2))
+#: Third harmonic over the fundamental, well below resonance, and rest points as parts of the largest V.
+BENDS = (0.001, 0.01, -0.01)
+RESTS = {"at zero": (0.0, 0.0), "of the spring": (0.3, 0.3), "of the reference": (0.0, 0.3)}
+
+
+def cases() -> Cases:
+    """Names and makers."""
+    turn = itertools.cycle(NOISES)
+    for lacked, sensors in LACKS.items():
+        for sensor, motion in itertools.product(sensors, MOTIONS):
+            noise = next(turn)
+            yield f"{lacked}/{sensor}/{motion}/{noise.name}", _lacking(lacked, sensor, motion, noise)
+    for bend, rest, motion in itertools.product(BENDS, RESTS, ("sine", "multisine", "random", "sweep")):
+        for asked in ("accelerometer", "accelerometer+cubic"):
+            noise = next(turn)
+            name = f"spring {bend:g} rest {rest}/{motion}/{noise.name}/{asked}"
+            yield name, _bending(bend, rest, motion, noise, asked)
+
+
+def _lacking(lacked: str, sensor: str, motion: str, noise: Noise):
+    def make(rng: np.random.Generator) -> Trial:
+        given = setting(sensor, rng)
+        made = records(motion, given, noise, rng)
+        model = "+".join(part for part in given.sensor.parts if part != lacked)
+        return Trial(
+            calibration(made, model, given.quantity), model, truth(given.sensor), cause=f"model lacks {lacked}"
+        )
+
+    return make
+
+
+def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str):
+    """Springs that harden or soften, with the reference's own zero and the rest point of the spring."""
+
+    def make(rng: np.random.Generator) -> Trial:
+        rate, samples = 2000.0, SHAPES[motion][1]
+        low, top = 0.005 * rate, 0.1 * rate
+        fn = top * rng.uniform(0.3, 0.8)
+        parameters = {"sensitivity": 1.0, "natural_frequency": fn, "damping_ratio": rng.uniform(0.25, 0.6)}
+        made = []
+        for i, (move, spacing) in enumerate(_periodic(motion, (low, top), samples, rate, rng)):
+            sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 0.0})
+            t = np.arange(samples) / rate
+            level = float(np.max(np.abs(move.response(sensor, t))))
+            size = (i % 3 + 1) / 3.0
+            move = move.scaled(size / level)  # the largest |V| is about one third, two thirds, one
+            sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend})
+            spring, shown = RESTS[rest]
+            answer = bent(move, sensor, spacing, offset=spring)[0]  # the recorder couples the response by AC
+            channels = move.acceleration(t) + shown, answer.acceleration(t)
+            reference, response = recorded(*channels, rate, noise, rng)
+            made.append(Raw(f"{motion}-{i}", reference, response, rate, motion))
+        true = truth(Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend}))
+        cause = "" if asked.endswith("cubic") else "model lacks cubic"
+        if asked.endswith("cubic") and any(RESTS[rest]):
+            cause = "rest point of a cubic spring"
+        return Trial(calibration(made, asked, "acceleration"), asked, true, cause=cause)
+
+    return make
+
+
+def _periodic(motion: str, band: tuple[float, float], samples: int, rate: float, rng: np.random.Generator):
+    """Motions and the spacing of the lines that their tones lie on."""
+    count = SHAPES[motion][0]
+    if motion == "sine":
+        for frequency in np.geomspace(max(band[0], 3.1 * rate / samples), band[1], count):
+            yield motions.sine(float(frequency), 1.0, rng), float(frequency)
+        return
+    period = int(motions.PERIOD * samples)
+    for i in range(count):
+        if motion == "multisine":
+            lines = np.unique(np.rint(np.geomspace(*band, 15) * period / rate)).astype(int)
+            move = motions.multisine(lines * rate / period, 1.0, rng)
+        elif motion == "sweep":
+            move = motions.sweep(band, 1.0 + i, samples, rate)
+        else:
+            move = motions.random(band, 1.0, samples, rate, rng)
+        yield Motion(move.frequency_hz, move.amplitude), rate / period

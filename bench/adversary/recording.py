@@ -1,0 +1,217 @@
+"""Sensors of every kind in a band, and recordings of them, exact but for the noise that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.adversary import motions
+from bench.adversary.defects import Raw
+from bench.adversary.noise import Noise, added, hum, quantised, rms
+from bench.adversary.physics import TAU, Complex, Motion, Real, Sensor
+
+#: Samples a second that there are; all else is set in parts of it.
+RATES = (100.0, 512.0, 2_000.0, 10_000.0, 51_200.0, 1e6)
+#: The band of the motion, over the rate.
+LOW, TOP = 0.005, 0.2
+#: Natural frequency over the top of the band.
+PLACES = {
+    "below": (0.05, 0.15),
+    "in": (0.25, 0.7),
+    "edge": (0.93, 1.1),
+    "above": (2.0, 4.0),
+    "far": (10.0, 30.0),
+}
+DAMPINGS = {"sharp": (0.001, 0.006), "light": (0.01, 0.1), "damped": (0.4, 0.8), "over": (1.2, 3.0)}
+#: Records and samples of each: few shapes, since every shape of a model is a program to compile.
+SHAPES = {
+    "sine": (8, 1000),
+    "multisine": (2, 4000),
+    "random": (2, 4000),
+    "sweep": (2, 4000),
+    "shock": (8, 1000),
+    "burst": (2, 4000),
+    "mixed": (8, 1000),
+}
+QUANTITIES = ("acceleration", "acceleration", "velocity", "displacement", "drive")
+#: What is declared of each motion.
+DECLARED = {"burst": "random"}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Sensor, samples a second, and what the reference gives."""
+
+    sensor: Sensor
+    rate: float
+    quantity: str
+    band_hz: tuple[float, float]
+
+
+def setting(kind: str, rng: np.random.Generator) -> Setting:
+    """A sensor by its kind, ``place-damping`` with add-ons behind "+", drawn within its limits.
+
+    ``in-light+delay`` is an accelerometer; ``pickup-in-light`` a velocity pickup.
+    """
+    core, *add_ons = kind.split("+")
+    pickup = core.startswith("pickup-")
+    place, damping = core.removeprefix("pickup-").split("-")
+    rate = float(rng.choice(RATES))
+    low, top = LOW * rate, TOP * rate
+    frequency = top * rng.uniform(*PLACES[place])
+    gain = 10.0 ** rng.uniform(-9.0, 9.0) * float(rng.choice([-1.0, 1.0]))
+    parameters = {
+        "generator_constant" if pickup else "sensitivity": gain,
+        "natural_frequency": frequency,
+        "damping_ratio": float(np.exp(rng.uniform(*np.log(DAMPINGS[damping])))),
+    }
+    model = "velocity-pickup" if pickup else "accelerometer"
+    for add_on in add_ons:
+        name, _, size = add_on.partition("=")
+        model += f"+{name}"
+        parameters |= _add_on(name, float(size or 0.0), rate, frequency, low, rng)
+    quantity = str(rng.choice(["acceleration", "drive"] if add_ons else QUANTITIES))
+    return Setting(Sensor(model, parameters), rate, quantity, (low, top))
+
+
+def _add_on(name: str, size: float, rate: float, frequency: float, low: float, rng: np.random.Generator) -> dict:
+    top = TOP * rate
+    if name == "delay":
+        return {"delay": (size or rng.uniform(0.05, 3.0)) / rate}
+    if name == "highpass":
+        return {"highpass_frequency": low * (size or rng.uniform(0.2, 2.0))}
+    if name == "boxcar":
+        return {"boxcar_length": (size or rng.uniform(0.3, 0.9)) / top}
+    if name == "mode2":
+        other = rng.uniform(1.5, 2.2) if frequency < 0.5 * top else rng.uniform(0.3, 0.6)
+        gain = size or 0.03
+        return {"mode2_frequency": other * frequency, "mode2_damping": rng.uniform(0.01, 0.05), "mode2_gain": gain}
+    raise ValueError(name)
+
+
+def excite(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[int, int] | None = None) -> list[Motion]:
+    """The motions of all records."""
+    count, samples = shape or SHAPES[motion]
+    low, top = given.band_hz
+    rate = given.rate
+    if motion == "sine":
+        grid = np.geomspace(max(low, 3.1 * rate / samples), top, count)
+        return [motions.sine(f * rng.uniform(0.97, 1.0), 10.0, rng) for f in grid]
+    if motion == "multisine":
+        return [motions.multisine(_spread(low, top, 15, rate / samples, rng), 10.0, rng) for _ in range(count)]
+    if motion == "random":
+        return [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
+    if motion == "sweep":
+        return [motions.sweep((low, top), 10.0 * (1 + i), samples, rate) for i in range(count)]
+    if motion == "shock":
+        durations = rng.uniform(1.0, 1.6, count) / (0.35 * top)
+        return [motions.shock(d, 100.0 * (1 + i % 3), samples, rate) for i, d in enumerate(durations)]
+    if motion == "burst":
+        moving = [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
+        return [motions.gated(m, samples, rate, 0.45) for m in moving]
+    if motion == "mixed":
+        return [*excite("sine", given, rng, (4, samples)), *excite("random", given, rng, (count - 4, samples))]
+    raise ValueError(motion)
+
+
+def _spread(low: float, top: float, count: int, apart: float, rng: np.random.Generator) -> Real:
+    """Frequencies about evenly in their logarithm, at least three lines apart."""
+    found = np.geomspace(low, top, count) * rng.uniform(0.98, 1.0, count)
+    for i in range(1, count):
+        found[i] = max(found[i], found[i - 1] + 3.0 * apart)
+    return found
+
+
+def record(
+    motion: Motion,
+    name: str,
+    declared: str,
+    samples: int,
+    given: Setting,
+    noise: Noise,
+    rng: np.random.Generator,
+    *,
+    free: float = 0.0,
+    stated: bool = False,
+) -> Raw:
+    """One recording: exact, with ``free`` times the response's rms of free motion, then the noise."""
+    t = np.arange(samples) / given.rate
+    if noise.felt:
+        beside = motions.random((0.3 * given.band_hz[0], 2.0 * given.band_hz[1]), 1.0, samples, given.rate, rng)
+        beside = beside.scaled(noise.felt * rms(motion.acceleration(t)))
+        reference = motion.reference(t, given.quantity) + beside.reference(t, given.quantity)
+        response = motion.response(given.sensor, t) + beside.response(given.sensor, t)
+    else:
+        reference, response = motion.reference(t, given.quantity), motion.response(given.sensor, t)
+    if free:
+        response = response + free_motion(given.sensor, free * rms(response), t, rng)
+    reference, response = recorded(reference, response, given.rate, noise, rng)
+    frequency = float(motion.frequency_hz[0]) if stated and declared == "sine" else None
+    return Raw(name, reference, response, given.rate, declared, frequency)
+
+
+def free_motion(sensor: Sensor, size: float, time_s: Real, rng: np.random.Generator) -> Real:
+    """What is left of an earlier motion, of this rms over its first tenth."""
+    roots = sensor.poles()
+    weights: Complex = rng.normal(size=roots.size) + 1j * rng.normal(size=roots.size)
+    motion = sensor.free(weights, time_s)
+    return motion * size / max(rms(motion[: max(8, time_s.size // 10)]), 1e-300)
+
+
+def recorded(reference: Real, response: Real, rate: float, noise: Noise, rng: np.random.Generator) -> tuple[Real, Real]:
+    """Both channels with noise, hum and the steps of their converters."""
+    response = added(response, noise.response, noise.colour, rng)
+    reference = added(reference, noise.reference, "white", rng)
+    if noise.hum:
+        response = hum(response, noise.hum, rate, 0.01234 * rate, rng)
+    if noise.bits:
+        response = quantised(response, noise.bits, 2.0 * float(np.max(np.abs(response))))
+        reference = quantised(reference, noise.bits, 2.0 * float(np.max(np.abs(reference))))
+    return reference, response
+
+
+def records(
+    motion: str,
+    given: Setting,
+    noise: Noise,
+    rng: np.random.Generator,
+    *,
+    shape: tuple[int, int] | None = None,
+    stated: bool = False,
+) -> list[Raw]:
+    """All recordings of a calibration."""
+    moves: Sequence[Motion] = excite(motion, given, rng, shape)
+    samples = (shape or SHAPES[motion])[1]
+    found = []
+    for i, move in enumerate(moves):
+        declared = DECLARED.get(motion, motion)
+        if motion == "mixed":
+            declared = "sine" if move.frequency_hz.size == 1 else "random"
+        moving = motion != "burst" and given.sensor.parameters["natural_frequency"] < 0.4 * given.rate
+        free = float(rng.choice([0.0, 0.3])) if moving else 0.0  # a recorder lets nothing through above half its rate
+        name = f"{declared}-{i}"
+        found.append(record(move, name, declared, samples, given, noise, rng, free=free, stated=stated))
+    return found
+
+
+def switched(move: Motion, one: Sensor, other: Sensor, at_s: float, time_s: Real) -> Real:
+    """The response of a sensor that becomes another one, of the same poles' number, at a time.
+
+    Its state goes on: the response and its derivative do not jump (accelerometers without add-ons).
+    """
+    before, after = move.response(one, time_s), move.response(other, time_s)
+    speed = Motion(move.frequency_hz, 1j * TAU * move.frequency_hz * move.amplitude)
+    now = np.array([at_s])
+    jump = [float((m.response(one, now) - m.response(other, now))[0]) for m in (move, speed)]
+    roots = other.poles()
+    weights = np.linalg.solve(np.vander(roots, 2, increasing=True).T, np.asarray(jump, dtype=complex))
+    since = np.maximum(time_s - at_s, 0.0)
+    return np.where(time_s < at_s, before, after + other.free(weights, since))
+
+
+def twin(sensor: Sensor, **factors: float) -> Sensor:
+    """The sensor with some parameters times a factor."""
+    changed = {name: value * factors.get(name, 1.0) for name, value in sensor.parameters.items()}
+    return replace(sensor, parameters=changed)

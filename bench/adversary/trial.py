@@ -1,0 +1,73 @@
+"""A trial: the calibration that the package is given, and what is true of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.adversary.defects import Raw
+from bench.adversary.physics import TAU, Sensor
+from vibrident import Calibration, Record
+
+Maker = Callable[[np.random.Generator], "Trial"]
+Cases = Iterator[tuple[str, Maker]]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is put to the package.
+
+    Attributes:
+        calibration: made when called; it may refuse.
+        model: asked for.
+        truth: name of a parameter to its value; only these are judged.
+        cause: what is wrong, for the summary; "" where nothing is.
+        allowed: warnings that are true of these data though nothing is wrong with them.
+        polarity_heeds: the defect is one that ``polarity`` names.
+        strange: not a defect, but what a refusal is a right answer to.
+    """
+
+    calibration: Callable[[], Calibration]
+    model: str
+    truth: Mapping[str, float]
+    cause: str = ""
+    allowed: frozenset[str] = frozenset()
+    polarity_heeds: bool = False
+    strange: bool = False
+
+
+def calibration(records: Sequence[Raw], model: str, quantity: str, **more: object) -> Callable[[], Calibration]:
+    """These recordings as the package takes them."""
+
+    def made() -> Calibration:
+        kept = tuple(
+            Record(
+                name=r.name,
+                reference=None if r.excitation == "decay" else r.reference,
+                response=r.response,
+                sampling_rate_hz=r.rate,
+                excitation=r.excitation,  # type: ignore[arg-type]
+                frequency_hz=r.frequency_hz,
+            )
+            for r in records
+        )
+        return Calibration(records=kept, model=model, quantity=quantity, **more)  # type: ignore[arg-type]
+
+    return made
+
+
+def truth(sensor: Sensor) -> dict[str, float]:
+    """Parameters of the sensor, and what follows from them."""
+    values = dict(sensor.parameters)
+    angular = TAU * values["natural_frequency"]
+    values["natural_angular_frequency"] = angular
+    left = 1.0 - 2.0 * values["damping_ratio"] ** 2
+    if sensor.parts[0] == "accelerometer":
+        values["conversion_coefficient"] = values["sensitivity"] * angular**2
+        if left > 0.0:
+            values["resonance_frequency"] = values["natural_frequency"] * np.sqrt(left)
+    elif left > 0.0:
+        values["resonance_frequency"] = values["natural_frequency"] / np.sqrt(left)
+    return values
