@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
     """What the study does not do itself: list, show, and run the failures again."""
     only = _after(arguments, "--only")
     if "--list" in arguments:
-        sys.stdout.write("".join(f"{case.name}\n" for case in CASES if only in case.name))
+        sys.stdout.write("".join(f"{name}\n" for name in sorted(BY_NAME) if only in name))
         return 0
     if "--show" in arguments:
         run = int(_after(arguments, "--run") or 0)

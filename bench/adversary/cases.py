@@ -33,10 +33,17 @@ class Case:
 
     def trial(self, run: int = 0) -> Trial:
         """The trial of one run."""
-        return self.make(np.random.default_rng([zlib.crc32(self.name.encode()), run]))
+        return self.make(np.random.default_rng([_shuffled(self), run]))
 
 
-CASES = tuple(Case(f"{group}/{name}", make) for group, cases in GROUPS.items() for name, make in cases())
+def _shuffled(case: Case) -> int:
+    return zlib.crc32(case.name.encode())
+
+
+#: In an order by chance, so that a study that was stopped early has seen some of everything.
+CASES = tuple(
+    sorted((Case(f"{group}/{name}", make) for group, cases in GROUPS.items() for name, make in cases()), key=_shuffled)
+)
 BY_NAME = {case.name: case for case in CASES}
 if len(BY_NAME) != len(CASES):
     raise ValueError("two cases have one name")
