@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
 from vibrident.errors import InputError
-from vibrident.web.guard import POLICY, Guard
-from vibrident.web.server import LOOPBACK, serve
+from vibrident.web.guard import Guard, policy
+from vibrident.web.server import LOOPBACK, own_names, reachable, serve
 
 LIMIT, ENVELOPE = 2_000_000, 1_000_000
 HERE = "127.0.0.1:8080"
@@ -30,7 +31,12 @@ async def count(scope: Any, receive: Any, send: Any) -> None:
 
 
 def ask(
-    *pieces: bytes, hosts: frozenset[str] | None = LOOPBACK, kind: str = "http", **headers: str
+    *pieces: bytes,
+    names: frozenset[str] = LOOPBACK,
+    kind: str = "http",
+    at: str = "127.0.0.1",
+    more: Sequence[tuple[bytes, bytes]] = (),
+    **headers: str,
 ) -> list[dict[str, Any]]:
     """Send a body in pieces; returns what is answered."""
     said: list[dict[str, Any]] = []
@@ -44,7 +50,8 @@ def ask(
         said.append(message)
 
     pairs = [(key.replace("_", "-").encode(), value.encode("latin-1")) for key, value in headers.items()]
-    asyncio.run(Guard(count, LIMIT, hosts)({"type": kind, "headers": pairs}, receive, send))
+    scope = {"type": kind, "method": "GET", "path": "/", "server": (at, 8080), "headers": [*pairs, *more]}
+    asyncio.run(Guard(count, LIMIT, names)(scope, receive, send))
     return said
 
 
@@ -53,32 +60,112 @@ def test_this_machine_is_welcome_and_is_told_the_policy(host):
     start, _ = ask(host=host)
     assert start["status"] == 200
     told = dict(start["headers"])
-    assert told[b"content-security-policy"] == POLICY.encode()
+    assert told[b"content-security-policy"] == policy(host).encode()
+    assert told[b"x-frame-options"] == b"DENY"
     assert told[b"x-content-type-options"] == b"nosniff"
     assert told[b"referrer-policy"] == b"no-referrer"
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "localhost@evil", "[bad"]
-)
-def test_a_foreign_name_that_leads_here_is_refused(host):
-    assert ask(host=host)[0]["status"] == 403
+@pytest.mark.parametrize("host", [HERE, "[::1]:8080", "lab.example"])
+def test_the_policy_lets_the_page_talk_to_its_own_origin_alone(host):
+    rules = {words[0]: set(words[1:]) for words in map(str.split, policy(host).split(";"))}
+    assert rules["connect-src"] == {"'self'", f"ws://{host}", f"wss://{host}"}
+    own = {"'self'", "'unsafe-inline'", "'unsafe-eval'", "'none'", "data:", "blob:"}
+    assert all(words <= own for name, words in rules.items() if name != "connect-src")
 
 
-def test_served_to_others_any_name_will_do():
-    assert ask(hosts=None, host="lab.example")[0]["status"] == 200
-    assert ask(hosts=None, host="lab.example", origin="http://lab.example")[0]["status"] == 200
-    assert ask(hosts=None, origin="null")[0]["status"] == 403
+STRANGERS = [
+    "evil.example",
+    "evil.example:8080",
+    "127.0.0.1.evil.example",
+    "",
+    "localhost@evil",
+    "[bad",
+    "[::ffff:192.0.2.9]",
+    "192.0.2.9",
+    "2130706433",
+    "localhost:8080 evil.example",
+    "localhost;script-src *",
+    "localhost:99999999",
+]
 
 
-@pytest.mark.parametrize("hosts", [LOOPBACK, None])
+@pytest.mark.parametrize("host", STRANGERS)
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_a_foreign_name_that_leads_here_is_refused(host, kind):
+    for names in (LOOPBACK, own_names("0.0.0.0")):  # DNS rebinding works as well on a page for all
+        said = ask(host=host, kind=kind, names=names, origin=f"http://{host}")
+        assert said[0].get("status", said[0].get("code")) in (403, 1008)
+
+
+def test_two_names_at_once_are_none():
+    assert ask(host=HERE, more=[(b"host", b"evil.example")])[0]["status"] == 403
+    assert ask(host=HERE, more=[(b"host", HERE.encode())])[0]["status"] == 200
+
+
+def test_served_to_others_it_answers_to_its_address_and_names_alone():
+    everywhere = own_names("0.0.0.0") | {"Lab.example"}
+    for host in ("lab.example:8080", socket.gethostname(), "127.0.0.1"):
+        assert ask(names=everywhere, host=host, origin=f"http://{host}")[0]["status"] == 200
+    assert ask(names=everywhere, host="192.0.2.7:8080", at="192.0.2.7")[0]["status"] == 200
+    assert ask(names=everywhere, host="192.0.2.8:8080", at="192.0.2.7")[0]["status"] == 403
+    assert ask(names=everywhere, host="192.0.2.7", at="::ffff:192.0.2.7")[0]["status"] == 200
+    assert ask(names=everywhere, host="[2001:DB8::7]:8080", at="2001:db8::7")[0]["status"] == 200
+
+
+def test_another_site_may_link_here_and_no_more():
+    assert ask(host=HERE, sec_fetch_site="cross-site")[0]["status"] == 403  # an image, say
+    for site in ("cross-site", "same-site"):
+        fetch = {"sec_fetch_site": site, "sec_fetch_mode": "navigate"}
+        assert ask(host=HERE, sec_fetch_dest="document", **fetch)[0]["status"] == 200
+        assert ask(host=HERE, sec_fetch_dest="iframe", **fetch)[0]["status"] == 403
+    assert ask(host=HERE, sec_fetch_site="same-origin", origin=f"http://{HERE}")[0]["status"] == 200
+
+
+def test_uploads_under_way_are_bounded_in_all():
+    """Four of the largest size; the fifth waits its turn."""
+    said: list[int] = []
+
+    async def all_at_once() -> None:
+        held = asyncio.Event()
+
+        async def holding(scope: Any, receive: Any, send: Any) -> None:
+            await receive()
+            await held.wait()
+            await count(scope, receive, send)
+
+        guard = Guard(holding, LIMIT, LOOPBACK)
+
+        async def one() -> None:
+            pieces = [(b"x" * (LIMIT + ENVELOPE), True), (b"", True), (b"", False)]
+
+            async def receive() -> dict[str, Any]:
+                body, more = pieces.pop(0)
+                return {"type": "http.request", "body": body, "more_body": more}
+
+            async def send(message: dict[str, Any]) -> None:
+                if "status" in message:
+                    said.append(message["status"])
+
+            await guard({"type": "http", "headers": [(b"host", HERE.encode())]}, receive, send)
+
+        tasks = [asyncio.create_task(one()) for _ in range(5)]
+        while not said:
+            await asyncio.sleep(0)
+        held.set()
+        await asyncio.gather(*tasks)
+
+    asyncio.run(all_at_once())
+    assert sorted(said) == [200, 200, 200, 200, 503]
+
+
 @pytest.mark.parametrize(
     "origin", ["http://evil.example", "null", "http://127.0.0.1:9999", "http://127.0.0.1", "", "http://[", "http://a]b"]
 )
-def test_another_site_is_refused(origin, hosts):
-    assert ask(b"x", hosts=hosts, host=HERE, origin=origin)[0]["status"] == 403
+def test_another_site_is_refused(origin):
+    assert ask(b"x", host=HERE, origin=origin)[0]["status"] == 403
     refused = {"type": "websocket.close", "code": 1008}
-    assert ask(hosts=hosts, kind="websocket", host=HERE, origin=origin) == [refused]
+    assert ask(kind="websocket", host=HERE, origin=origin) == [refused]
 
 
 def test_the_page_itself_is_no_other_site():
@@ -108,5 +195,29 @@ def test_a_place_that_cannot_be_had_gets_the_remedy_that_helps():
         other.listen()
         with pytest.raises(InputError, match="leave --port out"):
             serve(host="127.0.0.1", port=other.getsockname()[1], show=False, limit_mb=1.0)
+    for port in (-1, 65_536):
+        with pytest.raises(InputError, match="That is no port") as caught:
+            serve(host="127.0.0.1", port=port, show=False, limit_mb=1.0)
+        assert caught.value.remedy.startswith("leave --port out")
+    for limit_mb in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match="no limit"):
+            serve(host="127.0.0.1", port=0, show=False, limit_mb=limit_mb)
     with pytest.raises(InputError, match="leave --host out"):
         serve(host="203.0.113.7", port=0, show=False, limit_mb=1.0)  # of the block for documentation, RFC 5737
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "lab.example", "::1"])
+def test_the_address_that_is_printed_is_the_one_given(host):
+    assert reachable(host) == host
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_the_address_that_is_printed_can_be_opened(host):
+    try:
+        listening = socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError:
+        pytest.skip("this machine has no such network")
+    with listening:
+        shown = reachable(host)
+        assert shown not in ("0.0.0.0", "::")
+        socket.create_connection((shown, listening.getsockname()[1]), timeout=5).close()

@@ -57,7 +57,7 @@ def agrees_with_the_command(page, folder: Path) -> None:
     """What is downloaded is, to the last digit, what the command shown on the page gives in the folder of the data."""
     (folder / "calibration.toml").write_bytes(download(page, "toml"))
     taken = download(page, "json")
-    assert alike(json.loads(taken)) == alike(shell(folder, page.locator("#command code").inner_text()))
+    assert alike(json.loads(taken)) == alike(shell(folder, page.locator("#command .plain").inner_text()))
 
     (folder / "taken.json").write_bytes(taken)
     (folder / "page.pdf").write_bytes(download(page, "pdf"))
@@ -137,7 +137,7 @@ def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, pi
     assert other.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
     assert not too_faint(other)
     assert not one.locator("#result").is_visible()
-    assert "broken.csv" in one.locator("#files").inner_text()
+    assert one.get_by_role("listitem").all_inner_texts() == ["broken.csv\nclose"]
 
 
 def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):
@@ -195,6 +195,7 @@ def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(vis
     page.get_by_text("2 files").wait_for()
     page.locator("#start").wait_for(state="hidden")
     page.get_by_text("Guessed from the names in a.csv").wait_for()
+    assert "calibration.toml" not in page.locator("#data").get_by_role("list").inner_text()
 
 
 def upload_simulated(page, folder: Path) -> None:

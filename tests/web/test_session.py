@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from vibrident.errors import InputError
-from vibrident.web.session import CALIBRATION, Session, refuse_outside, safe_name
+from vibrident.web.session import CALIBRATION, MOST_RESULTS, Session, refuse_outside, safe_name
 
 TOML = """[reference]
 column = 1
@@ -23,9 +25,9 @@ excitation = "random"
 
 
 @pytest.fixture
-def session(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    made = Session(1.0)
+def session(tmp_path):
+    made = Session(tmp_path, 1.0)
+    assert not list(tmp_path.iterdir()), "a page without files costs a folder"
     yield made
     made.close()
     assert not list(tmp_path.iterdir())
@@ -76,12 +78,12 @@ def test_what_is_no_data_what_is_there_and_what_has_no_room_is_refused(session):
 
 def test_files_are_in_natural_order(session):
     for name in ("10_Hz.csv", "9_Hz.csv", "notes.toml"):
-        (session.data / name).touch()
+        put(session, name)
     assert session.files == ["9_Hz.csv", "10_Hz.csv"]
 
 
 def test_what_the_page_wrote_is_never_taken_as_the_users_own(session):
-    (session.data / "a.csv").touch()
+    put(session, "a.csv")
     session.write_calibration("one")
     session.write_calibration("two")
     assert session.calibration is None
@@ -102,15 +104,61 @@ def test_a_mended_calibration_file_takes_the_place_of_the_broken_one(session):
     session.place_for("my.toml", 1).write_text("broken")
     session.place_for("my.toml", 1).write_text("mended")
     assert session.calibration == "my.toml"
-    session.place_for("other.toml", 1).touch()
+    put(session, "other.toml")
     with pytest.raises(InputError, match="More than one calibration file"):
         _ = session.calibration
-    session.place_for(CALIBRATION, 1).touch()
+    put(session, CALIBRATION)
     assert session.calibration == CALIBRATION
+
+
+def put(session, name: str, text: str = "") -> None:
+    session.place_for(name, len(text)).write_text(text)
+
+
+def test_a_file_of_the_same_name_in_capitals_is_the_same_file(session):
+    put(session, "A.csv")
+    with pytest.raises(InputError, match="here already"):
+        put(session, "a.CSV")
+    session.remove("A.csv")
+    put(session, "a.CSV")
+    assert session.files == ["a.CSV"]
+
+
+def test_a_copy_keeps_what_the_person_changes_later(session):
+    put(session, "a.csv", "one")
+    put(session, "my.toml", "one")
+    session.copy_to(copy := session.new_folder("run"))
+    put(session, "my.toml", "two")
+    session.remove("a.csv")
+    assert ((copy / "a.csv").read_text(), (copy / "my.toml").read_text()) == ("one", "one")
+
+
+def test_the_oldest_results_go_when_there_are_too_many_or_they_are_too_large(session, tmp_path):
+    def keep(size: int) -> tuple[Path, list[Path]]:
+        (made := tmp_path / "made.json").write_bytes(bytes(size))
+        return session.keep_result(made)
+
+    kept = [keep(10)[0] for _ in range(MOST_RESULTS)]
+    assert all(path.exists() for path in kept)
+    _, gone = keep(10)
+    assert gone == kept[:1]
+    _, gone = keep(1_000_000)
+    assert len(gone) == MOST_RESULTS
+    assert not any(path.exists() for path in gone)
+    last, gone = keep(2_000_000)
+    assert len(gone) == 1
+    assert last.exists()
+
+
+def test_downloads_do_not_pile_up(session):
+    places = [session.download(b"x") for _ in range(10)]
+    assert sum(place.exists() for place in places) <= 4
+    assert places[-1].read_bytes() == b"x"
 
 
 @pytest.mark.parametrize("file", ["/etc/passwd", "../x.csv", "a/../../x.csv", "~/x.csv", "C:/x.csv", "C:x.csv"])
 def test_a_calibration_file_reaches_no_other_folder(session, file):
+    session.open()
     place = session.data / CALIBRATION
     place.write_text(TOML.format(file=file))
     with pytest.raises(InputError, match="beside the calibration file only") as caught:
@@ -120,6 +168,7 @@ def test_a_calibration_file_reaches_no_other_folder(session, file):
 
 @pytest.mark.parametrize("file", ["x.csv", "*.csv", "folder/x.csv", "a..b.csv"])
 def test_files_beside_the_calibration_file_are_welcome(session, file):
+    session.open()
     place = session.data / CALIBRATION
     place.write_text(TOML.format(file=file))
     refuse_outside(place)

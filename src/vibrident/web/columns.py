@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Awaitable, Callable
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import ui
 
-from vibrident.errors import InputError, VibridentError
-from vibrident.io.guess import Columns, guess_columns
-from vibrident.memory import give_back
+from vibrident.errors import InputError
 from vibrident.web import frame
 from vibrident.web.description import Description, calibration_text, described
-from vibrident.web.motion import likely_excitation
-from vibrident.web.preview import preview
-from vibrident.web.session import CALIBRATION, refuse_outside
+from vibrident.web.looks import Guess, calibration, chart, guess
+from vibrident.web.session import CALIBRATION
+from vibrident.web.users import Confirmed, Form, User
 
 QUANTITIES = {
     "acceleration": "acceleration, m/s²",
@@ -27,146 +26,263 @@ CORES = ("accelerometer", "velocity-pickup")
 ADD_ONS = ("delay", "highpass", "mode2", "cubic", "boxcar")
 
 
+#: Fields that name a column.
+ROLES = (
+    "time",
+    "reference",
+    "response",
+    "frequency",
+    "magnitude",
+    "phase",
+    "magnitude_uncertainty",
+    "phase_uncertainty",
+)
+#: Columns beyond which the lists can be searched by typing.
+_MANY = 30
+
+
 class ColumnsStep:
     """From files to a calibration file in the user's folder."""
 
-    def __init__(self, user: frame.User) -> None:
+    def __init__(self, user: User) -> None:
         self.user = user
-        self.given = Description()
-        self.chart: Any = None
+        self.turn = 0
 
-    def build(self, on_confirmed: Callable[..., Any], on_doubt: Callable[[], Any]) -> None:
+    def build(
+        self,
+        on_confirmed: Callable[[Confirmed], Awaitable[Any]],
+        on_edit: Callable[[], Any],
+        on_doubt: Callable[[], Any],
+    ) -> None:
         """Build the section, hidden until there are data."""
-        self.on_confirmed, self.on_doubt = on_confirmed, on_doubt
+        self.on_confirmed, self.on_edit, self.on_doubt = on_confirmed, on_edit, on_doubt
         self.section = frame.step(2, "Columns, units and model", "columns")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
 
     async def show(self) -> None:
-        """Guess from the first file, or take the calibration file that came with the data."""
-        session = self.user.session
+        """The files have changed: guess again, or take the calibration file that came with them."""
         self.on_doubt()
+        self.user.session.forget_calibration()
+        if await self._look(again=True):
+            frame.go("columns")
+
+    async def restore(self) -> None:
+        """Show what the user had."""
+        await self._look(again=False)
+
+    async def _look(self, *, again: bool) -> bool:
+        """Returns whether there is something to confirm."""
+        self.turn += 1
+        turn, session = self.turn, self.user.session
         self.body.clear()
-        self.section.visible = bool(session.files)
-        if not session.files:
-            return
-        session.forget_calibration()
+        self.section.visible = bool(session.names)
+        if not session.names:
+            self.user.form = None
+            return False
+        with self.body, ui.element("div").classes("actions"):
+            ui.spinner(size="28px")
+            ui.label("Looking at the files …").props("role=status")
         try:
-            if (name := session.calibration) is not None:
-                self._as_it_stands(name)
-                return
-            guess = await run.io_bound(guess_columns, session.data / session.files[0])
-            assert guess is not None
-            excitation = await run.io_bound(likely_excitation, guess, session.data, session.files)
-        except VibridentError as error:
-            frame.show_error(self.body, error, session)
-            return
-        give_back()
-        self.given = described(guess, excitation or "sine")
+            if not session.files:
+                raise _missing_data()
+            name = session.calibration
+            text = "" if name is None else await self.user.look(calibration, session.data, name)
+            if name is None and (again or self.user.form is None):
+                found = await self.user.look(guess, session.data, session.files)
+                if turn == self.turn:
+                    self.user.form = merged(self.user.form, found)
+        except Exception as error:
+            if turn == self.turn:
+                frame.show_error(self.body, error, session)
+            return False
+        if turn != self.turn or self.body.is_deleted:  # meanwhile other files have come, or the page was left
+            return False
+        self.body.clear()
         with self.body:
-            self._form(guess)
-        await self._plot()
+            if name is None:
+                await self._ask()
+            else:
+                self._as_it_stands(name, text)
+        return True
 
-    def _as_it_stands(self, name: str) -> None:
-        """Show the calibration file that came with the data; ``show`` shows what is wrong with it."""
-        path = self.user.session.data / name
-        refuse_outside(path)
-        text = path.read_text(encoding="utf-8-sig")
-        with self.body:
-            ui.label(f"{name} came with the data and says what the columns mean:").classes("hint")
-            ui.code(text, language="toml").classes("w-full")
-            ui.button("Confirm", on_click=lambda: self.on_confirmed(name, None)).props("id=confirm")
+    def _as_it_stands(self, name: str, text: str) -> None:
+        """Show the calibration file that came with the data."""
+        ui.label(f"{name} came with the data and says what the columns mean:").classes("hint")
+        frame.Text("calibration-came", text)
+        ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
 
-    def _form(self, guess: Columns) -> None:
-        given = self.given
-        ui.label(f"Guessed from the names in {self.user.session.files[0]} and the motion; please check.").classes(
-            "hint"
-        )
-        ui.toggle({False: "Records in time", True: "Table of a response"}).bind_value(given, "table").props("no-caps")
-        choices = dict(zip(guess.columns, guess.labels, strict=True))
-        with ui.element("div").bind_visibility_from(given, "table", value=False):
-            self._records(choices)
-        with ui.element("div").bind_visibility_from(given, "table"):
-            self._table(choices)
-        self._model()
+    async def _ask(self) -> None:
+        form = self.user.form
+        assert form is not None
+        self.fields: dict[str, list[Any]] = {}
+        kept = "; what you have set stays as you set it" if form.touched else ""
+        first = self.user.session.files[0]
+        ui.label(f"Guessed from the names in {first} and the motion{kept}. Please check.").classes("hint")
+        if form.guess.all_columns > len(form.guess.columns.columns):
+            ui.label(
+                f"The file has {form.guess.all_columns} columns; the first {len(form.guess.columns.columns)} can be "
+                f"chosen here. For another, upload a {CALIBRATION} that names it."
+            ).classes("hint")
+        kind = ui.toggle({False: "Records in time", True: "Table of a response"}, value=form.given.table)
+        self._field("table", kind.props("no-caps"))
+        with ui.element("div") as self.of_records:
+            self._records(form)
+        with ui.element("div") as self.of_table:
+            self._table(form)
+        self._model(form)
+        self._visible()
         with ui.element("div").classes("actions"):
             ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
         self.plot, self.chart = ui.element("div").classes("chart"), None
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
             ui.button("Confirm", on_click=self._confirm).props("id=confirm")
+        if form.guess.chart and not form.touched:
+            self._draw(form.guess.chart)
+        else:
+            await self._plot()
 
-    def _records(self, choices: dict[int | str, str]) -> None:
-        given = self.given
-        with _group("Reference: what moved the sensor"):
-            _select(choices, "Reference: column", given, "reference", "reference-column")
-            _select(QUANTITIES, "Reference: quantity", given, "quantity", "quantity")
-            _number("Reference: SI units per unit of the file", given, "scale", "scale")
-            _text("Reference: unit, for reports", given, "unit")
-            _number("Reference: relative u (optional)", given, "standard_uncertainty")
-        with _group("Response: what the sensor gave"):
-            _select(choices, "Response: column", given, "response", "response-column")
-            _text("Response: unit", given, "response_unit", "response-unit")
-            _number("Response: such units per unit of the file", given, "response_scale", "response-scale")
-        with _group("Sampling and excitation"):
-            _select({None: "none"} | choices, "Time column, in s", given, "time", "time-column")
-            _number("Sampling rate in Hz (or the file's)", given, "rate_hz", "rate").bind_visibility_from(
-                given, "time", backward=lambda time: time is None
-            )
-            _select(EXCITATIONS, "Excitation", given, "excitation", "excitation")
-
-    def _table(self, choices: dict[int | str, str]) -> None:
-        given, optional = self.given, {None: "none"} | choices
-        with _group("Columns of the table"):
-            _select(choices, "Frequency, in Hz", given, "frequency")
-            _select(choices, "Magnitude", given, "magnitude")
-            _select(optional, "Phase", given, "phase")
-            _select(("deg", "rad"), "Unit of the phase", given, "phase_unit")
-            _select(optional, "Standard uncertainty of the magnitude", given, "magnitude_uncertainty")
-            _select(optional, "Standard uncertainty of the phase", given, "phase_uncertainty")
-            _select(QUANTITIES, "Reference: quantity", given, "quantity")
-            _text("Response: unit", given, "response_unit")
-            _number("Response: unit per unit in the file", given, "response_scale")
-
-    def _model(self) -> None:
-        given = self.given
-        with _group("Sensor and model"):
-            for key in given.sensor:
-                ui.input(key.replace("_", " ").capitalize()).bind_value(given.sensor, key).props(
-                    "dense outlined stack-label"
-                )
-            _select(CORES, "Model", given, "core", "core")
-            _select(ADD_ONS, "Add-ons", given, "add_ons", "add-ons").props("multiple use-chips")
-
-    async def _plot(self) -> None:
-        self.errors.clear()
-        try:
-            figure = await run.io_bound(preview, self.given, self.user.session.data, self.user.session.files)
-        except VibridentError as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
-        finally:
-            give_back()
-        if figure is None:  # the server is being stopped
-            return
-        if self.chart is not None:  # a new one in its place would be drawn before the old one is gone
-            self.chart.update_figure(figure)
+    def _draw(self, drawn: bytes) -> None:
+        figure = json.loads(drawn)
+        if self.chart is not None:
+            self.chart.update_figure(frame.fixed(figure))
             return
         with self.plot:
-            self.chart = ui.plotly(figure).classes("chart")
+            self.chart = frame.chart(figure)
             ui.label(f"{self.user.session.files[0]}, its beginning as it stands in the file.").classes("hint")
+
+    def _field(self, name: str, element: Any) -> Any:
+        """An element that shows and sets one field of the form."""
+        self.fields.setdefault(name, []).append(element)
+        return element.on_value_change(lambda event: self._edited(name, event.value))
+
+    def _edited(self, name: str, value: Any) -> None:
+        form = self.user.form
+        if form is None or form.get(name) == value:
+            return
+        form.set(name, value)
+        for element in self.fields[name]:  # some stand twice, for records and for a table
+            if element.value != value:
+                element.value = value
+        self._visible()
+        self.on_edit()
+
+    def _visible(self) -> None:
+        given = self.user.form.given if self.user.form else Description()
+        self.of_records.visible, self.of_table.visible = not given.table, given.table
+        for element in self.fields["rate_hz"]:
+            element.visible = given.time is None
+
+    def _records(self, form: Form) -> None:
+        with _group("Reference: what moved the sensor"):
+            self._column(form, "Reference: column", "reference", "reference-column")
+            self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
+            self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
+            self._text(form, "Reference: unit, for reports", "unit")
+            self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
+        with _group("Response: what the sensor gave"):
+            self._column(form, "Response: column", "response", "response-column")
+            self._text(form, "Response: unit", "response_unit", "response-unit")
+            self._number(form, "Response: such units per unit of the file", "response_scale", "response-scale")
+        with _group("Sampling and excitation"):
+            self._column(form, "Time column, in s", "time", "time-column", optional=True)
+            self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
+            self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
+
+    def _table(self, form: Form) -> None:
+        with _group("Columns of the table"):
+            self._column(form, "Frequency, in Hz", "frequency")
+            self._column(form, "Magnitude", "magnitude")
+            self._column(form, "Phase", "phase", optional=True)
+            self._select(form, ("deg", "rad"), "Unit of the phase", "phase_unit")
+            self._column(form, "Standard uncertainty of the magnitude", "magnitude_uncertainty", optional=True)
+            self._column(form, "Standard uncertainty of the phase", "phase_uncertainty", optional=True)
+            self._select(form, QUANTITIES, "Reference: quantity", "quantity")
+            self._text(form, "Response: unit", "response_unit")
+            self._number(form, "Response: unit per unit in the file", "response_scale")
+
+    def _model(self, form: Form) -> None:
+        with _group("Sensor and model"):
+            for key in form.given.sensor:
+                self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
+            self._select(form, CORES, "Model", "core", "core")
+            self._select(form, ADD_ONS, "Add-ons", "add_ons", "add-ons").props("multiple use-chips")
+
+    def _column(self, form: Form, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
+        columns = form.guess.columns
+        choices: dict[Any, str] = {None: "none"} if optional else {}
+        choices |= dict(zip(columns.columns, columns.labels, strict=True))
+        chosen = form.get(name)
+        if chosen not in choices and chosen is not None:
+            choices[chosen] = f"{chosen} (not in this file)"
+        element = self._select(form, choices, label, name, identity)
+        if len(choices) > _MANY:
+            element.props("use-input hide-selected fill-input input-debounce=0")
+
+    def _select(self, form: Form, choices: Any, label: str, name: str, identity: str = "") -> Any:
+        options = choices if isinstance(choices, dict) else list(choices)
+        many = isinstance(choices, dict) and len(choices) > _MANY
+        element = ui.select(
+            options, value=form.get(name), label=label, multiple=name == "add_ons", with_input=many
+        ).props("dense outlined stack-label options-dense")
+        return self._field(name, _called(element, identity))
+
+    def _number(self, form: Form, label: str, name: str, identity: str = "") -> None:
+        element = ui.number(label, value=form.get(name), format="%.12g").props("dense outlined stack-label step=any")
+        self._field(name, _called(element, identity))
+
+    def _text(self, form: Form, label: str, name: str, identity: str = "") -> None:
+        element = ui.input(label, value=form.get(name)).props("dense outlined stack-label")
+        self._field(name, _called(element, identity))
+
+    async def _plot(self) -> None:
+        form, session = self.user.form, self.user.session
+        if form is None:
+            return
+        self.errors.clear()
+        place, errors = self.plot, self.errors
+        try:
+            drawn = await self.user.look(chart, form.given, session.data, session.files)
+        except Exception as error:
+            frame.show_error(errors, error, session)
+            return
+        if place is self.plot and not place.is_deleted:
+            self._draw(drawn)
 
     async def _confirm(self) -> None:
         self.errors.clear()
-        session = self.user.session
+        form, session = self.user.form, self.user.session
+        if form is None:
+            return
         try:
-            text = calibration_text(self.given, session.files)
+            calibration_text(form.given, session.files)
         except InputError as error:
             frame.show_error(self.errors, error, session)
             return
-        session.write_calibration(text)
-        await self.on_confirmed(CALIBRATION, self.given)
+        await self.on_confirmed(Confirmed(CALIBRATION, True))
+
+
+def merged(before: Form | None, found: Guess) -> Form:
+    """The form for a new guess: as it was where a person has touched it, but for columns that are no longer there."""
+    given = described(found.columns, found.excitation or "sine")
+    if before is None or not before.touched:
+        return Form(found, given)
+    for role in ROLES:
+        if role not in before.touched and getattr(before.given, role) not in (None, *found.columns.columns):
+            setattr(before.given, role, getattr(given, role))
+    return Form(found, before.given, before.touched)
+
+
+def _missing_data() -> InputError:
+    return InputError(
+        "A calibration file came, but no data.",
+        expected="the files that it names",
+        found="none",
+        where="upload",
+        remedy="add them",
+    )
 
 
 def _group(title: str) -> ui.element:
@@ -175,17 +291,5 @@ def _group(title: str) -> ui.element:
     return ui.element("div").classes("fields").props(f'role=group aria-label="{title}"')
 
 
-def _select(choices: Any, label: str, given: Any, name: str, identity: str = "") -> Any:
-    options = choices if isinstance(choices, dict) else list(choices)
-    element = ui.select(options, label=label, multiple=name == "add_ons").bind_value(given, name)
-    return element.props(f"dense outlined stack-label options-dense {f'id={identity}' if identity else ''}")
-
-
-def _number(label: str, given: Any, name: str, identity: str = "") -> Any:
-    element = ui.number(label, format="%.12g").bind_value(given, name)
-    return element.props(f"dense outlined stack-label step=any {f'id={identity}' if identity else ''}")
-
-
-def _text(label: str, given: Any, name: str, identity: str = "") -> Any:
-    element = ui.input(label).bind_value(given, name)
-    return element.props(f"dense outlined stack-label {f'id={identity}' if identity else ''}")
+def _called(element: Any, identity: str) -> Any:
+    return element.props(f"id={identity}") if identity else element

@@ -3,58 +3,41 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
-from vibrident.errors import InputError, VibridentError
-from vibrident.io.readers import READERS
-from vibrident.result import Result
+from vibrident.errors import InputError
 from vibrident.web import frame
-from vibrident.web.hdf5_links import refuse_other_files
-from vibrident.web.session import MEGABYTE, MOST_FILES, too_large
+from vibrident.web.looks import facts, refused
+from vibrident.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
+from vibrident.web.users import User
 
-#: A folder is taken apart by the browser; the uploader itself takes files alone.
-_FOLDERS = """
-(() => {
-  const box = getElement(%(id)d), root = getHtmlElement(%(id)d), picker = document.createElement('input');
-  const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
-  const walk = async entry => entry.isFile
-    ? [await new Promise((yes, no) => entry.file(yes, no))]
-    : (await Promise.all((await all(entry.createReader())).map(walk))).flat();
-  const all = async reader => {
-    const found = [];
-    for (;;) {
-      const some = await new Promise((yes, no) => reader.readEntries(yes, no));
-      if (!some.length) return found;
-      found.push(...some);
-    }
-  };
-  picker.type = 'file'; picker.webkitdirectory = true; picker.style.display = 'none'; root.after(picker);
-  picker.onchange = () => { add(picker.files); picker.value = ''; };
-  document.getElementById('choose-folder').onclick = () => picker.click();
-  root.addEventListener('drop', async event => {
-    const entries = [...event.dataTransfer.items].map(i => i.webkitGetAsEntry?.()).filter(Boolean);
-    if (!entries.some(entry => entry.isDirectory)) return;
-    event.preventDefault(); event.stopImmediatePropagation();
-    add((await Promise.all(entries.map(walk))).flat());
-  }, true);
-})()
-"""
+#: Files that are named one by one, with a button to remove each.
+_MOST_NAMED = 40
+#: Files left out whose names the browser tells.
+_MOST_TOLD = 1000
+_KNOWN = json.dumps(KNOWN)
+#: Files that nothing here reads are not sent at all; each is told of, by its name.
+_FILTER = f"files => files.filter(f => {_KNOWN}.some(e => f.name.toLowerCase().endsWith(e)))"
+_TOLD = f"rejected => emit(rejected.slice(0, {_MOST_TOLD}).map(r => [r.failedPropValidation, r.file.name]))"
 
 
 class DataStep:
     """Files into the user's folder."""
 
-    def __init__(self, user: frame.User) -> None:
+    def __init__(self, user: User) -> None:
         self.user = user
+        self.not_sent: dict[str, list[str]] = {}
 
-    def build(self, on_data: Callable[[], Any], on_result: Callable[[], Any]) -> None:
+    def build(self, on_data: Callable[[], Awaitable[Any]], on_result: Callable[[], Awaitable[Any]]) -> None:
         """Build the section; ``on_data`` is called when files have come, ``on_result`` when an earlier result has."""
         self.on_data, self.on_result = on_data, on_result
-        limit = int(self.user.session.limit_mb * MEGABYTE)
+        limit_mb = self.user.session.limit_mb
         with frame.step(1, "Data", "data"):
             ui.label(
                 "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
@@ -64,93 +47,220 @@ class DataStep:
                 ui.upload(
                     multiple=True,
                     auto_upload=True,
-                    label=f"Drop files or a folder here, or press + (at most {self.user.session.limit_mb:g} MB)",
-                    max_total_size=limit,
+                    label=f"Drop files or a folder here, or press + (at most {limit_mb:g} MB)",
+                    max_total_size=int(limit_mb * MEGABYTE),
                     max_files=MOST_FILES,
                     on_multi_upload=self._arrived,
-                    on_rejected=lambda: frame.show_error(self.errors, too_large(self.user.session.limit_mb)),
                 )
                 .classes("uploader")
-                .props(f'flat bordered accept="{",".join((*READERS, ".toml", ".json"))}"')
+                .props("flat bordered")
             )
-            # A file of an unknown format is to get the command line's message, not to be dropped in silence.
-            self.upload.props(remove="accept")
+            self.upload.props[":filter"] = _FILTER
+            self.upload.on("start", self._begin, args=[])
+            self.upload.on("rejected", self._rejected, js_handler=_TOLD)
+            self.upload.on("failed", self._failed, args=[])
             with ui.element("div").classes("actions"):
                 ui.button("Choose a folder").props("outline id=choose-folder")
                 self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
                 ui.button("Start anew", on_click=self._anew).props("flat")
             self.errors = ui.element("div").props("aria-live=assertive")
+            self.left = ui.element("div").props("aria-live=polite")
             self.listing = ui.label("").classes("hint").props("role=status id=files")
-        ui.context.client.on_connect(lambda: ui.run_javascript(_FOLDERS % {"id": self.upload.id}))
+            self.named = ui.element("div").classes("named").props('role=list aria-label="files"')
+        ui.run_javascript(f"vibrident.folders({self.upload.id})")
+        self._list()
+
+    def hold(self) -> None:
+        """Tell the browser whether it should ask before the page is left."""
+        ui.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
+
+    def _begin(self) -> None:
+        self.errors.clear()
+
+    def _rejected(self, event: events.GenericEventArguments) -> None:
+        """Files that the browser did not send."""
+        told = [(str(why), safe_name(str(name))) for why, name in event.args]
+        unknown = [name for why, name in told if why == "filter"]
+        large = [name for why, name in told if why != "filter"]
+        if len(told) == 1 and unknown:
+            frame.show_error(self.errors, unknown_kind(unknown[0]))
+            return
+        self.not_sent = {self._unknown(): unknown, self._large(): large}
+        self._left_out(self.not_sent)
+
+    def _failed(self) -> None:
+        limit = self.user.session.limit_mb
+        self.upload.reset()
+        frame.show_error(
+            self.errors,
+            InputError(
+                "The files did not arrive.",
+                expected=f"at most {limit:g} MB at once, and a connection to the server",
+                found="an upload that broke off",
+                where="upload",
+                remedy="try again; where the files are large, fewer at a time",
+            ),
+        )
+
+    def _unknown(self) -> str:
+        return f"Not a kind of file that is read here ({', '.join(KNOWN)})"
+
+    def _large(self) -> str:
+        return f"Beyond the limit of {self.user.session.limit_mb:g} MB and {MOST_FILES} files in all"
 
     async def _arrived(self, event: events.MultiUploadEventArguments) -> None:
-        self.errors.clear()
-        session, came = self.user.session, False
-        try:
-            for file in event.files:
+        session, came, results = self.user.session, [], 0
+        alone = len(event.files) == 1
+        left_out: dict[str, list[str]] = {}
+        for file in event.files:
+            try:
                 place = session.place_for(file.name, file.size())
-                await file.save(place)
+                try:
+                    await file.save(place)
+                except BaseException:
+                    session.remove(place.name)
+                    raise
                 if place.suffix.lower() == ".json":
-                    content = place.read_bytes()
-                    place.unlink()
-                    self._result(place.stem, content)
+                    results += await self._result(place)
                 else:
-                    await self._checked(place)
-                    came = True
-        except VibridentError as error:
-            frame.show_error(self.errors, error, session)
+                    came.append(place.name)
+            except InputError as error:
+                if alone:
+                    frame.show_error(self.errors, error, session)
+                else:
+                    left_out.setdefault(self._reason(error), []).append(safe_name(file.name))
+            except Exception as error:
+                frame.show_error(self.errors, error, session)
+        came = await self._checked(came, left_out, alone=alone)
+        if self.upload.is_deleted:
+            return
         self.upload.reset()
+        self._left_out({**self.not_sent, **left_out})
+        self.not_sent = {}
         self._list()
-        if came and session.files:
+        if results:
+            await self.on_result()
+        if came:
             await self.on_data()
 
-    async def _checked(self, place: Path) -> None:
-        try:
-            await run.io_bound(refuse_other_files, place)
-        except InputError:
-            place.unlink(missing_ok=True)
-            raise
+    def _reason(self, error: InputError) -> str:
+        known = {
+            unknown_kind("").problem: self._unknown(),
+            too_large(1.0).problem: self._large(),
+        }
+        return known.get(error.problem, error.problem.rstrip("."))
 
-    def _result(self, name: str, content: bytes) -> None:
-        place = self.user.session.folder / "earlier.json"
-        place.write_bytes(content)
+    async def _checked(self, came: list[str], left_out: dict[str, list[str]], *, alone: bool) -> list[str]:
+        """Remove what is not let in; returns the rest."""
+        session = self.user.session
+        if not came:
+            return came
+        bad: dict[str, InputError] = {}
         try:
-            result = Result.load(place)
-        except InputError as error:
-            raise InputError(**{**vars(error), "where": error.where.replace(str(place), f"{name}.json")}) from None
+            said = await self.user.look(refused, session.data, came)
+            bad = {name: InputError(**fields) for name, fields in said.items()}
+        except InputError as error:  # one of them cost too much or broke the reader: each by itself
+            bad = await self._one_by_one(came) if len(came) > 1 else {came[0]: error}
+        except Exception as error:
+            frame.show_error(self.errors, error, session)
+            for name in came:
+                session.remove(name)
+            return []
+        for name, error in bad.items():
+            session.remove(name)
+            if alone:
+                frame.show_error(self.errors, error, session)
+            else:
+                left_out.setdefault(error.problem.rstrip("."), []).append(name)
+        return [name for name in came if name not in bad]
+
+    async def _one_by_one(self, came: Sequence[str]) -> dict[str, InputError]:
+        bad = {}
+        for name in came:
+            try:
+                said = await self.user.look(refused, self.user.session.data, [name])
+                bad |= {refused_name: InputError(**fields) for refused_name, fields in said.items()}
+            except InputError as error:
+                bad[name] = error
+        return bad
+
+    async def _result(self, place: Path) -> int:
+        """An earlier result: whether it is one is seen in a process of its own."""
+        session = self.user.session
+        try:
+            await self.user.look(facts, place)
+            self.user.keep(place.stem, place)
         finally:
-            place.unlink()
-        taken = {named.name for named in self.user.results}
-        free = next(n for n in (name, *(f"{name} {i}" for i in range(2, 99))) if n not in taken)
-        self.user.results.append(frame.Named(free, result, content))
-        self.on_result()
+            session.remove(place.name)
+        return 1
+
+    def _left_out(self, left_out: dict[str, list[str]]) -> None:
+        self.left.clear()
+        frame.show_left_out(self.left, {reason: names for reason, names in left_out.items() if names})
 
     async def _demo(self) -> None:
         self.errors.clear()
+        self.left.clear()
+        if self.user.busy:
+            frame.show_error(self.errors, _busy())
+            return
         self.demo_button.disable()
         self.listing.text = "Simulating the calibration of the paper's accelerometer …"
+        session = self.user.session
         try:
-            await run.io_bound(self.user.session.clear)
-            async for _ in self.user.worker.run({"task": "demo"}, self.user.session.data):
+            session.clear()
+            session.open()
+            self.user.form = None
+            async for _ in self.user.worker.run({"task": "demo"}, session.data):
                 pass
-        except VibridentError as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
+            session.rescan()
         except asyncio.CancelledError:
+            return
+        except Exception as error:
+            frame.show_error(self.errors, error, session)
             return
         finally:
             self.demo_button.enable()
             self._list()
         await self.on_data()
 
+    async def _remove(self, name: str) -> None:
+        self.errors.clear()
+        self.user.session.remove(name)
+        self._list()
+        await self.on_data()
+
     async def _anew(self) -> None:
         self.user.worker.cancel()
         self.user.session.clear()
+        self.user.form = None
         self.errors.clear()
+        self.left.clear()
         self._list()
         await self.on_data()
 
     def _list(self) -> None:
-        files = self.user.session.files
-        shown = ", ".join(files[:6]) + (f" and {len(files) - 6} more" if len(files) > 6 else "")
-        self.listing.text = f"{len(files)} file{'s' * (len(files) != 1)}: {shown}" if files else "No data yet."
+        names = self.user.session.names
+        count = f"{len(names)} file{'s' * (len(names) != 1)}"
+        self.named.clear()
+        if len(names) > _MOST_NAMED:
+            self.listing.text = f"{count}: {frame.listed(names)}"
+        else:
+            self.listing.text = f"{count}:" if names else "No data yet."
+            with self.named:
+                for name in names:
+                    with ui.element("span").classes("file").props("role=listitem"):
+                        ui.label(name)
+                        button = ui.button(icon="close", on_click=partial(self._remove, name))
+                        button.props("flat round size=xs").props["aria-label"] = f"remove {name}"
+        self.hold()
+
+
+def _busy() -> InputError:
+    return InputError(
+        "An identification is under way.",
+        expected="none",
+        found="one",
+        where="the simulated demo",
+        remedy="wait for it, or cancel it",
+    )

@@ -104,6 +104,14 @@ def _complete(given: Description, files: Sequence[str]) -> None:
     for name, column in wanted.items():
         if column is None:
             raise _missing(f"No column is chosen for the {name}.", "a column of the file", "none", "choose one")
+    numbers = {"scale of the response": given.response_scale}
+    if not given.table:
+        numbers["scale of the reference"] = given.scale
+    for name, number in numbers.items():
+        if number is None:
+            raise _missing(
+                f"The {name} is empty.", "a number; 1 where the file has the unit itself", "none", "fill it in"
+            )
     if not given.table and given.response == given.reference and given.excitation != "decay":
         text = "Reference and response are the same column."
         raise _missing(text, "two columns", repr(given.response), "choose another for one of the two")

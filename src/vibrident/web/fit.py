@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
 from nicegui import ui
 
 from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
-from vibrident.errors import VibridentError
-from vibrident.plots.style import BLUE
+from vibrident.plots.style import BLUE, ORANGE
 from vibrident.report.figures import axis, figure, log_marks, whole_numbers
-from vibrident.result import Result
 from vibrident.web import frame
 from vibrident.web.choices import Choices
-from vibrident.web.session import RESULT, refuse_outside
+from vibrident.web.description import calibration_text
+from vibrident.web.looks import calibration
+from vibrident.web.session import CALIBRATION
+from vibrident.web.users import Confirmed, Job, User
 
 ESTIMATORS = {
     "auto": "auto: chosen by the data",
@@ -25,33 +24,38 @@ ESTIMATORS = {
     "ml": "ml: maximum likelihood",
     "lsm": "lsm: least squares on the response",
 }
-#: Seconds between two looks at the training curve.
+#: Seconds between two looks at the identification.
 _PACE_S = 0.25
+#: Iterations drawn, of all starts together.
+_MOST_DRAWN = 2000
 
 
 class FitStep:
     """From the confirmed calibration file to a result."""
 
-    def __init__(self, user: frame.User) -> None:
+    def __init__(self, user: User) -> None:
         self.user = user
-        self.calibration = ""
         self.curve: Any = None
+        self.drawn = 0
+        self.over: Job | None = user.job if user.job and user.job.over else None
 
-    def build(self, on_result: Callable[[], Any]) -> None:
+    def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
         """Build the section, hidden until the columns are confirmed."""
         self.on_result = on_result
         self.section = frame.step(3, "Identify", "identify")
         with self.section:
             with ui.expansion("The calibration file: what is confirmed above").classes("w-full"):
-                self.text = ui.code("", language="toml").classes("w-full")
+                self.text = frame.Text("calibration-text")
             with ui.element("div").classes("fields wide"):
                 self.estimator = ui.select(ESTIMATORS, value="auto", label="Estimator")
                 self.discretisation = ui.select(
                     list(DISCRETISATIONS), value="bandlimited", label="Discretisation (ipnn)"
-                ).bind_visibility_from(self.estimator, "value", backward=lambda value: value == "ipnn")
+                )
                 self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label="Uncertainties cover")
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
+            self.discretisation.visible = False
+            self.estimator.on_value_change(lambda event: self.discretisation.set_visibility(event.value == "ipnn"))
             with ui.element("div").classes("actions"):
                 self.start = ui.button("Identify", on_click=self._identify).props("id=start")
                 self.stop = ui.button("Cancel", on_click=self.user.worker.cancel).props("outline color=negative")
@@ -59,97 +63,134 @@ class FitStep:
                 self.status = ui.label("").props("role=status id=status")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.place = ui.element("div").classes("chart")
+        self.timer = ui.timer(_PACE_S, self._follow, active=False)
         self.stop.visible = self.spinner.visible = self.section.visible = False
 
-    def hide(self) -> None:
-        """What was confirmed no longer holds."""
-        self.user.worker.cancel()
-        self.section.visible = False
+    def doubt(self) -> None:
+        """What was confirmed no longer holds; an identification under way goes on with the data it has."""
+        self.user.confirmed = None
+        self._renew()
 
-    async def show(self, calibration: str, given: Any) -> None:
+    async def show(self, confirmed: Confirmed) -> None:
         """Offer to identify with this calibration file."""
-        path = self.user.session.data / calibration
+        self.user.confirmed = confirmed
         self.errors.clear()
-        self.section.visible = True
-        self.calibration = calibration
-        try:
-            refuse_outside(path)
-        except VibridentError as error:
-            self.start.disable()
-            frame.show_error(self.errors, error, self.user.session)
+        await self._read()
+        frame.go("identify")
+
+    async def restore(self) -> None:
+        """Show again what was confirmed and what runs."""
+        if self.user.confirmed:
+            await self._read()
+        if self.user.busy:
+            self.timer.activate()
+        self._renew()
+
+    def refresh(self) -> None:
+        """Take over what the form says now."""
+        if not (self.user.confirmed and self.user.confirmed.from_form and self.user.form):
             return
-        self.start.enable()
-        self.text.content = path.read_text(encoding="utf-8-sig")
+        self.errors.clear()
+        try:
+            self.text.show(calibration_text(self.user.form.given, self.user.session.files))
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+            self.start.disable()
+            return
+        self._renew()
+
+    async def _read(self) -> None:
+        confirmed, session = self.user.confirmed, self.user.session
+        assert confirmed is not None
+        if confirmed.from_form:
+            self.refresh()
+            return
+        try:
+            self.text.show(await self.user.look(calibration, session.data, confirmed.name))
+        except Exception as error:
+            self.user.confirmed = None
+            frame.show_error(self.errors, error, session)
+        self._renew()
+
+    def _renew(self) -> None:
+        """What can be pressed, and what is seen."""
+        busy, confirmed = self.user.busy, self.user.confirmed is not None
+        self.section.visible = confirmed or busy
+        self.start.set_enabled(confirmed and not busy)
+        self.stop.visible = self.spinner.visible = busy
 
     async def _identify(self) -> None:
-        if self.user.worker.busy:
+        user = self.user
+        if user.busy or user.confirmed is None:
             return
-        session = self.user.session
-        choices = Choices(
-            self.calibration, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value
-        )
-        place = session.folder / RESULT
-        text = (session.data / self.calibration).read_text(encoding="utf-8-sig")
-        self._working(True)
-        try:
-            await self._follow({**choices.task, "result": str(place)})
-            content = place.read_bytes()
-            name = f"{len(self.user.results) + 1}"
-            result = Result.load(place)
-            label = f"{name}: {result.model}, {result.estimator}"
-            self.user.results.append(frame.Named(label, result, content, text, choices))
-            self.status.text = "Identified."
-            if result.training is not None:  # the result draws the whole of it
-                self._forget_curve()
-            self.on_result()
-        except VibridentError as error:
-            self.status.text = ""
-            frame.show_error(self.errors, error, session)
-        except asyncio.CancelledError:
-            self.status.text = "Cancelled."
-        finally:
-            place.unlink(missing_ok=True)
-            self._working(False)
+        self.errors.clear()
+        self._forget_curve()
+        name = user.confirmed.name
+        if user.confirmed.from_form:
+            assert user.form is not None
+            try:
+                user.session.write_calibration(calibration_text(user.form.given, user.session.files))
+            except Exception as error:
+                frame.show_error(self.errors, error, user.session)
+                return
+            name = CALIBRATION
+        chosen = Choices(name, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value)
+        user.start(chosen)
+        self._renew()
+        self.timer.activate()
 
-    async def _follow(self, task: dict[str, Any]) -> None:
-        costs: list[float] = []
-        shown = 0.0
-        async for iteration, most, cost in self.user.worker.run(task, self.user.session.data):
-            costs.append(cost)
-            if time.monotonic() > shown + _PACE_S:
-                shown = time.monotonic()
-                self.status.text = f"Iteration {iteration} of at most {most}, cost {cost:.4g}"
-                self._draw(costs)
-        if costs:
-            self._draw(costs)
+    async def _follow(self) -> None:
+        """One look at the identification."""
+        job = self.user.job
+        if job is None or job is self.over:
+            self.timer.deactivate()
+            return
+        self.status.text = job.status
+        if (heard := sum(map(len, job.starts))) != self.drawn:
+            self.drawn = heard
+            self._draw(job.starts)
+        if not job.over:
+            return
+        self.over = job
+        self.timer.deactivate()
+        self._renew()
+        if job.error is not None:
+            frame.show_error(self.errors, job.error, self.user.session)
+        elif job.words == Job.DONE:
+            self._forget_curve()  # the result draws the whole of it
+            await self.on_result()
 
-    def _draw(self, costs: list[float]) -> None:
+    def _draw(self, starts: list[list[float]]) -> None:
+        drawn = _curve(starts)
         if self.curve is None:  # plotly draws nothing where it cannot be seen
             with self.place:
-                self.curve = ui.plotly(_curve(costs)).classes("chart")
-        self.curve.update_figure(_curve(costs))
+                self.curve = frame.chart(drawn)
+        else:
+            self.curve.update_figure(frame.fixed(drawn))
 
     def _forget_curve(self) -> None:
         self.place.clear()
-        self.curve = None
-
-    def _working(self, now: bool) -> None:
-        self.start.set_enabled(not now)
-        self.stop.visible = self.spinner.visible = now
-        if now:
-            self.errors.clear()
-            self._forget_curve()
-            self.status.text = "Reading the data, loading the libraries …"
+        self.curve, self.drawn = None, 0
 
 
-def _curve(costs: list[float]) -> dict[str, Any]:
-    points = [cost for cost in costs if cost > 0]
-    line = {"y": points, "mode": "lines+markers", "line": {"color": BLUE}, "marker": {"size": 4}}
-    ticks = log_marks(np.array(points))
+def _curve(starts: list[list[float]]) -> dict[str, Any]:
+    """The cost over the iterations, a line for each start."""
+    left, lines = _MOST_DRAWN, []
+    for number, costs in reversed(list(enumerate(starts, 1))):
+        points = [(i, cost) for i, cost in enumerate(costs, 1) if np.isfinite(cost) and cost > 0][-max(left, 1) :]
+        left -= len(points)
+        last = number == len(starts)
+        look = {"mode": "lines+markers", "line": {"color": BLUE if last else ORANGE}, "marker": {"size": 4}}
+        x, y = [list(side) for side in zip(*points, strict=True)] if points else ([], [])
+        lines.append({"x": x, "y": y, "name": f"start {number}", "opacity": 1.0 if last else 0.6, **look})
+        if left <= 0:
+            break
+    every = np.array([cost for line in lines for cost in line["y"]])
+    longest = max((line["x"][-1] for line in lines if line["x"]), default=1)
     return figure(
-        [line],
+        lines[::-1],
         230,
-        xaxis=whole_numbers("iteration", len(points)),
-        yaxis=axis("cost", type="log", **ticks),
-        showlegend=False,
+        xaxis=whole_numbers("iteration", longest),
+        yaxis=axis("cost", type="log", **log_marks(every)),
+        showlegend=1 < len(lines) <= 8,
     )

@@ -1,46 +1,27 @@
-"""What the steps of the page share: the user, the frame of a section, and the box of an error."""
+"""What the steps of the page share: the frame of a section, boxes of errors and notes, text of others, charts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
-from vibrident.errors import InputError, VibridentError
-from vibrident.result import Result
-from vibrident.web.choices import Choices
+from vibrident.errors import InputError
+from vibrident.web.mishaps import foreseen
 from vibrident.web.session import Session
-from vibrident.web.worker import Worker
+
+#: Names that a list shows before it counts the rest.
+_MOST_NAMES = 12
 
 
-@dataclass
-class Named:
-    """A result and what to call it; where it was made here, with the calibration file and the choices made."""
-
-    name: str
-    result: Result
-    content: bytes
-    calibration: str | None = None
-    choices: Choices | None = None
-
-
-@dataclass
-class User:
-    """What one open page knows. Nothing of it is shared with another page."""
-
-    session: Session
-    worker: Worker = field(default_factory=Worker)
-    results: list[Named] = field(default_factory=list)
-
-    def close(self) -> None:
-        """End what runs, remove the files."""
-        self.worker.cancel()
-        self.session.close()
-
-
-def show_error(place: ui.element, error: VibridentError, session: Session | None = None) -> None:
-    """The message of the command line, in a box."""
-    local = session.local(error) if session else error
+def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
+    """The message of the command line, in a box; of what nobody foresaw, its number in the log."""
+    known = foreseen(error)
+    local = session.local(known) if session else known
+    if place.is_deleted:  # the page was left meanwhile
+        return
     place.clear()
     with place, ui.element("div").classes("error").props("role=alert"):
         if not isinstance(local, InputError):
@@ -54,9 +35,63 @@ def show_error(place: ui.element, error: VibridentError, session: Session | None
                     ui.label(text)
 
 
+def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
+    """Files that did not come along, by the reason."""
+    if place.is_deleted or not left_out:
+        return
+    count = sum(map(len, left_out.values()))
+    with place, ui.element("div").classes("warning").props('role=alert id="left-out"'):
+        ui.label(f"{count} file{'s were' if count != 1 else ' was'} left out; the rest is here.").classes("problem")
+        for reason, names in left_out.items():
+            ui.label(f"{reason}: {listed(names)}")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names, and how many more there are."""
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
 def step(number: int, title: str, name: str) -> ui.element:
     """A section of the page with its heading."""
     section = ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
     with section:
-        ui.html(f'<h2 id="{name}-title"><span aria-hidden="true">{number}</span>{title}</h2>', sanitize=False)
+        ui.html(
+            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{number}</span>{title}</h2>', sanitize=False
+        )
     return section
+
+
+def go(name: str) -> None:
+    """Bring a step into view, and the focus to its heading."""
+    ui.run_javascript(f"vibrident.go('{name}')")
+
+
+class Text:
+    """Text of others as it stands, in the type of a terminal, with a button to copy it."""
+
+    def __init__(self, name: str, text: str = "") -> None:
+        with ui.element("div").classes("code w-full").props(f"id={name}"):
+            self._label = ui.label(text).classes("plain")
+            copy = f"() => navigator.clipboard.writeText(document.querySelector('#{name} .plain').textContent)"
+            button = ui.button(icon="content_copy").props('round flat size=sm aria-label="Copy"').classes("copy")
+            button.on("click", js_handler=copy)
+
+    def show(self, text: str) -> None:
+        """Another text."""
+        self._label.text = text
+
+
+def chart(figure: dict[str, Any]) -> Any:
+    """A chart; the page itself fits it to its place, because NiceGUI asks plotly to fit hidden ones too."""
+    return ui.plotly(fixed(figure)).classes("chart")
+
+
+def fixed(figure: dict[str, Any]) -> dict[str, Any]:
+    """The figure as ``chart`` shows it, to be put in the place of another."""
+    return {**figure, "config": {"responsive": False, "displaylogo": False}}
+
+
+def send(path: Path, name: str) -> None:
+    """Let the browser download a file."""
+    ui.download.file(path, name)

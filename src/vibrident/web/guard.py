@@ -1,24 +1,44 @@
-"""What comes before the page: uploads are cut at their limit, other sites are refused, the browser asks nobody else."""
+"""What comes before the page: names it is not known by and other sites are refused, uploads are cut at their limit."""
 
 from __future__ import annotations
 
+import ipaddress
+import re
 from typing import Any
 from urllib.parse import urlsplit
 
 #: Room for what a browser writes around files.
 _ENVELOPE_BYTES = 1_000_000
 _MOST_DIGITS = 18
-#: Everything comes from here; a script or a font of another machine would be refused by the browser itself.
-POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; connect-src 'self' ws: wss: data: "
-    "blob:; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
-)
+#: Uploads of the largest size that may be under way at once, of all users together.
+_AT_ONCE = 4
+_HOST = re.compile(r"[\w.\-]+(:\d{1,5})?|\[[0-9a-fA-F:.]+\](:\d{1,5})?", re.ASCII)
 _HEADERS = (
-    (b"content-security-policy", POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
     (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
 )
+_STRANGER = (
+    b"The page is not known by this name. Open the address that vibrident serve printed, or start it with --name NAME."
+)
+_TOO_LARGE = b"The files are too large for the page."
+_BUSY = b"The server takes as many files as it can at this moment. Try again in a minute."
+
+
+def policy(host: str) -> str:
+    """The content security policy: everything comes from here and goes here; the browser refuses the rest.
+
+    Args:
+        host: as the browser called the page; its connection goes there. Some browsers do not count it as ``'self'``.
+    """
+    return (
+        "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
+        "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; "
+        f"connect-src 'self' ws://{host} wss://{host}; "
+        "object-src 'none'; frame-src 'none'; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
+    )
 
 
 class TooMuch(Exception):
@@ -31,45 +51,57 @@ class Guard:
     Args:
         app: what it guards.
         limit_bytes: most bytes of a request's body.
-        hosts: names that the page may be called by; None: any. A foreign name that leads here is another site's trick.
+        names: what the page may be called, beside the address at which a request arrives. A foreign name that leads
+            here is another site's trick (DNS rebinding).
     """
 
-    def __init__(self, app: Any, limit_bytes: int, hosts: frozenset[str] | None) -> None:
-        self._app, self._limit, self._hosts = app, limit_bytes + _ENVELOPE_BYTES, hosts
+    def __init__(self, app: Any, limit_bytes: int, names: frozenset[str]) -> None:
+        self._app, self._limit = app, limit_bytes + _ENVELOPE_BYTES
+        self._names = frozenset(map(_plain, names))
+        self._coming = 0
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Pass a request on, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = {key: value.decode("latin-1") for key, value in scope["headers"]}
-        if not self._welcome(headers):
-            await _refuse(scope, send, 403, b"This page is for this machine alone.")
+        headers = _headers(scope)
+        if not self._known(scope, headers) or _of_another_site(scope, headers):
+            await _refuse(scope, send, 403, _STRANGER)
         elif scope["type"] == "websocket":
             await self._app(scope, receive, send)
         elif not (length := headers.get(b"content-length", "0")).isdecimal() or len(length) > _MOST_DIGITS:
             await _refuse(scope, send, 400, b"The length of the request is not a number.")
         elif int(length) > self._limit:
-            await _refuse(scope, send, 413, b"The files are too large for the page.")
+            await _refuse(scope, send, 413, _TOO_LARGE)
+        elif self._coming + int(length) > _AT_ONCE * self._limit:
+            await _refuse(scope, send, 503, _BUSY)
         else:
-            await self._guarded(scope, receive, send)
+            await self._guarded(scope, receive, send, headers[b"host"])
 
-    def _welcome(self, headers: dict[bytes, str]) -> bool:
-        host, origin = headers.get(b"host", ""), headers.get(b"origin")
-        try:
-            named = self._hosts is None or (urlsplit(f"//{host}").hostname or "") in self._hosts
-            return named and (origin is None or urlsplit(origin).netloc == host != "")
-        except ValueError:  # no address at all, such as one with a single bracket
+    def _known(self, scope: Any, headers: dict[bytes, str]) -> bool:
+        """Whether it is called by a name of its own, or by the address at which the request arrived."""
+        host = headers.get(b"host", "")
+        if not _HOST.fullmatch(host):
             return False
+        try:
+            name = _plain(urlsplit(f"//{host}").hostname or "")
+        except ValueError:
+            return False
+        here = scope.get("server")
+        return name in self._names or (bool(here) and _is_address(name) and name == _plain(str(here[0])))
 
-    async def _guarded(self, scope: Any, receive: Any, send: Any) -> None:
+    async def _guarded(self, scope: Any, receive: Any, send: Any, host: str) -> None:
         received, started = 0, False
+        told = ((b"content-security-policy", policy(host).encode()), *_HEADERS)
 
         async def counted() -> Any:
             nonlocal received
             message = await receive()
-            received += len(message.get("body", b""))
-            if received > self._limit:
+            size = len(message.get("body", b""))
+            received += size
+            self._coming += size
+            if received > self._limit or self._coming > _AT_ONCE * self._limit:
                 raise TooMuch
             return message
 
@@ -77,14 +109,58 @@ class Guard:
             nonlocal started
             if message["type"] == "http.response.start":
                 started = True
-                message = {**message, "headers": [*message["headers"], *_HEADERS]}
+                message = {**message, "headers": [*message["headers"], *told]}
             await send(message)
 
         try:
             await self._app(scope, counted, marked)
         except TooMuch:
             if not started:
-                await _refuse(scope, send, 413, b"The files are too large for the page.")
+                large = received > self._limit
+                await _refuse(scope, send, 413 if large else 503, _TOO_LARGE if large else _BUSY)
+        finally:
+            self._coming -= received
+
+
+def _headers(scope: Any) -> dict[bytes, str]:
+    """The headers; of one that came twice with different words, nothing is left but what fits no rule."""
+    found: dict[bytes, str] = {}
+    for key, value in scope["headers"]:
+        text = value.decode("latin-1")
+        found[key] = text if found.get(key, text) == text else "\n"
+    return found
+
+
+def _of_another_site(scope: Any, headers: dict[bytes, str]) -> bool:
+    """Whether a page of another origin makes the request; following a link to this page is nobody's trick."""
+    origin = headers.get(b"origin")
+    try:
+        if origin is not None and urlsplit(origin).netloc != headers[b"host"]:
+            return True
+    except ValueError:  # no address at all, such as one with a single bracket
+        return True
+    if headers.get(b"sec-fetch-site", "same-origin") in ("same-origin", "none"):
+        return False
+    visits = scope["type"] == "http" and scope.get("method") == "GET" and scope.get("path") == "/"
+    return not (visits and (headers.get(b"sec-fetch-mode"), headers.get(b"sec-fetch-dest")) == ("navigate", "document"))
+
+
+def _plain(name: str) -> str:
+    """A name or address in one spelling."""
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        return name.lower()
+    mapped = getattr(address, "ipv4_mapped", None)
+    return str(mapped or address)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
 
 
 async def _refuse(scope: Any, send: Any, status: int, text: bytes) -> None:

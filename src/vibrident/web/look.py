@@ -4,8 +4,14 @@ Quasar's own important rules stand in layers, and of these the first wins: the o
 Quasar gives meaning to short class names of its own (``row``, ``column``) and to ``main``: they are left alone here.
 """
 
+from __future__ import annotations
+
+from pathlib import Path
+
+SCRIPT = (Path(__file__).parent / "page.js").read_text(encoding="utf-8")
+
 STYLE = """
-@layer theme { :focus-visible { outline: 3px solid #d55e00 !important; outline-offset: 2px; } }
+@layer theme { :focus-visible:not(h2) { outline: 3px solid #d55e00 !important; outline-offset: 2px; } }
 body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; }
 .nicegui-content { padding: 0 !important; gap: 0 !important; max-width: none !important;
   align-items: stretch !important; }
@@ -43,7 +49,15 @@ table { border-collapse: collapse; font-size: .92rem; margin: 8px 0; } th, td { 
   border-bottom: 1px solid #dde2e6; white-space: nowrap; } th { border-bottom: 2px solid #44505a; }
 td.number, th.number, .right { text-align: right; font-variant-numeric: tabular-nums; }
 pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; margin: 6px 0; }
-#command pre { white-space: pre-wrap; padding-right: 40px; }
+.code { position: relative; background: #f3f5f7; margin: 6px 0; }
+.code .plain { font: .85rem/1.45 ui-monospace, monospace; white-space: pre-wrap; overflow-wrap: anywhere;
+  padding: 10px 44px 10px 10px; max-height: 26rem; overflow-y: auto; }
+.code .copy { position: absolute; top: 4px; right: 4px; color: #44505a !important; }
+.named { display: flex; flex-wrap: wrap; gap: 6px; }
+.named .file { display: inline-flex; align-items: center; gap: 4px; background: #eaf2f8; border-radius: 14px;
+  padding: 1px 4px 1px 12px; font-size: .9rem; max-width: 100%; overflow-wrap: anywhere; }
+.named .q-btn { min-height: 0; color: #44505a; }
+.step h2:focus { outline: none; }
 .q-btn-toggle { display: inline-flex; margin: 4px 0 10px; }
 .uploader { width: 100%; margin-top: 10px; max-height: 320px;
   border: 2px dashed #5c7f99 !important; border-radius: 8px; }
@@ -52,7 +66,6 @@ pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; m
 .uploader .q-uploader__subtitle { display: none; }
 .q-chip .q-icon { opacity: 1 !important; color: #44505a; }
 .uploader .q-uploader__list { max-height: 140px; min-height: 0; padding: 0 8px; }
-.nicegui-code button { opacity: 1 !important; color: #44505a !important; }
 .chart { width: 100%; min-width: 0; }
 .q-field__label, .q-field__bottom { color: #44505a !important; } .q-btn { text-transform: none; min-height: 40px; }
 @media (max-width: 600px) { .steps { padding: 8px; } .step { padding: 12px; border-radius: 4px; } }

@@ -1,38 +1,64 @@
-"""One user's page: the steps in their order."""
+"""One user's page: the steps in their order. A tab that comes back finds what it left."""
 
 from __future__ import annotations
 
 from nicegui import app, ui
 
+from vibrident.errors import InputError
+from vibrident.web import frame
 from vibrident.web.columns import ColumnsStep
 from vibrident.web.compare import CompareStep
 from vibrident.web.data import DataStep
 from vibrident.web.fit import FitStep
-from vibrident.web.frame import User
-from vibrident.web.look import STYLE
+from vibrident.web.look import SCRIPT, STYLE
 from vibrident.web.outcome import OutcomeStep
-from vibrident.web.session import Session
+from vibrident.web.users import User, Users
 
 
-def page(limit_mb: float) -> None:
-    """Build the page for a new user."""
-
-    user = User(Session(limit_mb))
-    ui.context.client.on_delete(user.close)
-    app.on_shutdown(user.close)
+async def page(users: Users) -> None:
+    """Build the page. What costs anything waits until a browser has connected: a mere request gets a heading."""
     ui.colors(primary="#0a4b78", positive="#14632f", negative="#a1001a", warning="#7a4b00")
     ui.add_css(STYLE)
+    ui.add_body_html(f"<script>{SCRIPT}</script>")
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
-    with ui.element("main").classes("steps").props("id=main"):
-        outcome = OutcomeStep(user)
-        compare = CompareStep(user)
-        fit = FitStep(user)
-        columns = ColumnsStep(user)
-        data = DataStep(user)
-        data.build(on_data=columns.show, on_result=lambda: (outcome.show(), compare.show()))
-        columns.build(on_confirmed=fit.show, on_doubt=fit.hide)
-        fit.build(on_result=lambda: (outcome.show(), compare.show()))
-        outcome.build()
-        compare.build()
+    main = ui.element("main").classes("steps").props("id=main")
+    client = ui.context.client
+    await client.connected()
+    if client.is_deleted:
+        return
+    with main:
+        mishaps = ui.element("div").props("aria-live=assertive id=mishaps")
+        ui.on_exception(lambda error: frame.show_error(mishaps, error))
+        try:
+            user = users.attach(client, app.storage.tab)
+        except InputError as error:
+            frame.show_error(mishaps, error)
+            return
+        await _steps(user)
+
+
+async def _steps(user: User) -> None:
+    outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
+    columns, data = ColumnsStep(user), DataStep(user)
+
+    async def results() -> None:
+        data.hold()
+        await outcome.show()
+        await compare.show()
+
+    data.build(on_data=columns.show, on_result=results)
+    columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
+    fit.build(on_result=results)
+    outcome.build()
+    compare.build()
+    ui.run_javascript(f"vibrident.back({str(user.empty).lower()})")
+    data.hold()
+    if user.empty:
+        return
+    await columns.restore()
+    await fit.restore()
+    if user.results:
+        await outcome.show(go=False)
+        await compare.show()

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vibrident.io.readers import open_columns
-from vibrident.plots.style import BLUE, VERMILION
-from vibrident.report.figures import Figure, axis, figure, listed
+from vibrident.plots.style import BLUE, VERMILION, shortened
+from vibrident.report.figures import Figure, as_text, axis, figure, listed
 from vibrident.web.description import Description
 
 #: Samples drawn.
@@ -29,7 +29,7 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
     x = values.pop(0) if across is not None else None
     if x is not None and not given.table and x.size:  # a clock that counts from 1970 makes labels nobody can read
         x = x - x[0]
-    names = [str(column) for column in wanted if column != across or column in (first, second)]
+    names = [as_text(shortened(str(column), 50)) for column in wanted if column != across or column in (first, second)]
     data = []
     for place, colour, numbers, name in zip(("y", "y2"), (BLUE, VERMILION), values, names, strict=False):
         look = {"mode": "lines+markers" if given.table else "lines", "line": {"color": colour, "width": 1.3}}
@@ -39,5 +39,5 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
     layout = {"yaxis": axis("", domain=[0.54, 1.0] if len(data) > 1 else [0.0, 1.0])}
     if len(data) > 1:
         layout["yaxis2"] = axis("", domain=[0.0, 0.46])
-    below = axis(title, anchor="y2" if len(data) > 1 else "y", type="log" if given.table else "linear")
+    below = axis(title, mirror="all", anchor="y2" if len(data) > 1 else "y", type="log" if given.table else "linear")
     return figure(data, 360, xaxis=below, showlegend=True, **layout)

@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 import errno
+import ipaddress
+import os
 import socket
+import tempfile
+from collections.abc import Sequence
 from typing import Any
 
 from vibrident.errors import InputError
 from vibrident.extras import library
+from vibrident.web.home import Home
 from vibrident.web.session import MEGABYTE
 
 USUAL_PORT = 8080
+_LAST_PORT = 65_535
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+#: Seconds without a connection after which the browser builds the page anew; what it shows is kept for longer.
+_RECONNECT_S = 30.0
+#: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there, the system only says from where it would be.
+_ANYWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="6" fill="#0a4b78"/>'
     '<path d="M3 18h5l3-9 5 15 4-11 2 5h7" fill="none" stroke="#fff" stroke-width="2.4"/></svg>'
 )
 
 
-def serve(*, host: str, port: int, show: bool, limit_mb: float, say: Any = print) -> None:
+def serve(*, host: str, port: int, show: bool, limit_mb: float, names: Sequence[str] = (), say: Any = print) -> None:
     """Serve the page until interrupted.
 
     Args:
@@ -26,50 +36,113 @@ def serve(*, host: str, port: int, show: bool, limit_mb: float, say: Any = print
         port: 0 takes 8080 where it is free, else any that is.
         show: open the browser.
         limit_mb: most megabytes of one user's files.
+        names: further names that the page may be called by.
         say: called with the address.
 
     Raises:
-        InputError: NiceGUI is not installed, or the address cannot be used.
+        InputError: NiceGUI is not installed, or the address, the port or the limit cannot be used.
     """
+    _require(port, limit_mb)
     library("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
     from nicegui import ui
 
     chosen = _free_port(host, port)
-    build(limit_mb, hosts=LOOPBACK if host in LOOPBACK else None)
-    say(f"http://{f'[{host}]' if ':' in host else host}:{chosen}/")
-    ui.run(
-        host=host,
-        port=chosen,
-        title="vibrident",
-        favicon=_ICON,
-        show=show,
-        reload=False,
-        show_welcome_message=False,
-        reconnect_timeout=30.0,
-        dark=False,
-        language="en-US",
-    )
+    home = Home()
+    os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # what is half received lies there too
+    try:
+        build(limit_mb, home, names=own_names(host) | frozenset(names))
+        say(f"http://{_bracketed(reachable(host))}:{chosen}/")
+        ui.run(
+            host=host,
+            port=chosen,
+            title="vibrident",
+            favicon=_ICON,
+            show=show,
+            reload=False,
+            show_welcome_message=False,
+            reconnect_timeout=_RECONNECT_S,
+            dark=False,
+            language="en-US",
+            ws_per_message_deflate=False,  # to compress a chart takes longer than to send it
+        )
+    finally:
+        home.close()
 
 
-def build(limit_mb: float, *, hosts: frozenset[str] | None = LOOPBACK) -> None:
+def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui
 
     from vibrident.web.guard import Guard
     from vibrident.web.page import page
+    from vibrident.web.users import Users
 
-    app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), hosts=hosts)
+    users = Users(home.folder, limit_mb)
+    app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names)
+    app.on_startup(users.start)
+    app.on_shutdown(users.close)
+    app.on_shutdown(home.close)  # a signal ends the process before ``serve`` comes back
 
-    @ui.page("/", title="vibrident")
-    def _page() -> None:
-        page(limit_mb)
+    @ui.page("/", title="vibrident", markdown=False)
+    async def _page() -> None:
+        await page(users)
+
+
+def own_names(host: str) -> frozenset[str]:
+    """What a page that listens at this address may be called; addresses of this machine are known from the request."""
+    if host in LOOPBACK:
+        return LOOPBACK
+    own = socket.gethostname().lower()
+    return LOOPBACK | {host, own, f"{own}.local"} - {"", ".local"}
+
+
+def reachable(host: str) -> str:
+    """An address at which a browser finds what listens there: 0.0.0.0 and :: are none."""
+    try:
+        if not ipaddress.ip_address(host).is_unspecified:
+            return host
+    except ValueError:
+        return host
+    family = _family(host)
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((_ANYWHERE[family], 9))
+            return probe.getsockname()[0]
+        except OSError:  # no network
+            return "::1" if family == socket.AF_INET6 else "127.0.0.1"
+
+
+def _require(port: int, limit_mb: float) -> None:
+    if not 0 <= port <= _LAST_PORT:
+        raise InputError(
+            "That is no port.",
+            expected=f"a whole number from 0 to {_LAST_PORT}",
+            found=str(port),
+            where="--port",
+            remedy="leave --port out, and a free one is taken",
+        )
+    if not 1.0 <= limit_mb <= 1e6:
+        raise InputError(
+            "That is no limit for uploads.",
+            expected="a number of megabytes from 1 to a million",
+            found=f"{limit_mb:g}",
+            where="--limit-mb",
+            remedy="leave --limit-mb out for 100 MB",
+        )
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def _free_port(host: str, port: int) -> int:
     wanted = [port] if port else [USUAL_PORT, 0]
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for number in wanted:
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
+        with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind((host, number))

@@ -1,59 +1,83 @@
-"""One user's files: a private folder, names made safe, a limit on the size, and nothing left when the page closes."""
+"""One user's files: a private folder, names made safe, limits on sizes and numbers."""
 
 from __future__ import annotations
 
+import os
 import re
+import secrets
 import shutil
-import tempfile
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from vibrident.errors import InputError, VibridentError
+from vibrident.io.file_order import natural
 from vibrident.io.readers import READERS
 
 CALIBRATION, RESULT = "calibration.toml", "result.json"
 MEGABYTE = 1_000_000
 MOST_FILES = 500
+#: Results that one page keeps; of more, the oldest go.
+MOST_RESULTS = 20
+#: Endings of files that are taken.
+KNOWN = (*READERS, ".toml", ".json")
 _LONGEST_NAME = 120
+_DOWNLOADS = 4
 _UNSAFE = re.compile(r"[^\w.+ -]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _T = TypeVar("_T", bound=VibridentError)
 
 
 class Session:
-    """Files of one open page, in a folder that nobody else may read.
+    """Files of one user, in a folder that nobody else may read; it is made when the first file comes.
 
     Args:
-        limit_mb: most megabytes of all files together.
+        parent: folder of all users.
+        limit_mb: most megabytes of the data, and of the results.
+        room: called with the bytes that are about to come; raises InputError where the server has no room for them.
     """
 
-    def __init__(self, limit_mb: float) -> None:
+    def __init__(self, parent: Path, limit_mb: float, room: Callable[[int], None] = lambda size: None) -> None:
         self.limit_mb = limit_mb
-        self.folder = Path(tempfile.mkdtemp(prefix="vibrident-"))
+        self.folder = parent / secrets.token_hex(16)
         self.data = self.folder / "data"
-        self.data.mkdir()
+        self.results = self.folder / "results"
+        self._room = room
+        self._sizes: dict[str, int] = {}
+        self._result_sizes: dict[Path, int] = {}
+        self._made = 0
         self._written = False
+
+    def open(self) -> None:
+        """Make the folders, unless they are there."""
+        for folder in (self.data, self.results):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def close(self) -> None:
         """Remove every file."""
         shutil.rmtree(self.folder, ignore_errors=True)
+        self._sizes, self._result_sizes, self._written = {}, {}, False
 
     def clear(self) -> None:
         """Forget the data, keep the results that were made of them."""
-        self._written = False
         shutil.rmtree(self.data, ignore_errors=True)
-        self.data.mkdir(parents=True, exist_ok=True)
+        self._sizes, self._written = {}, False
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all files that came, in natural order."""
+        own = {CALIBRATION} if self._written else set()
+        return sorted(set(self._sizes) - own, key=natural)
 
     @property
     def files(self) -> list[str]:
         """Names of the data files, in natural order."""
-        names = [path.name for path in self.data.iterdir() if path.suffix.lower() in READERS]
-        return sorted(names, key=lambda name: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", name)])
+        return [name for name in self.names if Path(name).suffix.lower() in READERS]
 
     @property
     def used_bytes(self) -> int:
-        """Size of all data files."""
-        return sum(path.stat().st_size for path in self.data.iterdir())
+        """Size of all files, those of the results among them."""
+        return sum(self._sizes.values()) + sum(self._result_sizes.values())
 
     @property
     def calibration(self) -> str | None:
@@ -62,29 +86,29 @@ class Session:
         Raises:
             InputError: several came, and none of them has the usual name.
         """
-        names = sorted(path.name for path in self.data.iterdir() if path.suffix.lower() == ".toml")
-        if self._written:
-            names.remove(CALIBRATION)
+        names = [name for name in self.names if Path(name).suffix.lower() == ".toml"]
         if len(names) > 1 and CALIBRATION not in names:
             raise InputError(
                 "More than one calibration file came with the data.",
                 expected=f"one, or one that is named {CALIBRATION}",
                 found=", ".join(names),
                 where="upload",
-                remedy="start anew with one of them",
+                remedy="remove the others",
             )
         return None if not names else CALIBRATION if CALIBRATION in names else names[0]
 
     def write_calibration(self, text: str) -> None:
         """Write what was confirmed on the page, for the identification to read."""
+        self.open()
+        (self.data / CALIBRATION).unlink(missing_ok=True)  # a copy of it may be in use
         (self.data / CALIBRATION).write_text(text, encoding="utf-8")
+        self._sizes[CALIBRATION] = len(text)
         self._written = True
 
     def forget_calibration(self) -> None:
         """Remove what the page wrote: with other data, it no longer holds."""
         if self._written:
-            (self.data / CALIBRATION).unlink(missing_ok=True)
-            self._written = False
+            self.remove(CALIBRATION)
 
     def place_for(self, name: str, size: int) -> Path:
         """Where to put a file of this name and size. A calibration file takes the place of one of the same name.
@@ -93,35 +117,95 @@ class Session:
             InputError: the format is not read here, a file of that name is there, or there is no room for it.
         """
         safe = safe_name(name)
-        if Path(safe).suffix.lower() not in {*READERS, ".toml", ".json"}:
-            raise InputError(
-                "The file's format is not known.",
-                expected="a file ending in " + ", ".join(READERS),
-                found=repr(Path(safe).suffix) if Path(safe).suffix else "no ending",
-                where=safe,
-                remedy="rename the file, or export it as CSV or HDF5",
-            )
-        place = self.data / safe
-        if place.exists() and place.suffix.lower() != ".toml":
+        if not is_known(safe):
+            raise unknown_kind(safe)
+        if safe.lower() == CALIBRATION:
+            self.forget_calibration()
+        taken = {other.lower(): other for other in self._sizes}.get(safe.lower())
+        if taken is not None and Path(safe).suffix.lower() != ".toml":
             raise InputError(
                 "A file of that name is here already.",
                 expected="a name of its own for each file",
                 found=repr(safe),
                 where="upload",
-                remedy="rename one of the two, or start anew",
+                remedy="remove the one that is here, or rename one of the two",
             )
-        if self.used_bytes + size > self.limit_mb * MEGABYTE or len(list(self.data.iterdir())) >= MOST_FILES:
+        data_bytes = sum(self._sizes.values())
+        if data_bytes + size > self.limit_mb * MEGABYTE or len(self._sizes) >= MOST_FILES:
             raise too_large(self.limit_mb, safe)
-        if safe.lower() == CALIBRATION:
-            self.forget_calibration()
+        self._room(size)
+        self.open()
+        if taken is not None:
+            self.remove(taken)
+        self._sizes[safe] = size
+        return self.data / safe
+
+    def remove(self, name: str) -> None:
+        """Forget one file."""
+        if self._sizes.pop(name, None) is not None:
+            (self.data / name).unlink(missing_ok=True)
+            self._written = self._written and name != CALIBRATION
+
+    def rescan(self) -> None:
+        """Take note of what another process wrote."""
+        self._sizes = {path.name: path.stat().st_size for path in self.data.iterdir()}
+
+    def new_folder(self, name: str) -> Path:
+        """A folder that the caller removes."""
+        self.open()
+        self._made += 1
+        folder = self.folder / f"{name}-{self._made}"
+        folder.mkdir(mode=0o700)
+        return folder
+
+    def copy_to(self, copy: Path) -> None:
+        """Copy the data: what is done to them later does not reach an identification."""
+        for name in self._sizes:
+            try:
+                os.link(self.data / name, copy / name)
+            except OSError:  # a file system without links
+                shutil.copyfile(self.data / name, copy / name)
+
+    def keep_result(self, place: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
+        """Move a result and its calibration file here; returns where it is, and those that had to go for it."""
+        moved = [place, calibration] if calibration else [place]
+        size = sum(path.stat().st_size for path in moved)
+        self._room(size)
+        self.open()
+        self._made += 1
+        kept = self.results / f"{self._made}.json"
+        for path in moved:
+            path.replace(kept.with_suffix(".json" if path is place else ".toml"))
+        self._result_sizes[kept] = size
+        gone = []
+        while len(self._result_sizes) > MOST_RESULTS or (
+            len(self._result_sizes) > 1 and sum(self._result_sizes.values()) > self.limit_mb * MEGABYTE
+        ):
+            oldest = next(iter(self._result_sizes))
+            del self._result_sizes[oldest]
+            oldest.unlink(missing_ok=True)
+            oldest.with_suffix(".toml").unlink(missing_ok=True)
+            gone.append(oldest)
+        return kept, gone
+
+    def download(self, content: bytes) -> Path:
+        """A place for bytes on their way to the browser; those before the last few are removed."""
+        self.open()
+        folder = self.folder / "downloads"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        self._made += 1
+        (place := folder / f"{self._made}").write_bytes(content)
+        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[:-_DOWNLOADS]:
+            old.unlink(missing_ok=True)
         return place
 
     def local(self, error: _T) -> _T | InputError:
         """The error as the command line words it in the folder of the data: without the path of this machine."""
         if not isinstance(error, InputError):
             return error
-        here = f"{self.data}/"
-        fields = {key: value.replace(here, "") for key, value in vars(error).items()}
+        fields = dict(vars(error))
+        for folder in (self.data, self.results, self.folder):
+            fields = {key: value.replace(f"{folder}{os.sep}", "") for key, value in fields.items()}
         return type(error)(**fields)
 
 
@@ -135,6 +219,22 @@ def safe_name(name: str) -> str:
         return plain
     room = _LONGEST_NAME - len(Path(plain).suffix)
     return plain[:room] + Path(plain).suffix if room > 0 else plain[:_LONGEST_NAME]
+
+
+def is_known(name: str) -> bool:
+    """Whether files of that ending are read here."""
+    return Path(name).suffix.lower() in KNOWN
+
+
+def unknown_kind(name: str) -> InputError:
+    """The error of a file that nothing here reads."""
+    return InputError(
+        "The file's format is not known.",
+        expected="a file ending in " + ", ".join(READERS),
+        found=repr(Path(name).suffix) if Path(name).suffix else "no ending",
+        where=name,
+        remedy="rename the file, or export it as CSV or HDF5",
+    )
 
 
 def too_large(limit_mb: float, where: str = "upload") -> InputError:

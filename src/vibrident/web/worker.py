@@ -7,18 +7,27 @@ The process works in the folder of the data, as the command line would, and says
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import sys
+import traceback
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 from vibrident.errors import InputError, NotConverged, VibridentError
+from vibrident.sandbox import WorkerError, set_limits
 
 _WORK = "from vibrident.web.worker import work; work()"
-#: Lines of what a dead process said last, for the message.
-_LAST_LINES = 5
+#: Most bytes of one message: an error may quote what it found.
+_LONGEST_MESSAGE = 16_000_000
+#: Bytes of what a dead process said last, for the log.
+_LAST_BYTES = 20_000
+#: Memory of an identification, beside what its data need: bytes, and bytes for each byte of data.
+_MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
+_MOST_SECONDS = 7200.0
+_MOST_FILE_BYTES = 1_000_000_000
 
 
 class Worker:
@@ -43,40 +52,64 @@ class Worker:
         """Work on a task; yields iteration, the most there can be, and cost.
 
         Raises:
-            InputError, NotConverged: as the task does.
+            InputError, NotConverged: as the task does, or it needs more memory than it may have (InputError).
+        WorkerError: anything else that goes wrong there.
             asyncio.CancelledError: it was cancelled.
         """
         self._cancelled = False
         pipe = asyncio.subprocess.PIPE
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable, "-P", "-c", _WORK, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe
+        self._process = process = await asyncio.create_subprocess_exec(
+            sys.executable, "-P", "-c", _WORK, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe, limit=_LONGEST_MESSAGE
         )
-        process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
-        said = asyncio.create_task(process.stderr.read())
+        last = asyncio.create_task(_tail(process.stderr))
         outcome: dict[str, Any] = {}
         try:
-            process.stdin.write(json.dumps(task).encode())
+            process.stdin.write(json.dumps({**task, "memory_bytes": _memory(folder)}).encode())
             process.stdin.close()
             async for line in process.stdout:
                 outcome = json.loads(line)
                 if "progress" in outcome:
                     yield tuple(outcome["progress"])
             await process.wait()
+        except (ValueError, ConnectionError) as error:  # no message, or one without an end
+            if not self._cancelled:
+                raise WorkerError(f"a message of the process cannot be read: {error}") from error
         finally:
             if process.returncode is None:
-                process.kill()
+                with contextlib.suppress(ProcessLookupError):
+                    process.kill()
                 await process.wait()
             self._process = None
         if self._cancelled:
             raise asyncio.CancelledError
-        if "error" in outcome:
-            raise _error(outcome["error"])
-        if "done" not in outcome:
-            last = (await said).decode(errors="replace").strip().splitlines()[-_LAST_LINES:]
-            raise NotConverged("\n".join(("The identification ended unexpectedly.", *last)))
+        _raise(outcome, f"the process ended with status {process.returncode}\n{await last}")
+
+
+async def _tail(stream: asyncio.StreamReader) -> str:
+    """The end of what comes; the rest is forgotten, however much it is."""
+    kept = b""
+    while piece := await stream.read(_LAST_BYTES):
+        kept = (kept + piece)[-_LAST_BYTES:]
+    return kept.decode(errors="replace")
+
+
+def _memory(folder: Path) -> int:
+    return _MEMORY + _MEMORY_A_BYTE * sum(path.stat().st_size for path in folder.iterdir())
+
+
+def _raise(outcome: dict[str, Any], otherwise: str) -> None:
+    """The error that the process told of, or that it told of none and is not done."""
+    if "input" in outcome:
+        raise InputError(**outcome["input"])
+    if "error" in outcome:
+        raise NotConverged(outcome["error"])
+    if "unexpected" in outcome:
+        raise WorkerError(outcome["unexpected"])
+    if "done" not in outcome:
+        raise WorkerError(otherwise)
 
 
 def work() -> None:
@@ -84,6 +117,7 @@ def work() -> None:
     task = json.loads(sys.stdin.buffer.read())
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print is no answer
+    set_limits(task["memory_bytes"], _MOST_SECONDS, _MOST_FILE_BYTES)
 
     def say(**message: Any) -> None:
         stream.write(json.dumps(message) + "\n")
@@ -91,11 +125,25 @@ def work() -> None:
 
     try:
         (_demo if task["task"] == "demo" else _identify)(task, say)
+    except InputError as error:
+        say(input=vars(error))
     except VibridentError as error:
-        fields = vars(error) if isinstance(error, InputError) else {"message": str(error)}
-        say(error=fields)
+        say(error=str(error))
+    except MemoryError:
+        say(input=vars(_too_large(task["memory_bytes"])))
+    except Exception:
+        say(unexpected=traceback.format_exc()[-_LAST_BYTES:])
     else:
         say(done=True)
+
+
+def _too_large(memory_bytes: int) -> InputError:
+    return InputError(
+        "The identification needs more memory than the page gives.",
+        expected=f"at most {memory_bytes / 1e9:.1f} GB",
+        found="more",
+        remedy="leave out records or parts of them, or use vibrident identify in a shell",
+    )
 
 
 def _identify(task: dict[str, Any], say: Any) -> None:
@@ -133,7 +181,3 @@ def _demo(task: dict[str, Any], say: Any) -> None:
     )
     for name in ("calibration.toml", "truth.json"):  # what the columns mean is for the user to confirm
         Path(name).unlink()
-
-
-def _error(fields: dict[str, str]) -> VibridentError:
-    return NotConverged(fields["message"]) if "message" in fields else InputError(**fields)

@@ -15,16 +15,20 @@ def serve(
     ] = "127.0.0.1",
     port: Annotated[
         int,
-        typer.Option("--port", metavar="N", min=0, max=65535, help="Port.", show_default="8080, or one that is free"),
+        typer.Option("--port", metavar="N", help="Port.", show_default="8080, or one that is free"),
     ] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser.")] = False,
     limit_mb: Annotated[
-        float, typer.Option("--limit-mb", metavar="MB", min=1.0, help="Most megabytes of one user's files.")
+        float, typer.Option("--limit-mb", metavar="MB", help="Most megabytes of one user's files.")
     ] = 100.0,
+    name: Annotated[
+        list[str] | None,
+        typer.Option("--name", metavar="NAME", help="A further name that the page is called by; may be repeated."),
+    ] = None,
 ) -> None:
     """Open a page in the browser: drop files, confirm columns, identify, look, download. Ctrl-C ends it.
 
-    Data stay on this machine; each open page has files of its own, which are removed when it closes.
+    Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
     """
     from vibrident.web.server import LOOPBACK
     from vibrident.web.server import serve as run
@@ -35,4 +39,4 @@ def serve(
     def say(address: str) -> None:
         out().print(f"vibrident is at {address}  (Ctrl-C ends it)")
 
-    run(host=host, port=port, show=not no_browser, limit_mb=limit_mb, say=say)
+    run(host=host, port=port, show=not no_browser, limit_mb=limit_mb, names=name or (), say=say)

@@ -1,0 +1,200 @@
+"""What the page asks of files that were uploaded. Each function runs in a process of its own (``vibrident.sandbox``).
+
+The server never opens such a file: it gets text, figures as JSON, and bytes of bounded size.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vibrident.errors import InputError, VibridentError
+from vibrident.io.guess import Columns, guess_columns
+from vibrident.report import content, figures, figures_beside, tables, words
+from vibrident.report import page as written
+from vibrident.report.side_by_side import comparison_tables
+from vibrident.result import Result
+from vibrident.web.description import Description, described
+from vibrident.web.hdf5_links import refuse_other_files
+from vibrident.web.motion import likely_excitation
+from vibrident.web.preview import preview
+from vibrident.web.session import refuse_outside
+
+#: Columns offered; a list of many more is of no use to a person, and heavy for a browser.
+MOST_COLUMNS = 500
+#: Characters of a calibration file shown.
+MOST_TEXT = 20_000
+#: Bytes of charts that are sent to the browser at once.
+MOST_BYTES = 4_000_000
+_LONGEST_LABEL = 200
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What the columns may mean.
+
+    Attributes:
+        columns: by their names; not more than can be shown.
+        excitation: by the file's name or the motion; None where nothing can be seen.
+        all_columns: how many the file has.
+        chart: the columns that were guessed, as ``chart`` draws them; empty where that fails.
+    """
+
+    columns: Columns
+    excitation: str | None
+    all_columns: int
+    chart: bytes
+
+
+def refused(folder: Path, names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Which of these files are not let in, each with the fields of its InputError."""
+    found = {}
+    for name in names:
+        try:
+            refuse_other_files(folder / name)
+        except InputError as error:
+            found[name] = dict(vars(error))
+    return found
+
+
+def guess(folder: Path, files: Sequence[str]) -> Guess:
+    """Guess from the first file what the columns mean, from several what the excitation is.
+
+    Raises:
+        InputError: the first file cannot be opened.
+    """
+    columns = guess_columns(folder / files[0])
+    count = len(columns.columns)
+    try:
+        excitation = likely_excitation(columns, folder, files)
+    except MemoryError:  # the files may be larger than what a guess is worth
+        excitation = None
+    try:
+        drawn = chart(described(columns, excitation or "sine"), folder, files)
+    except (VibridentError, MemoryError):  # said when the page asks for the chart itself
+        drawn = b""
+    return Guess(_few(columns), excitation, count, drawn)
+
+
+def _few(columns: Columns) -> Columns:
+    """Those columns that can be offered: the first, and those that were guessed."""
+    roles = ("time", "reference", "response", "frequency", "magnitude", "phase", "magnitude_uncertainty")
+    guessed = {getattr(columns, role) for role in (*roles, "phase_uncertainty")}
+    pairs = list(zip(columns.columns, columns.labels, strict=True))
+    kept = [pair for i, pair in enumerate(pairs) if i < MOST_COLUMNS or pair[0] in guessed]
+    names, labels = zip(*kept, strict=True)
+    return replace(columns, columns=names, labels=tuple(label[:_LONGEST_LABEL] for label in labels))
+
+
+def calibration(folder: Path, name: str) -> str:
+    """The text of a calibration file, its beginning where it is long.
+
+    Raises:
+        InputError: it cannot be read, or names files that did not come with it.
+    """
+    refuse_outside(folder / name)
+    text = (folder / name).read_text(encoding="utf-8-sig")
+    left = len(text) - MOST_TEXT
+    return text if left <= 0 else f"{text[:MOST_TEXT]}\n# … and {left} characters more"
+
+
+def chart(given: Description, folder: Path, files: Sequence[str]) -> bytes:
+    """The beginning of the chosen columns, as JSON of a figure."""
+    return _json(preview(given, folder, files))
+
+
+def facts(path: Path) -> tuple[str, str]:
+    """Model and estimator of a result.
+
+    Raises:
+        InputError: it is none.
+    """
+    result = Result.load(path)
+    return result.model, result.estimator
+
+
+def outcome(path: Path) -> bytes:
+    """All that is shown of a result, as JSON: whether it is fine, its numbers and warnings as HTML, and its charts."""
+    result = Result.load(path)
+    signals = figures.signals(result)
+    drawn = (
+        ("Sensitivity", figures.sensitivity(result)),
+        ("Deviation of the model from the measurement", figures.deviation(result)),
+        ("Training", figures.training(result)),
+    )
+    shown: dict[str, Any] = {
+        "verdict": _verdict(result),
+        "parameters": written.table(tables.parameters(result)),
+        "warnings": _warnings(result),
+        "charts": [[title, figure] for title, figure in drawn if figure is not None],
+        "signals": [[name, figure] for name, figure in signals],
+    }
+    for part in ("signals", "charts"):
+        if len(text := _json(shown)) <= MOST_BYTES:
+            return text
+        shown[part], shown["left_out"] = [], True
+    return _json(shown)
+
+
+def _verdict(result: Result) -> list[str]:
+    """Kind, verdict and doubts."""
+    fine = result.fit.adequate and not result.warnings
+    verdict = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
+    doubts = f"{tables.count(len(result.warnings), 'warning')}, below" if result.warnings else "no warnings"
+    return ["verdict" if fine else "doubt", verdict, doubts]
+
+
+def _warnings(result: Result) -> str:
+    parts = []
+    for code in result.warning_codes:
+        explained = words.explain(code)
+        messages = [warning.message for warning in result.warnings if warning.code == code]
+        parts.append(
+            f'<div class="warning"><h3>{written.text(explained.title.capitalize())} <code>({written.text(code)})</code>'
+            f"</h3>{written.paragraphs([*messages, explained.meaning])}<p><b>What to do:</b> "
+            f"{written.text(explained.action).replace('`', '')}</p></div>"
+        )
+    return "".join(parts)
+
+
+def report(paths: Sequence[Path], form: Any, names: Sequence[str]) -> bytes:
+    """The file of a report of one result or of several."""
+    results = [Result.load(path) for path in paths]
+    return content(results[0], form) if len(results) == 1 else content(results, form, names)
+
+
+def exported(
+    path: Path, folder: Path, form: str, rate_hz: float | None, channel: str | None, country: str | None
+) -> tuple[bytes, str]:
+    """One file as it is, several as an archive; with its name. The folder is the caller's, to be removed."""
+    from vibrident.export import export
+
+    files = export(Result.load(path), form, folder, rate_hz=rate_hz, channel=channel, country=country)
+    if len(files) == 1:
+        return files[0].read_bytes(), files[0].name
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+        for file in files:
+            packed.write(file, file.relative_to(folder))
+    return archive.getvalue(), f"{form}.zip"
+
+
+def comparison(paths: Sequence[Path], names: Sequence[str]) -> bytes:
+    """Results side by side, as JSON: a chart or none, and tables as HTML with their titles."""
+    results = [Result.load(path) for path in paths]
+    parts = [[title, written.table(table)] for title, table in comparison_tables(results, names)]
+    figure = figures_beside.beside(results, names)
+    text = _json({"chart": figure, "tables": parts})
+    return text if len(text) <= MOST_BYTES else _json({"chart": None, "tables": parts})
+
+
+def _json(tree: Any) -> bytes:
+    try:
+        return json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
+    except ValueError as error:
+        raise VibridentError("A number that is none cannot be drawn.") from error

@@ -1,0 +1,57 @@
+// What the browser does by itself: asks before data are left, follows the steps, fits charts to their place.
+window.vibrident = {
+  holds: false,
+  hold(now) {
+    this.holds = now;
+    if (now) sessionStorage.vibridentHeld = 'yes'; else sessionStorage.removeItem('vibridentHeld');
+  },
+  back(empty) {
+    if (!empty || sessionStorage.vibridentHeld !== 'yes') return;
+    const note = document.createElement('div');
+    note.className = 'warning'; note.id = 'gone'; note.setAttribute('role', 'alert');
+    note.textContent = 'What this page held is gone: the server keeps it for an hour, as long as it runs and has room.';
+    document.getElementById('main').prepend(note);
+  },
+  go(name) {
+    const calm = matchMedia('(prefers-reduced-motion: reduce)').matches;
+    document.getElementById(name)?.scrollIntoView({ behavior: calm ? 'auto' : 'smooth', block: 'start' });
+    document.getElementById(name + '-title')?.focus({ preventScroll: true });
+  },
+  async fit() {
+    const { Plotly } = await import('nicegui-plotly');
+    for (const plot of document.querySelectorAll('.js-plotly-plot'))
+      if (plot._fullLayout && plot.offsetParent && plot.clientWidth !== plot._fullLayout.width)
+        await Plotly.Plots.resize(plot).catch(() => {});  // one that was taken away meanwhile
+  },
+  folders(id) {
+    const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
+    const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
+    const all = async reader => {
+      const found = [];
+      for (;;) {
+        const some = await new Promise((yes, no) => reader.readEntries(yes, no));
+        if (!some.length) return found;
+        found.push(...some);
+      }
+    };
+    const walk = async entry => entry.isFile
+      ? [await new Promise((yes, no) => entry.file(yes, no))]
+      : (await Promise.all((await all(entry.createReader())).map(walk))).flat();
+    picker.type = 'file'; picker.webkitdirectory = true; picker.style.display = 'none'; root.after(picker);
+    picker.onchange = () => { add(picker.files); picker.value = ''; };
+    document.getElementById('choose-folder').onclick = () => picker.click();
+    root.addEventListener('drop', async event => {
+      const entries = [...event.dataTransfer.items].map(i => i.webkitGetAsEntry?.()).filter(Boolean);
+      if (!entries.some(entry => entry.isDirectory)) return;
+      event.preventDefault(); event.stopImmediatePropagation();
+      add((await Promise.all(entries.map(walk))).flat());
+    }, true);
+  },
+};
+addEventListener('beforeunload', event => {
+  if (!vibrident.holds || !window.socket?.connected) return;  // where the server is gone, nothing more is lost
+  event.preventDefault(); event.returnValue = '';
+  setTimeout(() => { sessionStorage.__nicegui_tab_closed = 'false'; }, 500);  // the person stayed
+});
+let resizing;
+addEventListener('resize', () => { clearTimeout(resizing); resizing = setTimeout(() => vibrident.fit(), 150); });

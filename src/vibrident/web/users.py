@@ -1,0 +1,312 @@
+"""Who uses the page: what each of them has, kept for an hour after the page was left; and how much all may have."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import shutil
+import time
+from collections.abc import Callable, MutableMapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+from vibrident.errors import InputError
+from vibrident.sandbox import Ready
+from vibrident.web.choices import Choices
+from vibrident.web.description import Description
+from vibrident.web.looks import Guess, facts
+from vibrident.web.session import MEGABYTE, RESULT, Session
+from vibrident.web.worker import Worker
+
+#: Seconds for which what a page held is kept when nobody looks at it.
+KEPT_S = 3600.0
+#: Users at once; beyond, the one who left first is forgotten, and where nobody has left, a new one is refused.
+MOST_USERS = 50
+#: Megabytes of all users, in megabytes of one.
+_ALL_LIMITS = 10
+#: Processes that look at files at once.
+_LOOKS_AT_ONCE = 3
+_LOOK_SECONDS = 60.0
+#: Memory of a look: bytes, and bytes for each byte that a user may upload.
+_LOOK_MEMORY, _LOOK_MEMORY_A_BYTE = 1_000_000_000, 5
+_ROUND_S = 20.0
+_KEY = "user"
+_T = TypeVar("_T")
+
+
+@dataclass
+class Named:
+    """A result and what to call it; where it was made here, with the choices made."""
+
+    name: str
+    path: Path
+    choices: Choices | None = None
+
+    @property
+    def calibration(self) -> Path:
+        """The calibration file of a result that was made here."""
+        return self.path.with_suffix(".toml")
+
+
+@dataclass
+class Form:
+    """What the page asks about the columns, and what the person has said.
+
+    Attributes:
+        guess: what may be chosen, and what the columns may mean.
+        given: as it stands in the form.
+        touched: fields that the person set; no guess sets them again.
+    """
+
+    guess: Guess
+    given: Description
+    touched: set[str] = field(default_factory=set)
+
+    def get(self, name: str) -> Any:
+        """What a field holds; those of the sensor are named ``sensor.NAME``."""
+        whole, _, part = name.partition(".")
+        return getattr(self.given, whole)[part] if part else getattr(self.given, whole)
+
+    def set(self, name: str, value: Any) -> None:
+        """What a person says."""
+        self.touched.add(name)
+        whole, _, part = name.partition(".")
+        if part:
+            getattr(self.given, whole)[part] = value
+        else:
+            setattr(self.given, whole, value)
+
+
+@dataclass
+class Confirmed:
+    """The calibration file that identifications use: the one that came with the data, or what the form says."""
+
+    name: str
+    from_form: bool
+
+
+@dataclass
+class Job:
+    """An identification under way, seen from the page: its words, the cost of each start, and how it ended."""
+
+    BEGINNING: ClassVar[str] = "Reading the data, loading the libraries …"
+    DONE: ClassVar[str] = "Identified."
+
+    words: str = BEGINNING
+    starts: list[list[float]] = field(default_factory=list)
+    over: bool = False
+    error: Exception | None = None
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def status(self) -> str:
+        """What the page says, with the seconds it has taken so far."""
+        return self.words if self.over else f"{self.words} ({time.monotonic() - self.began:.0f} s)"
+
+    def heard(self, iteration: int, most: int, cost: float) -> None:
+        """Take note of an iteration; where the count does not go on, another start has begun."""
+        if not self.starts or iteration <= len(self.starts[-1]):
+            self.starts.append([])
+        self.starts[-1].append(cost)
+        which = f"Start {len(self.starts)}, iteration" if len(self.starts) > 1 else "Iteration"
+        self.words = f"{which} {iteration} of at most {most}, cost {cost:.4g}"
+
+
+class User:
+    """What one open page knows. Nothing of it is shared with another page."""
+
+    def __init__(self, users: Users) -> None:
+        self.users = users
+        self.session = Session(users.folder, users.limit_mb, users.make_room)
+        self.worker = Worker()
+        self.results: list[Named] = []
+        self.form: Form | None = None
+        self.confirmed: Confirmed | None = None
+        self.job: Job | None = None
+        self.notice = ""
+        self.client: Any = None
+        self.seen = time.monotonic()
+
+    @property
+    def connected(self) -> bool:
+        """Whether a browser shows the page now."""
+        return self.client is not None and bool(self.client.has_socket_connection)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an identification is under way."""
+        return self.job is not None and not self.job.over
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing would be lost."""
+        return not (self.session.names or self.results or self.busy)
+
+    async def look(self, function: Callable[..., _T], *args: Any, **limits: Any) -> _T:
+        """Run a function of ``looks`` in a process of its own."""
+        return await self.users.look(function, *args, **limits)
+
+    def start(self, choices: Choices) -> None:
+        """Begin to identify with a copy of the data; what comes of it stands in ``job`` and ``results``."""
+        self.job = Job()
+        self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
+
+    async def _identify(self, job: Job, choices: Choices) -> None:
+        copy = self.session.new_folder("run")
+        made = copy / f"new-{RESULT}"
+        try:
+            await asyncio.to_thread(self.session.copy_to, copy)
+            if self.users.identifying.locked():
+                job.words = "Waiting: others identify at this moment …"
+            async with self.users.identifying:
+                job.words = Job.BEGINNING
+                async for step in self.worker.run({**choices.task, "result": str(made)}, copy):
+                    job.heard(*step)
+            job.words = "Reading the result …"
+            model, estimator = await self.look(facts, made)
+            self.keep(f"{self._number()}: {model}, {estimator}", made, copy / choices.calibration, choices)
+            job.words = Job.DONE
+        except asyncio.CancelledError:
+            job.words = "Cancelled."
+        except Exception as error:
+            job.words, job.error = "", error
+        finally:
+            job.over = True
+            shutil.rmtree(copy, ignore_errors=True)
+
+    def _number(self) -> int:
+        taken = [named.name.partition(":")[0] for named in self.results]
+        return max((int(number) for number in taken if number.isdecimal()), default=0) + 1
+
+    def keep(self, name: str, place: Path, calibration: Path | None = None, choices: Choices | None = None) -> None:
+        """Keep a result under a name that is not taken; the oldest go where there are too many."""
+        path, gone = self.session.keep_result(place, calibration)
+        taken = {named.name for named in self.results}
+        others = (f"{name} {number}" for number in range(2, len(taken) + 3))
+        free = next(other for other in (name, *others) if other not in taken)
+        self.results.append(Named(free, path, choices))
+        lost = [named.name for named in self.results if named.path in gone]
+        self.results = [named for named in self.results if named.path not in gone]
+        if lost:
+            names = ", ".join(f"“{name}”" for name in lost)
+            self.notice = f"There are more results than are kept here; gone: {names}."
+
+    def close(self) -> None:
+        """End what runs, remove the files."""
+        self.worker.cancel()
+        self.session.close()
+        self.results, self.form, self.confirmed = [], None, None
+
+
+class Users:
+    """All users of a server.
+
+    Args:
+        folder: where their files lie.
+        limit_mb: most megabytes of one user's files.
+    """
+
+    def __init__(self, folder: Path, limit_mb: float) -> None:
+        self.folder, self.limit_mb = folder, limit_mb
+        self.kept: dict[str, User] = {}
+        self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
+        self._ready = Ready("vibrident.web.looks")
+        self._threads = ThreadPoolExecutor(_LOOKS_AT_ONCE, thread_name_prefix="look")
+        self._round: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Prepare the first look, begin to forget."""
+        self._threads.submit(self._ready.prepare)
+        self._round = asyncio.create_task(self._rounds())
+
+    def close(self) -> None:
+        """End everything."""
+        if self._round is not None:
+            self._round.cancel()
+        for user in self.kept.values():
+            user.close()
+        self.kept.clear()
+        self._ready.close()
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    async def look(self, function: Callable[..., _T], *args: Any, file_bytes: int = 0) -> _T:
+        """Run a function of ``looks`` in a process of its own, within limits."""
+        memory = int(_LOOK_MEMORY + _LOOK_MEMORY_A_BYTE * self.limit_mb * MEGABYTE)
+        call = partial(
+            self._ready.run, function, *args, memory_bytes=memory, seconds=_LOOK_SECONDS, file_bytes=file_bytes
+        )
+        return await asyncio.get_running_loop().run_in_executor(self._threads, call)
+
+    def attach(self, client: Any, tab: MutableMapping[str, Any]) -> User:
+        """The user of this browser tab: the one it had, or a new one.
+
+        Args:
+            client: the page that was opened.
+            tab: what the server remembers of the tab; a copy of it where a tab was duplicated.
+
+        Raises:
+            InputError: there are too many users.
+        """
+        user = self.kept.get(tab.get(_KEY, ""))
+        if user is None or (user.connected and user.client is not client and user.client.tab_id != client.tab_id):
+            user = self._new(tab)
+        user.client, user.seen = client, time.monotonic()
+        return user
+
+    def _new(self, tab: MutableMapping[str, Any]) -> User:
+        self.forget()
+        while len(self.kept) >= MOST_USERS:
+            if not self._drop_oldest():
+                raise InputError(
+                    "The server has as many users as it takes.",
+                    expected=f"at most {MOST_USERS} at once",
+                    found="as many",
+                    remedy="reload the page later, or start vibrident serve on a machine of your own",
+                )
+        tab[_KEY] = secrets.token_hex(16)
+        user = self.kept[tab[_KEY]] = User(self)
+        return user
+
+    def make_room(self, size: int) -> None:
+        """Forget users who have left, the first of them first, until so many bytes find room.
+
+        Raises:
+            InputError: they do not.
+        """
+        most = _ALL_LIMITS * self.limit_mb * MEGABYTE
+        while sum(user.session.used_bytes for user in self.kept.values()) + size > most:
+            if not self._drop_oldest():
+                raise InputError(
+                    "The server has no room for more files at this moment.",
+                    expected=f"at most {_ALL_LIMITS * self.limit_mb:g} MB of all users together",
+                    found="more",
+                    where="upload",
+                    remedy="try again later, or start vibrident serve on a machine of your own",
+                )
+
+    def forget(self) -> None:
+        """Remove what nobody came back for."""
+        now = time.monotonic()
+        for key, user in list(self.kept.items()):
+            if user.connected or user.busy:
+                user.seen = now
+            elif now - user.seen > (_ROUND_S if user.empty else KEPT_S):
+                self._drop(key)
+
+    def _drop_oldest(self) -> bool:
+        gone = [(user.seen, key) for key, user in self.kept.items() if not (user.connected or user.busy)]
+        if gone:
+            self._drop(min(gone)[1])
+        return bool(gone)
+
+    def _drop(self, key: str) -> None:
+        self.kept.pop(key).close()
+
+    async def _rounds(self) -> None:
+        while True:
+            await asyncio.sleep(_ROUND_S)
+            self.forget()
