@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from html import escape
 from pathlib import Path
 
 from nicegui import ui
 
+from vibrident.escaping import html
 from vibrident.report import FILE_NAMES
 from vibrident.web import frame, looks
 from vibrident.web.outcome import give
@@ -60,7 +60,7 @@ class CompareStep:
             if shown["chart"] is not None:
                 frame.chart(shown["chart"])
             for title, table in shown["tables"]:
-                ui.html(f'<h3>{escape(title)}</h3><div class="scroll">{table}</div>', sanitize=False)
+                ui.html(f'<h3>{html(title)}</h3><div class="scroll">{table}</div>', sanitize=False)
             with ui.element("div").classes("actions"):
                 ui.button("Comparison (HTML)", on_click=lambda: self._report("html")).props("outline")
                 ui.button("Comparison (PDF)", on_click=lambda: self._report("pdf")).props("outline")

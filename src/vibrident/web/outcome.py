@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
-from html import escape
 from typing import Any
 
 from nicegui import ui
 
 from vibrident.cli.options import EXPORTS
+from vibrident.escaping import html
 from vibrident.report import FILE_NAMES
 from vibrident.web import frame, looks
 from vibrident.web.session import RESULT
@@ -163,7 +163,7 @@ async def give(user: User, errors: ui.element, name: str, function: Any, *args: 
 
 def _verdict(shown: dict[str, Any]) -> None:
     """The pieces of HTML come from ``looks``, where text of others was made text."""
-    kind, verdict, doubts = (escape(part) for part in shown["verdict"])
+    kind, verdict, doubts = (html(part) for part in shown["verdict"])
     ui.html(f'<p class="{kind}"><b>{verdict}</b>; {doubts}.</p>', sanitize=False)
     ui.html(f'<div class="scroll">{shown["parameters"]}</div>', sanitize=False)
     if shown["warnings"]:
@@ -174,7 +174,7 @@ def _curves(shown: dict[str, Any]) -> None:
     if shown.get("left_out"):
         ui.label("The result holds more than can be drawn here; the report (HTML) shows it.").classes("hint")
     for title, figure in shown["charts"]:
-        ui.html(f"<h3>{escape(title)}</h3>", sanitize=False)
+        ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
         frame.chart(figure)
     if signals := shown["signals"]:
         ui.html("<h3>Signals</h3>", sanitize=False)

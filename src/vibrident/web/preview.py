@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from vibrident.escaping import plotly
 from vibrident.io.readers import open_columns
 from vibrident.plots.style import BLUE, VERMILION, shortened
-from vibrident.report.figures import Figure, as_text, axis, figure, listed
+from vibrident.report.figures import Figure, axis, figure, listed
 from vibrident.web.description import Description
 
 #: Samples drawn.
@@ -29,7 +30,7 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
     x = values.pop(0) if across is not None else None
     if x is not None and not given.table and x.size:  # a clock that counts from 1970 makes labels nobody can read
         x = x - x[0]
-    names = [as_text(shortened(str(column), 50)) for column in wanted if column != across or column in (first, second)]
+    names = [plotly(shortened(str(column), 50)) for column in wanted if column != across or column in (first, second)]
     data = []
     for place, colour, numbers, name in zip(("y", "y2"), (BLUE, VERMILION), values, names, strict=False):
         look = {"mode": "lines+markers" if given.table else "lines", "line": {"color": colour, "width": 1.3}}
