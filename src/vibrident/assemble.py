@@ -28,9 +28,13 @@ from vibrident.uncertainty.adequacy import (
     looks_random,
     tone_points,
 )
+from vibrident.uncertainty.identifiability import NOTHING
 
 #: Samples of all excerpts together, and of one.
 MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
+
+#: Scatter of a table's points, in units of their weights, where nothing tells it: so large that they say nothing.
+UNKNOWN = 1e8
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +136,22 @@ def _misfit(adequacy: Adequacy, points: list[Points], response: Any) -> str:
             "Nothing tells whether the model explains the data: in no band of frequencies does the response stand "
             "out of what the model leaves. The records are too short for a test, or noise and misfit too large."
         )
+    if adequacy.degrees_of_freedom <= 0:
+        equations = 2 * len(adequacy.frequency_hz)
+        return _nothing_left(equations, equations - adequacy.degrees_of_freedom, "data")
     chi2 = adequacy.chi2_reduced or 0.0
     return (
         f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
         f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom)"
         f"{_worst(points, response)}."
+    )
+
+
+def _nothing_left(equations: int, parameters: int, what: str) -> str:
+    """A model with no fewer parameters than there are equations meets any data."""
+    return (
+        f"Nothing tells whether the model explains the {what}: {parameters} parameters meet {equations} measured "
+        "values, and none is left to judge by. Measure at more frequencies, or take a model with fewer parameters."
     )
 
 
@@ -185,17 +200,19 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
     scatter = None
     if table.magnitude_uncertainty is None:
-        scatter = float(np.sqrt(np.sum(residual**2) / max(degrees, 1)))
+        scatter = float(np.sqrt(np.sum(residual**2) / degrees)) if degrees > 0 else UNKNOWN
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
-        chi2, adequate = None, all(looks_random(part) for part in parts)
+        chi2, adequate = None, degrees > 0 and all(looks_random(part) for part in parts)
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
         text = (
             f"The model does not explain the table: deviations are {np.sqrt(chi2 or 0.0):.3g} times the stated "
             f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom)."
         )
+    if degrees <= 0:
+        text = _nothing_left(len(residual), len(estimate.z), "table")
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate)
@@ -216,12 +233,16 @@ def measured_curve(estimate: Estimate, adequacy: Adequacy, quantity: Quantity) -
         tuple(frequency.tolist()),
         tuple(np.abs(measured).tolist()),
         tuple(np.rad2deg(np.angle(measured)).tolist()) if known else none,
-        tuple((np.abs(measured) * relative).tolist()),
-        tuple(np.rad2deg(relative).tolist()) if known else none,
+        _stated(np.abs(measured) * relative, relative),
+        _stated(np.rad2deg(relative), relative) if known else none,
         tuple((100.0 * (np.abs(ratio) - 1.0)).tolist()),
         tuple(np.rad2deg(np.angle(ratio)).tolist()) if known else none,
         tuple(adequacy.record[i] for i in order),
     )
+
+
+def _stated(uncertainty: FloatArray, relative: FloatArray) -> tuple[float | None, ...]:
+    return tuple(u if r < NOTHING else None for u, r in zip(uncertainty.tolist(), relative.tolist(), strict=True))
 
 
 def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:

@@ -280,6 +280,9 @@ def _scaled(
     adequacy, freedom = judgement.adequacy, estimate.degrees_of_freedom
     if judgement.scatter is not None:
         scatter = "the scatter of the points (no uncertainty was stated)"
+        if adequacy.degrees_of_freedom <= 0:
+            nothing = "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
+            return estimate.covariance * judgement.scatter**2, float("inf"), nothing
         return estimate.covariance * judgement.scatter**2, float(max(adequacy.degrees_of_freedom, 1)), scatter
     error = estimate.settings.get("model_error")
     if error is not None:

@@ -49,7 +49,7 @@ def second_thoughts(
     warnings = list(_nonlinear(evidence, estimate, judgement, alone))
     warnings += _moving(evidence, estimate, judgement, covariance, linear, alone)
     warnings += _reference_noise(estimate)
-    if not judgement.adequacy.adequate:
+    if not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0:
         warnings += _misread(evidence)
     return warnings
 

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
+from scipy.special import chdtrc, fdtrc
 
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.joint.sharing import Joint, Place
-from vibrident.measure.verdict import REJECTION, probability
+from vibrident.measure.verdict import REJECTION
 from vibrident.records import FloatArray
 
 
@@ -75,13 +76,12 @@ def compare(
     covariance = np.asarray(block_diag(*covariances), dtype=float)
     covariance = covariance + sum((np.outer(s, s) for s in effects), np.zeros_like(covariance))
     begin = np.concatenate([[0], np.cumsum([len(place.offset) for place in places])])
-    freedom = None if not np.isfinite(degrees_of_freedom) else np.array([degrees_of_freedom])
 
     def verdict(rows: FloatArray, at: FloatArray, spread: FloatArray) -> Verdict:
         contrasts = null_space(rows.T)
         left = contrasts.T @ at
         chi2 = float(left @ inverse_normal(contrasts.T @ spread @ contrasts) @ left)
-        return Verdict(chi2, len(left), probability(chi2, len(left), freedom))
+        return Verdict(chi2, len(left), _probability(chi2, len(left), degrees_of_freedom))
 
     each = {}
     for column, number in enumerate(numbers):
@@ -92,3 +92,10 @@ def compare(
             if number.name not in each or found.probability < each[number.name].probability:
                 each[number.name] = found
     return Consistency(verdict(whole, rest, covariance), each) if each else None
+
+
+def _probability(chi2: float, contrasts: int, freedom: float) -> float:
+    """Chance of a χ² at least this large; where the scale of V is an estimate itself, of Fisher's F."""
+    if np.isfinite(freedom):
+        return float(fdtrc(contrasts, max(freedom, 1.0), chi2 / contrasts))
+    return float(chdtrc(contrasts, chi2))

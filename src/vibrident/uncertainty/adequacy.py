@@ -103,7 +103,7 @@ def band_points(
 
 
 def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
-    """Join the points and judge; without any, nothing speaks for the model."""
+    """Join the points and judge; without any, or with no more of them than parameters, nothing speaks for the model."""
     if not parts:
         return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
     squares = np.concatenate([p.squares for p in parts])
@@ -118,7 +118,7 @@ def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
         tuple(name for p in parts for name in p.record),
         chi2 / degrees if degrees > 0 else None,
         degrees,
-        not rejected(chi2, degrees, freedom),
+        degrees > 0 and not rejected(chi2, degrees, freedom),
     )
 
 
@@ -126,7 +126,7 @@ def judge_residuals(residual: FloatArray, parameters: int) -> tuple[float | None
     """χ²/dof, degrees of freedom and verdict of residuals in units of their stated uncertainty."""
     degrees = len(residual) - parameters
     if degrees <= 0:
-        return None, degrees, True
+        return None, degrees, False
     chi2 = float(np.sum(residual**2))
     return chi2 / degrees, degrees, not rejected(chi2, degrees)
 

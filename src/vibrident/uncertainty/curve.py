@@ -13,6 +13,7 @@ from vibrident.nominal import SAME, reference, series
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Curve
+from vibrident.uncertainty.identifiability import NOTHING
 
 POINTS = 201
 
@@ -60,8 +61,8 @@ def curve(
         tuple(frequency_hz.tolist()),
         tuple(magnitude.tolist()),
         tuple(np.rad2deg(phase).tolist()),
-        tuple(u_m.tolist()),
-        tuple(np.rad2deg(u_p).tolist()),
+        tuple(u if u < NOTHING * m else None for u, m in zip(u_m.tolist(), magnitude.tolist(), strict=True)),
+        tuple(u if u < NOTHING else None for u in np.rad2deg(u_p).tolist()),
     )
 
 

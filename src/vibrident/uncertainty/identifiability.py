@@ -16,6 +16,10 @@ WEAK = 0.1
 #: … or where fixing one other parameter would shrink its uncertainty by more than this factor while its own relative
 #: uncertainty is above a tenth of WEAK.
 TRADE = 5.0
+#: Beyond this a relative standard uncertainty (of a delay: in rad) is no number to state: nothing is known.
+NOTHING = 1e3
+#: A parameter nearer to the end of its range than this part of itself lies at the end.
+MARGIN = 1e-3
 
 
 def doubts(
@@ -40,7 +44,11 @@ def doubts(
         others = np.abs(np.delete(correlation[index], index))
         strongest = float(others.max()) if others.size else 0.0
         trade = 1.0 / np.sqrt(max(1.0 - strongest**2, 1e-12))
-        if size > WEAK or (trade > TRADE and size > 0.1 * WEAK):
+        if size > NOTHING:
+            weak[spec.name] = ""
+            text = f"The data do not determine the {in_words(spec.name)}: no standard uncertainty can be stated."
+            warnings.append(ResultWarning("weakly_determined", text))
+        elif size > WEAK or (trade > TRADE and size > 0.1 * WEAK):
             names = [s.name for s in model.parameters if s.name != spec.name]
             partner = names[int(np.argmax(others))] if others.size else ""
             weak[spec.name] = partner
@@ -58,7 +66,25 @@ def doubts(
                 )
             )
     warnings += _at_bounds(coordinates, values, deviation)
-    return weak, warnings
+    return weak | dict.fromkeys(at_end(coordinates, z), ""), warnings
+
+
+def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
+    """Names of parameters at the end of the range searched: beyond it the data have no say, nor has any u."""
+    low, high = coordinates.edges
+    within = (z > low + MARGIN) & (z < high - MARGIN)
+    return {spec.name for spec, inside in zip(coordinates.model.parameters, within, strict=True) if not inside}
+
+
+def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
+    """Names of parameters of which no standard uncertainty can be stated."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    kinds = [spec.kind for spec in coordinates.model.parameters]
+    size = np.where([kind in ("gain", "positive") for kind in kinds], np.maximum(np.abs(z), 1e-300), 1.0)
+    known = deviation <= NOTHING * size
+    return at_end(coordinates, z) | {
+        spec.name for spec, is_known in zip(coordinates.model.parameters, known, strict=True) if not is_known
+    }
 
 
 def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray) -> list[ResultWarning]:
@@ -66,9 +92,9 @@ def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: Fl
     low, high = coordinates.band_hz[0] / MARGIN_BELOW, coordinates.band_hz[1] * BAND_MARGIN
     for index, spec in enumerate(coordinates.model.parameters):
         value = values[spec.name]
-        if spec.kind == "log" and not 1.001 * low < value < high / 1.001:
+        if spec.kind == "log" and not low * (1.0 + MARGIN) < value < high / (1.0 + MARGIN):
             text = f"The {in_words(spec.name)} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
             warnings.append(ResultWarning("at_bound", text))
-        if spec.kind == "positive" and value < 1e-6 + 0.01 * deviation[index]:
+        if spec.kind == "positive" and deviation[index] < NOTHING and value < 1e-6 + 0.01 * deviation[index]:
             warnings.append(ResultWarning("at_bound", f"The {in_words(spec.name)} lies at its bound, zero."))
     return warnings

@@ -8,7 +8,7 @@ logarithm, a damping ratio's ends at zero. Derived quantities are propagated by 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 import equinox as eqx
@@ -20,8 +20,11 @@ from vibrident.models import Derived, SensorModel
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Correlation, Parameter
+from vibrident.uncertainty.identifiability import NOTHING, unstated
 
 COVERAGE = 0.95
+#: What a derived quantity needs beside the natural frequency.
+_ALSO_NEEDED = {"resonance_frequency": ("damping_ratio",)}
 
 
 def coverage_factor(degrees_of_freedom: float) -> float:
@@ -73,17 +76,20 @@ def parameter_table(
     k = coverage_factor(degrees_of_freedom)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     change = slopes(coordinates, z)
+    unknown = unstated(coordinates, z, covariance)
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
+        slope = 1.0 if spec.kind == "positive" else abs(change[index])  # at zero too, where it is reflected
+        known = spec.name not in unknown
         table[spec.name] = Parameter(
             value=coordinates.values(z)[spec.name],
             unit=_unit(spec.unit, units),
-            standard_uncertainty=float(abs(change[index]) * deviation[index]),
-            interval_95=(float(low), float(high)),
-            identifiable=spec.name not in doubtful,
+            standard_uncertainty=float(slope * deviation[index]) if known else None,
+            interval_95=(float(low), float(high)) if known else (None, None),
+            identifiable=known and spec.name not in doubtful,
         )
-    table.update(_derived(coordinates, z, covariance, k, units, doubtful))
+    table.update(_derived(coordinates, z, covariance, k, units, {**doubtful, **dict.fromkeys(unknown, "")}, unknown))
     return table
 
 
@@ -108,6 +114,7 @@ def _derived(
     k: float,
     units: Mapping[str, str],
     doubtful: Mapping[str, str],
+    unknown: Set[str],
 ) -> dict[str, Parameter]:
     table = {}
     quantities = coordinates.model.derived(coordinates.values(z))
@@ -119,12 +126,14 @@ def _derived(
             interval = (value - k * u, value + k * u)
         else:  # positive: symmetric in the logarithm, as the natural frequency's
             interval = (value * np.exp(-k * relative), value * np.exp(k * relative))
+        needed = {"natural_frequency", *_ALSO_NEEDED.get(quantity.name, ())}
+        known = not needed & set(unknown) and relative <= NOTHING
         needs_damping = quantity.name == "resonance_frequency" and "damping_ratio" in doubtful
         table[quantity.name] = Parameter(
             value=float(value),
             unit=_unit(quantity.unit, units),
-            standard_uncertainty=u,
-            interval_95=(float(interval[0]), float(interval[1])),
+            standard_uncertainty=u if known else None,
+            interval_95=(float(interval[0]), float(interval[1])) if known else (None, None),
             identifiable="natural_frequency" not in doubtful and not needs_damping,
             derived=True,
         )
