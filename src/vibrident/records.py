@@ -1,7 +1,4 @@
-"""What was measured, in physical units: records, tabulated responses and the calibration that holds them.
-
-Everything here is frozen and validated on construction; after it, code trusts its types. No JAX.
-"""
+"""What was measured, in physical units: records, tabulated responses, the calibration that holds them. Validated."""
 
 from __future__ import annotations
 
@@ -72,8 +69,8 @@ class Record:
         frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
         start_time_s: time of the first sample on the file's own clock.
-        reference_full_scale: largest magnitude the reference channel can hold, in its unit; None where unknown.
-        response_full_scale: largest magnitude the response channel can hold, in its unit; None where unknown.
+        reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
+        contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
         provenance: file, hash and history.
 
     Raises:
@@ -92,6 +89,7 @@ class Record:
     provenance: Provenance = Provenance()
     reference_full_scale: float | None = None
     response_full_scale: float | None = None
+    contradicting_rate_hz: float | None = None
 
     def __post_init__(self) -> None:
         where = f"record {self.name!r}"

@@ -33,6 +33,7 @@ WarningCode = Literal[
     "reference_noise",
     "estimators_disagree",
     "units_suspect",
+    "clock_suspect",
 ]
 WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 

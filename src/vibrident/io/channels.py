@@ -23,11 +23,13 @@ class Channel:
         name: as the calibration file uses it.
         handle: by which the format's library finds it.
         clock: what the file states of its sampling; None where it states nothing.
+        in_seconds: True for times of a type of their own, which are loaded in seconds.
     """
 
     name: str
     handle: Any
     clock: Clock | None = None
+    in_seconds: bool = False
 
 
 class ChannelFile(ColumnFile):
@@ -71,6 +73,10 @@ class ChannelFile(ColumnFile):
     def clock(self, position: int) -> Clock | None:
         """Return what the file itself states of this channel's sampling."""
         return self._channels[position].clock
+
+    def in_seconds(self, position: int) -> bool:
+        """Whether this channel holds times of a type of their own."""
+        return self._channels[position].in_seconds
 
     def position_of(self, column: int | str, key: str) -> int:
         """Return the position of a channel; see ColumnFile. Says why one was refused."""

@@ -9,11 +9,16 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.columns import Clock, ColumnFile
+from vibrident.io.header_units import header, is_time, seconds_per_unit, states_a_time_unit
 from vibrident.io.sampling import sampling_from_times
 from vibrident.records import FloatArray
 
 #: Rates closer than this, relatively, are the same.
 SAME_RATE = 1e-9
+#: Two clocks of a record differ by less, relatively: that of a computer is right to a hundredth of a per cent.
+CLOCK_TOLERANCE = 2e-4
+_FEWEST_TIMES = 8
+_RATIOS_OF_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 1 / 60, 1 / 3600, 60.0, 3600.0)
 #: Channels may begin this far apart, in sampling intervals; 1 % is a phase error of 0.7° at a fifth of the rate.
 _SAME_START = 0.01
 
@@ -63,6 +68,38 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
     deviation = times_s - times_s[0] - np.arange(times_s.size) / rate_hz
     worst_s = float(np.max(np.abs(deviation - deviation.mean())))
     return Clock(rate_hz, max(3 * worst_s * rate_hz / times_s.size, SAME_RATE), round(float(times_s[0]) * 1e9))
+
+
+def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) -> float | None:
+    """Return the rate of the file's own time column where it is another than the one in use; None where all is well.
+
+    Nothing can be said without one even time column, nor by a counter. Where its name states no unit, a ratio between
+    units of time is no contradiction: the rate says which one it is.
+
+    Args:
+        source: the file.
+        used: positions of columns with another meaning.
+        rate_hz: in use, samples per second.
+    """
+    names = [header(source, position) for position in range(len(source.names))]
+    found = [position for position, name in enumerate(names) if is_time(name) and position not in used]
+    if len(found) != 1:
+        return None
+    try:
+        (times,) = source.load(found)
+        if not np.all(np.isfinite(times)) or times.size < _FEWEST_TIMES:
+            return None
+        clock = clock_from_times(times - times[0], lambda row: source.locate(found[0], row))
+        seconds = seconds_per_unit(source, found[0])
+    except InputError:  # text, or uneven: no clock
+        return None
+    stated = states_a_time_unit(names[found[0]]) or source.in_seconds(found[0])
+    if clock is None or (not stated and np.all(np.diff(times) == 1.0)):
+        return None
+    own_hz = clock.rate_hz / seconds
+    same = [1.0] if stated else _RATIOS_OF_UNITS
+    allowed = CLOCK_TOLERANCE + 2 * clock.rate_rounding
+    return None if any(abs(own_hz / rate_hz * ratio - 1.0) < allowed for ratio in same) else own_hz
 
 
 def _plainest(value: float, possible: Callable[[float], bool]) -> tuple[float, int]:

@@ -35,6 +35,9 @@ class ColumnFile(ABC):
     from 1, or a name) becomes a position through ``position_of``.
     """
 
+    #: True where names are paths, and a unit can stand in the last part only.
+    names_are_paths = False
+
     @property
     @abstractmethod
     def file(self) -> str:
@@ -53,6 +56,14 @@ class ColumnFile(ABC):
     def clock(self, position: int) -> Clock | None:
         """Return what the file itself states of this column's sampling; None where it states nothing."""
         return None
+
+    def stated_unit(self, position: int) -> str:
+        """Unit of a column where the file states one beside its name; "" where it states none."""
+        return ""
+
+    def in_seconds(self, position: int) -> bool:
+        """Whether this column holds times of a type of their own; they are loaded in seconds, whatever its name."""
+        return False
 
     @abstractmethod
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:

@@ -44,6 +44,10 @@ class CsvFile(ColumnFile):
         """The header's names; all "" without a header."""
         return self._layout.names
 
+    def stated_unit(self, position: int) -> str:
+        """The cell of a row of units below the header."""
+        return self._layout.units[position].strip("[](){}<> ")
+
     @property
     def numbered(self) -> tuple[int, ...]:
         """Every column has its number."""

@@ -45,6 +45,7 @@ class CsvLayout:
         decimal: "." or ",".
         fields: fields in every data line, an empty one behind a trailing separator included.
         names: one a column; all "" where the file has no header.
+        units: the row of units below the names; all "" where there is none.
         first_line: number of the first data line, from 1.
         offset: where that line begins, in bytes.
         encoding: of the text.
@@ -54,6 +55,7 @@ class CsvLayout:
     decimal: str
     fields: int
     names: tuple[str, ...]
+    units: tuple[str, ...]
     first_line: int
     offset: int
     encoding: str
@@ -157,13 +159,13 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
         )
     _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
     columns = fields - 1 if _has_trailing_separator([cells[i] for i in rows if i >= first], fields) else fields
-    names = _names(lines, first, cells, delimiter, columns)
+    names, units = _names(lines, first, cells, delimiter, columns)
     offset = 0
     for _ in range(first):
         offset = head.index(b"\n", offset) + 1
     if first == 0 and head.startswith(_BOM):
         offset = len(_BOM)
-    return CsvLayout(delimiter, decimal, fields, names, first + 1, offset, encoding)
+    return CsvLayout(delimiter, decimal, fields, names, units, first + 1, offset, encoding)
 
 
 def _is_comment(line: str) -> bool:
@@ -234,8 +236,11 @@ def _has_trailing_separator(rows: list[list[str]], fields: int) -> bool:
     return fields > 1 and all(len(row) != fields or row[-1] == "" for row in rows)
 
 
-def _names(lines: list[str], first: int, cells: dict[int, list[str]], delimiter: str, columns: int) -> tuple[str, ...]:
-    """Take the names from the line above the data, or the one above a row of units, or the last comment."""
+def _names(
+    lines: list[str], first: int, cells: dict[int, list[str]], delimiter: str, columns: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Take names and units from the lines above the data, a row of units below the names; or from the last comment."""
+    without = ("",) * columns
 
     def fitting(row: list[str]) -> tuple[str, ...] | None:
         if columns == 1 and delimiter == BLANKS:
@@ -247,14 +252,14 @@ def _names(lines: list[str], first: int, cells: dict[int, list[str]], delimiter:
     if above and above[-1] is not None:
         names = above[-1]
         if _is_units_row(names) and len(above) > 1 and above[-2] is not None:
-            names = above[-2]
-        return names
+            return above[-2], names
+        return names, without
     comments = [line for line in lines[:first] if _is_comment(line)]
     if comments and not above:
         names = fitting(split_line(comments[-1].strip().lstrip("#% "), delimiter))
         if names is not None and (columns > 1 or names[0]) and not any(is_number(name, ".") for name in names):
-            return names
-    return ("",) * columns
+            return names, without
+    return without, without
 
 
 def _is_units_row(row: tuple[str, ...]) -> bool:

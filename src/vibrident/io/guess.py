@@ -9,10 +9,10 @@ from pathlib import Path
 
 from vibrident.errors import InputError
 from vibrident.io.columns import ColumnFile
+from vibrident.io.header_units import is_time
 from vibrident.io.readers import open_columns
 from vibrident.io.units import quantity_of, si_scale
 
-_TIME = re.compile(r"(t|time|seconds|sec|zeit)([_ \[(]*(s|sec|seconds)?[\])]*)?", re.IGNORECASE)
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
 _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
@@ -95,7 +95,7 @@ def guess_columns(path: Path) -> Columns:
     free = list(range(len(names)))
     table = _table(names)
     clock = next((c for c in map(source.clock, free) if c is not None), None)
-    time = _first(names, free, _TIME, whole=True) if clock is None else None
+    time = next((p for p in free if is_time(names[p])), None) if clock is None else None
     if time is not None:
         free = [position for position in free if position != time]
     reference, quantity = _reference(names, free)
@@ -149,11 +149,8 @@ def _label(name: str, column: int | str) -> str:
     return f"column {column}" + (f" ({name})" if name else "")
 
 
-def _first(
-    names: Sequence[str], positions: Sequence[int], words: re.Pattern[str], *, whole: bool = False
-) -> int | None:
-    found = words.fullmatch if whole else words.search
-    return next((position for position in positions if names[position] and found(names[position].strip())), None)
+def _first(names: Sequence[str], positions: Sequence[int], words: re.Pattern[str]) -> int | None:
+    return next((position for position in positions if names[position] and words.search(names[position].strip())), None)
 
 
 def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | None, str | None]:

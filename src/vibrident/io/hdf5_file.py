@@ -69,6 +69,8 @@ def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
 class ArrayFile(ColumnFile):
     """A file of named arrays; how an array is read is left to the format."""
 
+    names_are_paths = True
+
     def __init__(self, path: Path, columns: Sequence[ArrayColumn], refused: dict[str, str]) -> None:
         """Take the usable columns, and what was refused: name to the reason."""
         self._path = path

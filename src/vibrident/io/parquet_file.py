@@ -42,7 +42,9 @@ class ParquetFile(ChannelFile):
         for field in schema:
             if _usable(types, field.type):
                 rate = (field.metadata or {}).get(_RATE_KEY, of_the_file)
-                channels.append(Channel(field.name, field.name, _clock(rate, f"{path}, column {field.name!r}")))
+                clock = _clock(rate, f"{path}, column {field.name!r}")
+                timed = types.is_timestamp(field.type) or types.is_duration(field.type)
+                channels.append(Channel(field.name, field.name, clock, timed))
             else:
                 refused[field.name] = f"of type {field.type}"
         super().__init__(path, channels, refused)

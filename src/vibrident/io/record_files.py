@@ -13,10 +13,11 @@ from pathlib import Path
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.io.checksum import sha256
-from vibrident.io.clocks import SAME_RATE, agreed_rate, require_same_start
+from vibrident.io.clocks import SAME_RATE, agreed_rate, contradicting_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.file_order import natural
 from vibrident.io.finite import require_finite
+from vibrident.io.header_units import require_channel_unit, seconds_per_unit
 from vibrident.io.readers import open_columns
 from vibrident.io.sampling import Sampling, cut, sampling_from_times
 from vibrident.records import FloatArray, Provenance, Record
@@ -157,6 +158,7 @@ def _read_record(part: _Part, name: str, calibration: CalibrationFile, folder: P
     channels = _load(part, calibration, folder)
     response, reference = channels["response"], channels.get("reference")
     sampling = _sampling(part, calibration, channels)
+    _check_headers(calibration, channels, reference_unit)
     if reference is not None:
         require_same_start((response.source, response.position), (reference.source, reference.position))
     _check_frequency(part, sampling, response.source.file)
@@ -178,6 +180,7 @@ def _read_record(part: _Part, name: str, calibration: CalibrationFile, folder: P
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         start_time_s=sampling.start_time_s + kept.start / sampling.rate_hz,
+        contradicting_rate_hz=None if "time" in channels else _other_rate(channels, sampling.rate_hz),
         provenance=Provenance(part.file, sha256(folder / part.file), tuple(history)),
         reference_full_scale=None if reference is None else _scaled(to_reference.full_scale, to_reference.scale),
         response_full_scale=_scaled(to_response.full_scale, to_response.scale),
@@ -207,12 +210,33 @@ def _load(part: _Part, calibration: CalibrationFile, folder: Path) -> dict[str, 
     return channels
 
 
+def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], reference_unit: str) -> None:
+    """Hold the units in the headers against the calibration file; see header_units."""
+    response, reference = calibration.response, calibration.reference
+    at = channels["response"]
+    require_channel_unit(at.source, at.position, "[response]", unit=response.unit, scale=response.scale)
+    if (at := channels.get("reference")) is not None:
+        stated = {"unit": reference_unit, "scale": reference.scale, "quantity": reference.quantity}
+        require_channel_unit(at.source, at.position, "[reference]", **stated)
+
+
 def _sampling(part: _Part, calibration: CalibrationFile, channels: dict[str, _Channel]) -> Sampling:
     time = channels.get("time")
     if time is None:
         return _stated_sampling(part, calibration, [*channels.values()])
     require_finite(time.source, time.position, time.values, 0, "repair the time column, or give rate_hz")
-    return sampling_from_times(time.values, lambda row: time.source.locate(time.position, row))
+    seconds = seconds_per_unit(time.source, time.position)
+    sampling = sampling_from_times(time.values, lambda row: time.source.locate(time.position, row))
+    if seconds == 1.0:
+        return sampling
+    note = f"time: column {time.position + 1} ({time.source.names[time.position]!r}) × {seconds!r} → s, by the header"
+    return Sampling(sampling.rate_hz / seconds, sampling.start_time_s * seconds, note)
+
+
+def _other_rate(channels: dict[str, _Channel], rate_hz: float) -> float | None:
+    main = channels["response"].source
+    used = [channel.position for channel in channels.values() if channel.source is main]
+    return contradicting_rate(main, used, rate_hz)
 
 
 def _scaled(full_scale: float | None, scale: float) -> float | None:

@@ -11,6 +11,7 @@ from vibrident.io.calibration_file import CalibrationFile
 from vibrident.io.checksum import sha256
 from vibrident.io.columns import ColumnFile
 from vibrident.io.finite import require_finite
+from vibrident.io.header_units import hertz_per_unit, require_magnitude_unit, require_phase_unit
 from vibrident.io.readers import open_columns
 from vibrident.records import FloatArray, Provenance, ResponseTable
 
@@ -53,6 +54,7 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     positions = {
         key: source.position_of(column, f"[table] {key}") for key, column in wanted.items() if column is not None
     }
+    _check_headers(calibration, source, positions)
     columns = dict(zip(positions, source.load(tuple(positions.values())), strict=True))
     for key, values in columns.items():
         _check(key, values, source, positions[key])
@@ -70,14 +72,32 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     history.append(f"magnitude × {scale!r} → {calibration.response.unit} per unit of {calibration.reference.quantity}")
     if section.phase is not None:
         history.append(f"phase read in {section.phase_unit}")
+    hertz = hertz_per_unit(source, positions["frequency"])
+    if hertz != 1.0:
+        history.append(f"frequency × {hertz!r} → Hz, by the header")
     return ResponseTable(
-        frequency_hz=columns["frequency"],
+        frequency_hz=columns["frequency"] * hertz,
         magnitude=columns["magnitude"] * scale,
         phase_rad=_times(columns.get("phase"), radians),
         magnitude_uncertainty=_times(columns.get("magnitude_uncertainty"), scale),
         phase_uncertainty_rad=_times(columns.get("phase_uncertainty"), radians),
         provenance=Provenance(section.file, sha256(path), tuple(history)),
     )
+
+
+def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]) -> None:
+    """Hold the units in the header against the calibration file; see header_units."""
+    assert calibration.table is not None
+    stated = {
+        "unit": calibration.response.unit,
+        "scale": calibration.response.scale / calibration.reference.scale,
+        "quantity": calibration.reference.quantity,
+    }
+    for key, position in positions.items():
+        if key.startswith("phase"):
+            require_phase_unit(source, position, key, calibration.table.phase_unit)
+        elif key.startswith("magnitude"):
+            require_magnitude_unit(source, position, key, **stated)
 
 
 def _times(values: FloatArray | None, factor: float) -> FloatArray | None:

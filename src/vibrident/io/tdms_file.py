@@ -22,6 +22,8 @@ _EXPECTED = "a TDMS file, written to its end"
 class TdmsFile(ChannelFile):
     """A TDMS file; numbers are scaled as the file says. Text, complex numbers and empty channels are refused."""
 
+    names_are_paths = True
+
     def __init__(self, path: Path) -> None:
         """List the channels.
 
@@ -41,7 +43,8 @@ class TdmsFile(ChannelFile):
                     if reason:
                         refused[name] = reason
                     else:
-                        channels.append(Channel(name, (found.group_name, found.name), _clock(found.properties)))
+                        handle, timed = (found.group_name, found.name), found.dtype.kind == "M"
+                        channels.append(Channel(name, handle, _clock(found.properties), timed))
         except Exception as error:  # damaged files raise anything, from struct.error to KeyError
             raise unreadable(str(path), error, _EXPECTED) from error
         super().__init__(path, channels, refused)

@@ -84,7 +84,7 @@ def _sine_fit(record: Record) -> tuple[float, ComplexArray, FloatArray]:
     """Frequency, amplitudes of both channels, and the variance of their real parts for white noise."""
     reference, response, mask = np.asarray(record.reference), record.response, record.mask
     times = record.time_s
-    start = _spectral_peak(reference, mask, record.sampling_rate_hz, record.frequency_hz)
+    start = spectral_peak(reference, mask, record.sampling_rate_hz, record.frequency_hz)
     span = times[-1]
     omega = 2.0 * np.pi * start
     t = times - 0.5 * span
@@ -119,7 +119,7 @@ def _sine_fit(record: Record) -> tuple[float, ComplexArray, FloatArray]:
     return float(omega) / (2.0 * np.pi), amplitude, variance
 
 
-def _spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:
+def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n = signal.shape[0]
     centred = np.where(mask, signal - signal[mask].mean(), 0.0)

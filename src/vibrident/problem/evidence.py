@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
+from vibrident.measure.clock import judge_clocks
 from vibrident.measure.quality import refuse_other_motion, short_records, silent_channels
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
@@ -47,7 +48,9 @@ class Evidence:
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
-        return cls._measured(calibration, model, *screen(calibration.records))
+        records, findings = screen(calibration.records)
+        records, more = judge_clocks(records)
+        return cls._measured(calibration, model, records, (*findings, *more))
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""

@@ -113,6 +113,12 @@ _WORDS: dict[WarningCode, Words] = {
         "9.80665 (g and m/s²).",
         "Check scale, unit and quantity of both channels in the calibration file.",
     ),
+    "clock_suspect": Words(
+        "the sampling rate looks wrong",
+        "The sampling rate in use contradicts the file's own times, or the frequencies that are stated of the tones. "
+        "All frequencies, the natural frequency among them, are wrong in the same ratio.",
+        "Check rate_hz, or the unit of the time column; correct frequency_hz where it is the one that is wrong.",
+    ),
 }
 
 #: Words for each of the contracted warning codes.

@@ -1,0 +1,248 @@
+"""Units in the header of a data file: "Time (ms)", "time_us", "time/min", "f (kHz)", "phase (rad)", "a in mm/s²".
+
+One rule for all columns. Where the calibration file states no unit (times, frequencies), the header's is taken. Where
+it states one (quantity, scale, unit, phase_unit), a header that contradicts it is refused, with the key that agrees. A
+header that names no unit, or one that is not known here, says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from vibrident.errors import InputError
+from vibrident.io.columns import ColumnFile
+from vibrident.io.units import quantity_of, si_scale
+from vibrident.records import STANDARD_GRAVITY, Quantity
+
+_SECONDS = {
+    "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sekunde": 1.0, "sekunden": 1.0,
+    "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3, "millisekunden": 1e-3,
+    "us": 1e-6, "usec": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6, "mikrosekunden": 1e-6,
+    "ns": 1e-9, "nsec": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9, "ps": 1e-12, "cs": 1e-2, "ds": 0.1, "ks": 1e3,
+    "min": 60.0, "mins": 60.0, "minute": 60.0, "minutes": 60.0, "minuten": 60.0,
+    "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "hours": 3600.0, "stunden": 3600.0, "d": 86400.0, "days": 86400.0,
+}  # fmt: skip
+_HERTZ = {
+    "hz": 1.0, "1/s": 1.0, "s^-1": 1.0, "hertz": 1.0, "khz": 1e3, "mhz": 1e-3, "uhz": 1e-6, "rpm": 1 / 60,
+    "1/min": 1 / 60, "rad/s": 0.5 / math.pi, "rad*s^-1": 0.5 / math.pi, "krad/s": 500 / math.pi,
+    "deg/s": 1 / 360, "°/s": 1 / 360,
+}  # fmt: skip
+_RADIANS = {
+    "deg": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "°": math.pi / 180, "grad": math.pi / 200,
+    "rad": 1.0, "radian": 1.0, "radians": 1.0, "mrad": 1e-3, "urad": 1e-6,
+}  # fmt: skip
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
+_COUNTED = frozenset({"samples", "sample", "ticks", "tick", "counts", "count", "points", "point", "index", "smp", "#"})
+_PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None})
+_BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
+_AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
+_AFTER_WORD = re.compile(r"\b(?:in|en)\s+(\S+)$", re.IGNORECASE)
+#: Suffixes that stand for a unit of times, frequencies and phases only: "_m" or "_a" may be anything.
+_SUFFIX = re.compile(r"^.*[A-Za-z0-9][_.\s-]+([A-Za-zµμ]+)$")
+_RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
+_TIMES = frozenset(
+    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time", "relative time"}
+)
+#: A scale this close to a conversion is that conversion.
+_SAME = 1e-3
+
+
+def unit_in_name(name: str) -> str:
+    """Return the unit that a column's name ends with, as it is written; "" where it ends with none."""
+    name = name.strip()
+    for pattern in (_BRACKETS, _AFTER_WORD, _AFTER_SLASH):
+        if found := pattern.search(name):
+            return found.group(1).strip()
+    return ""
+
+
+def header(source: ColumnFile, position: int) -> str:
+    """A column's name, with the unit that the file states beside it."""
+    stated, name = source.stated_unit(position), source.names[position]
+    name = name.rsplit("/", 1)[-1] if source.names_are_paths else name
+    return f"{name} ({stated})" if stated else name
+
+
+def seconds_per_unit(source: ColumnFile, position: int) -> float:
+    """How many seconds one of a time column is; 1 where its header says nothing of it.
+
+    Raises:
+        InputError: the header names a unit that is none of time.
+    """
+    if source.in_seconds(position):
+        return 1.0
+    return _own_unit(source, position, _SECONDS, "time_column", "seconds", "give rate_hz instead of time_column")
+
+
+def hertz_per_unit(source: ColumnFile, position: int) -> float:
+    """How many hertz one of a frequency column is; 1 where its header says nothing of it.
+
+    Raises:
+        InputError: the header names a unit that is none of frequency.
+    """
+    remedy = "write the frequencies in Hz, and Hz into the header"
+    return _own_unit(source, position, _HERTZ, "[table] frequency", "Hz", remedy)
+
+
+def states_a_time_unit(name: str) -> bool:
+    """Whether a column's name says in which unit its times are."""
+    return _spelling(name, _SECONDS) in _SECONDS
+
+
+def is_time(name: str) -> bool:
+    """Whether a column's name is that of times, with a unit of time or without one."""
+    plain = name.strip().lower()
+    base = re.split(r"[\[(<{/_,]|\s+in\s", plain, maxsplit=1)[0].strip()
+    if plain == base:
+        return base in _TIMES or _RUN_ON.match(plain) is not None
+    return base in _TIMES and states_a_time_unit(name)
+
+
+def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: str) -> None:
+    """Check a column of phases, or of their uncertainties, against phase_unit.
+
+    Raises:
+        InputError: the header names another unit.
+    """
+    name = header(source, position)
+    found = _spelling(name, _RADIANS)
+    if found and _RADIANS.get(found) != _RADIANS[phase_unit]:
+        other = {_RADIANS["deg"]: "deg", 1.0: "rad"}.get(_RADIANS.get(found, math.nan))
+        remedy = f'set phase_unit = "{other}", or correct the header' if other else f"convert it to {phase_unit}"
+        raise _contradiction(source, position, f"[table] {key}", f'phase_unit = "{phase_unit}"', found, remedy)
+
+
+def require_channel_unit(
+    source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity | None = None
+) -> None:
+    """Check a column of records against what the calibration file says of it.
+
+    Args:
+        source: the file.
+        position: the column.
+        key: the section, for messages: "[reference]" or "[response]".
+        unit: after scaling; "" where it is the quantity's own.
+        scale: to that unit.
+        quantity: of the reference; None for the response.
+
+    Raises:
+        InputError: the header names another quantity, or a unit that needs another scale.
+    """
+    found = unit_in_name(header(source, position))
+    if not found:
+        return
+    if quantity not in (None, "drive"):
+        own = quantity_of(found)
+        if own is not None and own != quantity:
+            remedy = f'set quantity = "{own}", or correct the header'
+            raise _contradiction(source, position, f"{key} quantity", f"a unit of {quantity}", found, remedy)
+        factor = None if own is None else si_scale(quantity, found)
+    else:
+        factor = _factor(found, unit)
+    _require_scale(source, position, key, found, factor, scale, unit or str(quantity))
+
+
+def require_magnitude_unit(
+    source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity
+) -> None:
+    """Check a column of magnitudes, or of their uncertainties: not in dB or %, and of the unit that is stated.
+
+    Args:
+        source: the file.
+        position: the column.
+        key: of [table].
+        unit: of the response after scaling.
+        scale: from the column to response unit per SI unit of the reference.
+        quantity: of the reference.
+
+    Raises:
+        InputError: the header says otherwise.
+    """
+    name = header(source, position)
+    found = unit_in_name(name) or (name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else "")
+    plain = found.translate(_PLAIN).lower()
+    if plain.startswith("db"):
+        remedy = "make it linear: 10^(dB/20), times what 0 dB stands for; and correct the header"
+        raise _contradiction(source, position, f"[table] {key}", "a linear magnitude", found, remedy)
+    if plain in ("%", "percent"):
+        remedy = "multiply it by the magnitude and divide by 100; and correct the header"
+        raise _contradiction(source, position, f"[table] {key}", "a magnitude in its unit, not relative", found, remedy)
+    above, _, below = found.partition("/")
+    below = below.strip().strip("()")
+    if not below or quantity == "drive" or not any(_factor(above, base) for base in ("V", "A", "C")):
+        return
+    own = quantity_of(below)
+    if own is not None and own != quantity:
+        remedy = f'set [reference] quantity = "{own}", or correct the header'
+        raise _contradiction(source, position, f"[table] {key}", f"a response per {quantity}", found, remedy)
+    numerator, denominator = _factor(above, unit), si_scale(quantity, below)
+    factor = None if numerator is None or denominator is None else numerator / denominator
+    _require_scale(source, position, f"[table] {key}", found, factor, scale, f"{unit} per SI unit of the reference")
+
+
+def _own_unit(
+    source: ColumnFile, position: int, known: dict[str, float], key: str, expected: str, remedy: str
+) -> float:
+    name = header(source, position)
+    found = _spelling(name, known)
+    if found in known:
+        return known[found]
+    if found:
+        raise _contradiction(source, position, key, f"a column in {expected}, or in a unit of the like", found, remedy)
+    return 1.0
+
+
+def _spelling(name: str, known: dict[str, float]) -> str:
+    """The unit in a name, in plain lower case; "" where there is none, or a word that is no unit at all."""
+    found = unit_in_name(name).translate(_PLAIN)
+    plain = found.strip("[]()").lower()
+    if plain == "mhz" and found.startswith("M"):
+        return "MHz"
+    if plain in known or plain in _COUNTED or (found and _known_elsewhere(found)):
+        return plain
+    whole = name.strip().translate(_PLAIN).lower()
+    if whole in known and len(whole) > 1:
+        return whole
+    suffix = _RUN_ON.match(name.strip()) or _SUFFIX.match(name.strip())
+    plain = suffix.group(1).translate(_PLAIN).lower() if suffix else ""
+    return plain if plain in known else ""
+
+
+def _known_elsewhere(found: str) -> bool:
+    plain = found.lower()
+    electric = any(_factor(found, unit) is not None for unit in ("V", "A", "C"))
+    return plain in _SECONDS or plain in _HERTZ or plain in _RADIANS or electric or quantity_of(found) is not None
+
+
+def _factor(found: str, unit: str) -> float | None:
+    """What one of the unit found is in the unit stated; None where they are not multiples of one unit."""
+    found, unit = (text.translate(_PLAIN).strip("()") for text in (found, unit))
+    for base in ("V", "A", "C", "m/s^2", "m/s", "m"):
+        multiples = {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}
+        if found in multiples and unit in multiples:
+            return multiples[found] / multiples[unit]
+    return None
+
+
+def _require_scale(
+    source: ColumnFile, position: int, key: str, found: str, factor: float | None, scale: float, unit: str
+) -> None:
+    """A scale of one, or one that converts g, must be the header's own; another may hold an amplifier's gain."""
+    if factor is None or math.isclose(abs(scale), factor, rel_tol=_SAME):
+        return
+    conversion = any(math.isclose(abs(scale), known, rel_tol=_SAME) for known in (1.0, STANDARD_GRAVITY))
+    if conversion:
+        expected = f"a unit for scale = {scale!r} (to {unit})"
+        remedy = f"set scale = {factor!r} for values in {found}; or correct the header"
+        raise _contradiction(source, position, f"{key} scale", expected, found, remedy)
+
+
+def _contradiction(source: ColumnFile, position: int, key: str, expected: str, found: str, remedy: str) -> InputError:
+    return InputError(
+        "The header of a column contradicts the calibration file.",
+        expected=expected,
+        found=f"{header(source, position)!r}, which names {found!r}",
+        where=f"{source.file}, asked for by {key}",
+        remedy=remedy,
+    )
