@@ -371,7 +371,7 @@ def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:
     sources = [r.provenance for r in evidence.records or calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]
-    libraries = ("jax", "jaxlib", "numpy", "scipy", "optimistix", "equinox")
+    libraries = ("jax", "jaxlib", "numpy", "scipy", "equinox")
     return {
         "vibrident": __version__,
         "python": platform.python_version(),

@@ -11,13 +11,12 @@ from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
 from vibrident.estimators.objectives import time_objective
-from vibrident.estimators.optimise import adam, compressed, levenberg_marquardt
+from vibrident.estimators.optimise import adam, levenberg_marquardt
 from vibrident.models import parse
 from vibrident.models.state_space import realise
 from vibrident.network import Cell, physics_from_weights, run
 from vibrident.network.readback import network_response
 from vibrident.problem import Coordinates, Evidence, TimeProblem
-from vibrident.problem.time_domain import physical_residual
 from vibrident.records import Calibration
 from vibrident.simulation import SENSORS, simulate
 
@@ -103,26 +102,6 @@ def test_the_unrolled_step_is_the_classical_gauss_newton_step(problem: TimeProbl
         step = np.linalg.lstsq(jacobian, -base, rcond=None)[0]
         z_classical, nuisance = z_classical + step[:3], nuisance + step[3:]
         np.testing.assert_allclose(z_network, z_classical, rtol=0, atol=2e-7)
-
-
-def test_compressed_residual_has_the_cost_gradient_and_curvature_of_the_full_one(problem: TimeProblem) -> None:
-    import jax
-
-    args = arguments(problem)
-    z = jnp.asarray(args[0].first)
-    local = time_objective(z, args)
-
-    def small(y: jnp.ndarray) -> jnp.ndarray:
-        return compressed(y, (z, local.matrix, local.gradient, local.cost))
-
-    def full(y: jnp.ndarray) -> jnp.ndarray:
-        return physical_residual(y, *args)
-
-    r, j = full(z), jax.jacfwd(full)(z)
-    q, s = small(z), jax.jacfwd(small)(z)
-    np.testing.assert_allclose(q @ q, r @ r, rtol=1e-10)
-    np.testing.assert_allclose(s.T @ q, j.T @ r, rtol=1e-8)
-    np.testing.assert_allclose(s.T @ s, j.T @ j, rtol=1e-9)
 
 
 def test_the_gradient_is_that_of_the_cost(problem: TimeProblem) -> None:

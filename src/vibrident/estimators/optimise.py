@@ -1,24 +1,33 @@
-"""Two ways down the same residual: Levenberg–Marquardt (optimistix) and Adam (optax), one step at a time.
+"""Two ways down the same residual: Levenberg–Marquardt and Adam (optax), one step at a time.
 
 An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape
-(p,), however many residuals there are. ``compressed`` turns them into p + 1 numbers with the same cost, gradient and
-JᵀJ, so the optimiser's steps are those of the full problem, and its own code is compiled once for all data.
+(p,), however many residuals there are; a step needs no more.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import equinox as eqx
 import numpy as np
 import optax
-import optimistix as optx
 
 from vibrident.backend import jax, jnp
 from vibrident.errors import NotConverged
 from vibrident.records import FloatArray
+
+#: Damping to begin with, in units of the coordinates, which are near one.
+FIRST_DAMPING = 1.0
+#: Factor on the damping after a step that gains as much as the linear residual says, and after one that is rejected.
+LESS, MORE = 1.0 / 3.5, 4.0
+#: Gain of a step over that of the linear residual: from here on it is taken, and above this it is as foreseen.
+ENOUGH, AS_FORESEEN = 0.01, 0.99
+#: So many rejected steps in a row mean that rounding, not the model, is what is left.
+MOST_REJECTED = 12
+#: Directions of which the residual says less than this, relative to the best, promise no gain.
+LEAST_SHOWN = 1e-14
 
 
 class Quadratic(Protocol):
@@ -67,26 +76,6 @@ class Trace:
         return self.coordinates[-1]
 
 
-def compressed(z: Any, args: Any) -> Any:
-    """A residual of p + 1 numbers equivalent to the full one near ``at``: same cost, Jᵀr and JᵀJ.
-
-    With JᵀJ = RᵀR and q = R⁻ᵀ Jᵀr it is (q − R (z − at), √(rᵀr − qᵀq)).
-
-    Args:
-        z: coordinates, shape (p,).
-        args: at, shape (p,); JᵀJ, shape (p, p); Jᵀr, shape (p,); rᵀr.
-    """
-    at, matrix, gradient, cost = args
-    scale = jnp.sqrt(jnp.maximum(jnp.diagonal(matrix), 1e-300))
-    values, vectors = jnp.linalg.eigh(matrix / scale[:, None] / scale[None, :])
-    kept = values > 1e-14
-    root = jnp.sqrt(jnp.where(kept, values, 0.0))
-    factor = root[:, None] * vectors.T * scale[None, :]
-    q = jnp.where(kept, vectors.T @ (gradient / scale) / jnp.where(kept, root, 1.0), 0.0)
-    rest = jnp.sqrt(jnp.maximum(cost - q @ q, 0.0))
-    return jnp.concatenate([q - factor @ (z - at), rest[None]])
-
-
 def levenberg_marquardt(
     objective: Objective,
     start: FloatArray,
@@ -96,72 +85,72 @@ def levenberg_marquardt(
     most: int = 60,
     progress: Progress = silent,
 ) -> Trace:
-    """Minimise by Levenberg–Marquardt (optimistix; damped Gauss–Newton with a trust region) from ``start``.
+    """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
 
     It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``. With residuals in units
     of their standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known
     is left.
 
     Args:
-        objective: compiled function.
+        objective: cost, Jᵀr and JᵀJ at a point.
         start: shape (p,).
         args: anything the objective needs.
         tolerance: decrease of the cost that is not worth a step.
         most: most evaluations of the objective.
         progress: called after each iteration.
+
+    Raises:
+        NotConverged: the cost is not finite at the start.
     """
-    z = jnp.asarray(start, dtype=float)
-    nothing = (z, jnp.eye(z.shape[0]), jnp.zeros_like(z), jnp.zeros(()))
-    state = _begin(z, nothing)
-    costs: list[float] = []
-    path: list[FloatArray] = []
-    status, converged = f"stopped after {most} evaluations", False
-    for iteration in range(1, most + 1):
-        trial = state.y_eval
-        local = objective(trial, args)
-        if not np.isfinite(local.cost):
-            if not costs:
-                raise NotConverged(
-                    "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
-                    "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
-                )
-            status = "the cost is not finite"
+    here = _Point.of(np.asarray(start, dtype=float), objective, args)
+    if not np.isfinite(here.cost):
+        raise NotConverged(
+            "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
+            "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
+        )
+    way, damping, rejected = [here], FIRST_DAMPING, 0
+    progress(1, most, here.cost)
+    for iteration in range(2, most + 1):
+        if here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED:
             break
-        z, state, accepted, decrement, stalled = _advance(z, (trial, local.matrix, local.gradient, local.cost), state)
-        if accepted:
-            costs.append(float(local.cost))
-            path.append(np.asarray(z))
-        progress(iteration, most, costs[-1])
-        if decrement < max(tolerance, 1e-15 * costs[-1]) or stalled:
-            status, converged = "converged", True
-            break
-    return Trace("levenberg-marquardt", converged, status, tuple(costs), np.array(path))
+        step = np.linalg.solve(here.matrix + damping * np.eye(len(here.z)), here.gradient)
+        trial = _Point.of(here.z + step, objective, args)
+        gained = (here.cost - trial.cost) / (2.0 * step @ here.gradient - step @ here.matrix @ step)
+        gained = gained if np.isfinite(gained) else -np.inf
+        if gained >= ENOUGH:
+            here, rejected = trial, 0
+            way.append(here)
+        else:
+            rejected += 1
+        damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE
+        progress(iteration, most, here.cost)
+    converged = here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED
+    status = "converged" if converged else f"stopped after {most} evaluations"
+    costs, path = tuple(point.cost for point in way), np.array([point.z for point in way])
+    return Trace("levenberg-marquardt", converged, status, costs, path)
 
 
-#: Only its stepping is used; when to stop is decided above, so its own tolerances do not matter.
-_SOLVER = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
-#: So many rejected steps in a row mean that rounding, not the model, is what is left.
-_MOST_REJECTED = 12
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """An objective at coordinates z; ``gain``: what a full Gauss–Newton step would lower the cost by."""
 
+    z: FloatArray
+    cost: float
+    gradient: FloatArray
+    matrix: FloatArray
 
-def _residual(z: Any, args: Any) -> tuple[Any, None]:
-    return compressed(z, args), None
+    @classmethod
+    def of(cls, z: FloatArray, objective: Objective, args: Any) -> _Point:
+        local = objective(z, args)
+        return cls(z, float(local.cost), np.asarray(local.gradient), np.asarray(local.matrix))
 
-
-@eqx.filter_jit
-def _begin(z: Any, args: Any) -> Any:
-    shape = jax.ShapeDtypeStruct((z.shape[0] + 1,), z.dtype)
-    return _SOLVER.init(_residual, z, args, {}, shape, None, frozenset())
-
-
-@eqx.filter_jit
-def _advance(z: Any, args: Any, state: Any) -> tuple[Any, ...]:
-    """Take the evaluation at the trial point: accept or reject it, and propose the next."""
-    before = state.num_accepted_steps
-    z, state, _ = _SOLVER.step(_residual, z, args, {}, state, frozenset())
-    value = state.f_info.residual  # at the accepted point: (q, rest), and qᵀq is what a full step would gain
-    stalled = state.num_steps_since_acceptance > _MOST_REJECTED
-    return z, state, state.num_accepted_steps > before, jnp.sum(value[:-1] ** 2), stalled
+    @functools.cached_property
+    def gain(self) -> float:
+        shown = np.diag(self.matrix)
+        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding leaves what has no influence below zero
+        values, vectors = np.linalg.eigh(self.matrix / size[:, None] / size)
+        kept = values > LEAST_SHOWN
+        return float(np.sum((vectors[:, kept].T @ (self.gradient / size)) ** 2 / values[kept]))
 
 
 def adam(
