@@ -36,6 +36,8 @@ def cases() -> Cases:
             yield f"{lacked}/{sensor}/{motion}/{noise.name}", _lacking(lacked, sensor, motion, noise)
     for bend, rest, motion in itertools.product(BENDS, RESTS, ("sine", "multisine", "random", "sweep")):
         for asked in ("accelerometer", "accelerometer+cubic"):
+            if asked == "accelerometer" and rest != "at zero":
+                continue  # a linear sensor of another natural frequency stands there
             noise = next(turn)
             name = f"spring {bend:g} rest {rest}/{motion}/{noise.name}/{asked}"
             yield name, _bending(bend, rest, motion, noise, asked)

@@ -1,2 +1,163 @@
-def table(lines, commit):
-    return "todo"
+"""The page of the study: how often the package was right, said so, or was wrong without a word, and at what."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+from bench.adversary.judge import ALARM, BAD, LIMIT, REFUSED, RIGHT, ROUNDING, SILENT, TRACEBACK, WARNED
+
+CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
+#: Most failures that are listed by name.
+LISTED = 400
+HEAD = """# Nobody prepared these: sensors, motions and defects against the truth
+
+Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, code of commit {commit}.
+
+An exact simulator, which shares no code with the package's estimators or its own simulation, makes recordings of a
+sensor: the transfer function tone by tone on a grid of tones below half the sampling rate, free motion from the poles,
+bent springs by harmonic balance; `tests/bench/test_adversary.py` holds it against an integrator of order eight. Each
+case draws the sensor's place against the band (below, in, at the end of, above, far above), its damping (0.001 to 3),
+sign and gain (1e-9 to 1e9), the sampling rate (100 Hz to 1 MHz) and the quantity of the reference from its own seed.
+`clean`: nothing is wrong, noise of fourteen kinds. `defect`: one thing is wrong with the recordings, or with one of
+them. `lacking`: the sensor has what the model asked for lacks, or its spring bends. `table`: tabulated responses.
+`decay`: free decays. `extreme`: scales from 1e-150 to 1e150, one to sixty records of 100 to 100 000 samples, records of
+few periods, declared systematic effects.
+
+- **right**: every stated parameter within {limit:g} standard uncertainties of the truth, and on clean data no warning.
+- **warned**: a parameter is further off, and a warning is there that a person would heed: any but `polarity`;
+  `weakly_determined` and `at_bound` only for the parameters that their message names.
+- **refused**: the data are refused with what is wrong.
+- **silent-wrong**: a stated parameter is further off, without such a warning. Target: 0.5 % of the cases.
+- **false alarm**: a warning, or a refusal, where nothing is wrong. `polarity` of a negative gain, and
+  `weakly_determined` or `at_bound` of a parameter whose stated uncertainty is above 0.9 %, are true and do not count;
+  nor does `short_record` below two periods, or `reference_noise` where there is such noise. Target: 1 % of the clean
+  cases.
+- **traceback**: anything but a result or a refusal. Target: none.
+
+A distance in standard uncertainties of few degrees of freedom is that of a normal variable as improbable as Student's.
+Errors below {rounding:g} of the truth count as none. A parameter without a stated uncertainty claims nothing.
+"""
+
+
+def table(lines: list[dict[str, Any]], commit: str) -> str:
+    """The page as Markdown."""
+    from bench.adversary.cases import CASES
+
+    found = [
+        {"name": line["cell"], "run": run, **one}
+        for line in lines
+        for run, one in enumerate(line["runs"], line["first"])
+    ]
+    head = HEAD.format(runs=len(found), cases=len(CASES), commit=commit, limit=LIMIT, rounding=ROUNDING)
+    parts = [head, *_verdict(found)]
+    clean = [one for one in found if one["name"].startswith("clean/")]
+    parts += _counted("By group", "group", found, _part(0))
+    parts += _counted("Clean recordings by motion", "motion", clean, _part(2))
+    parts += _counted("Clean recordings by sensor", "sensor", clean, _part(1))
+    parts += _counted("Clean recordings by noise", "noise", clean, _part(3))
+    parts += _counted("Defects by cause", "cause", [one for one in found if one["cause"]], lambda one: one["cause"])
+    return "\n".join([*parts, *_scatter(found), *_failures(found), ""])
+
+
+def _part(number: int) -> Callable[[dict[str, Any]], str]:
+    """What stands at this place of a case's name; the last place takes the rest."""
+    return lambda one: one["name"].split("/", 3)[number]
+
+
+def _verdict(found: list[dict[str, Any]]) -> list[str]:
+    clean = [one for one in found if one["clean"]]
+    rows = [
+        _rate("silent-wrong", found, SILENT, "0.5 %", 0.005),
+        _rate("silent-wrong on clean cases", clean, SILENT, "0.5 %", 0.005),
+        _rate("false alarms on clean cases", clean, ALARM, "1 %", 0.01),
+        _rate("tracebacks", found, TRACEBACK, "none", 0.0),
+    ]
+    return [
+        "## Against the targets",
+        "",
+        "| | cases | rate | 95 % between | target | |",
+        "|---|--:|--:|--:|--:|---|",
+        *rows,
+        "",
+    ]
+
+
+def _rate(what: str, among: list[dict[str, Any]], kind: str, target: str, limit: float) -> str:
+    count, total = sum(one["class"] == kind for one in among), max(len(among), 1)
+    low = 100.0 * float(beta.ppf(0.025, count, total - count + 1)) if count else 0.0
+    high = 100.0 * float(beta.ppf(0.975, count + 1, total - count)) if count < total else 100.0
+    verdict = "met" if count <= limit * total else "**NOT met**"
+    rate = f"{100 * count / total:.2f} % | {low:.2g} to {high:.2g} %"
+    return f"| {what} | {count} of {total} | {rate} | {target} | {verdict} |"
+
+
+def _counted(
+    title: str, label: str, found: Iterable[dict[str, Any]], key: Callable[[dict[str, Any]], str]
+) -> list[str]:
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for one in found:
+        counts[key(one)][one["class"]] += 1
+    rows = [
+        f"| {name} | {sum(own.values())} | " + " | ".join(str(own[kind] or "") for kind in CLASSES) + " |"
+        for name, own in sorted(counts.items())
+    ]
+    return [
+        f"## {title}",
+        "",
+        f"| {label} | cases | " + " | ".join(CLASSES) + " |",
+        "|---|--:|" + "--:|" * len(CLASSES),
+        *rows,
+        "",
+    ]
+
+
+def _scatter(found: list[dict[str, Any]]) -> list[str]:
+    """How the distances of clean cases are spread: a normal variable's are below 1, 2, 3 in 68, 95, 99.7 %."""
+    clean = [one for one in found if one["clean"] and one["class"] in (RIGHT, SILENT)]
+    z = np.array([value for one in clean for value in one["z"].values()])
+    if not z.size:
+        return []
+    shares = ", ".join(f"{100 * float(np.mean(z <= k)):.1f} % within {k}" for k in (1, 2, 3, 4))
+    text = f"Clean cases without a warning, {z.size} stated parameters: {shares} standard uncertainties."
+    return ["## How far from the truth", "", text, ""]
+
+
+def _failures(found: list[dict[str, Any]]) -> list[str]:
+    failed = sorted((one for one in found if one["class"] in BAD), key=lambda one: (one["class"], one["name"]))
+    rows = [
+        f"| {one['class']} | `{one['name']}`{_run(one)} | {_worst(one)} | {_said(one)} |" for one in failed[:LISTED]
+    ]
+    more = [f"… and {len(failed) - LISTED} more.", ""] if len(failed) > LISTED else []
+    return [
+        "## What failed",
+        "",
+        "`python -m bench.adversary --show NAME` runs one again.",
+        "",
+        "| | case | furthest off | said |",
+        "|---|---|---|---|",
+        *rows,
+        "",
+        *more,
+    ]
+
+
+def _run(one: dict[str, Any]) -> str:
+    return f", run {one['run']}" if one["run"] else ""
+
+
+def _worst(one: dict[str, Any]) -> str:
+    if not one.get("z"):
+        return "–"
+    name, value = max(one["z"].items(), key=lambda item: item[1])
+    return f"{name} {value:.3g} u" if value < 1e12 else f"{name}, u = 0"
+
+
+def _said(one: dict[str, Any]) -> str:
+    if one["class"] == TRACEBACK:
+        return one["says"][0].splitlines()[0][:80].replace("|", "\\|")
+    return ", ".join(f"`{code}`" for code in one["codes"]) or "–"
