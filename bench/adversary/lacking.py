@@ -98,7 +98,7 @@ def _periodic(motion: str, band: tuple[float, float], samples: int, rate: float,
             lines = np.unique(np.rint(np.geomspace(*band, 15) * period / rate)).astype(int)
             move = motions.multisine(lines * rate / period, 1.0, rng)
         elif motion == "sweep":
-            move = motions.sweep(band, 1.0 + i, samples, rate)
+            move = motions.sweep(band, 1.0 + i % 3, samples, rate)
         else:
             move = motions.random(band, 1.0, samples, rate, rng)
         yield Motion(move.frequency_hz, move.amplitude), rate / period

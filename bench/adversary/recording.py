@@ -28,11 +28,11 @@ DAMPINGS = {"sharp": (0.001, 0.006), "light": (0.01, 0.1), "damped": (0.4, 0.8),
 #: Records and samples of each: few shapes, since every shape of a model is a program to compile.
 SHAPES = {
     "sine": (8, 1000),
-    "multisine": (2, 4000),
-    "random": (2, 4000),
-    "sweep": (2, 4000),
+    "multisine": (8, 1000),
+    "random": (8, 1000),
+    "sweep": (8, 1000),
     "shock": (8, 1000),
-    "burst": (2, 4000),
+    "burst": (8, 1000),
     "mixed": (8, 1000),
 }
 QUANTITIES = ("acceleration", "acceleration", "velocity", "displacement", "drive")
@@ -72,7 +72,7 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
         name, _, size = add_on.partition("=")
         model += f"+{name}"
         parameters |= _add_on(name, float(size or 0.0), rate, frequency, low, rng)
-    quantity = str(rng.choice(["acceleration", "drive"] if add_ons else QUANTITIES))
+    quantity = str(rng.choice(QUANTITIES if place == "in" and not add_ons else ["acceleration", "drive"]))
     return Setting(Sensor(model, parameters), rate, quantity, (low, top))
 
 
@@ -104,7 +104,7 @@ def excite(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[i
     if motion == "random":
         return [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
     if motion == "sweep":
-        return [motions.sweep((low, top), 10.0 * (1 + i), samples, rate) for i in range(count)]
+        return [motions.sweep((low, top), 10.0 * (1 + i % 3), samples, rate) for i in range(count)]
     if motion == "shock":
         durations = rng.uniform(1.0, 1.6, count) / (0.35 * top)
         return [motions.shock(d, 100.0 * (1 + i % 3), samples, rate) for i, d in enumerate(durations)]

@@ -134,7 +134,7 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
 
 def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:
     kind = (problem.polar, problem.has_phase, problem.quantity)
-    return levenberg_marquardt(response_objective, z, (coordinates, kind, problem.data), progress=progress)
+    return levenberg_marquardt(response_objective, z, (coordinates, kind, problem.padded), progress=progress)
 
 
 def _estimate(
@@ -146,7 +146,7 @@ def _estimate(
 ) -> Estimate:
     assert trace is not None
     kind = (problem.polar, problem.has_phase, problem.quantity)
-    local = response_objective(jnp.asarray(trace.last), (coordinates, kind, problem.data))
+    local = response_objective(jnp.asarray(trace.last), (coordinates, kind, problem.padded))
     covariance = inverse_normal(np.asarray(local.matrix))
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.

@@ -72,7 +72,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
         coordinates = Coordinates.at(model, candidate, problem.band_hz)
         try:
             trace = levenberg_marquardt(
-                response_objective, coordinates.first, (coordinates, kind, problem.data), tolerance=1e-2
+                response_objective, coordinates.first, (coordinates, kind, problem.padded), tolerance=1e-2
             )
         except NotConverged:
             continue
@@ -93,7 +93,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
 def _known(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float]) -> Start:
     coordinates = Coordinates.at(model, values, problem.band_hz)
     kind = (problem.polar, problem.has_phase, problem.quantity)
-    local = response_objective(coordinates.first, (coordinates, kind, problem.data))
+    local = response_objective(coordinates.first, (coordinates, kind, problem.padded))
     return Start(dict(values), (float(local.cost),), problem.equations, (dict(values),))
 
 

@@ -46,7 +46,7 @@ class Score:
             found = time_objective(at, (self.coordinates, self.problem.layout, self.problem.data, noise))
         else:
             kind = (self.problem.polar, self.problem.has_phase, self.problem.quantity)
-            found = response_objective(at, (self.coordinates, kind, self.problem.data))
+            found = response_objective(at, (self.coordinates, kind, self.problem.padded))
         return Local(np.asarray(found.matrix), np.asarray(found.gradient), float(found.cost))
 
     def deviance(self, z: FloatArray) -> float:

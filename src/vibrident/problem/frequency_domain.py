@@ -20,6 +20,7 @@ from vibrident.measure import MeasuredResponse
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import Coordinates
+from vibrident.problem.cutting import bucket
 from vibrident.records import FloatArray, Quantity, ResponseTable
 
 
@@ -68,6 +69,15 @@ class FrequencyProblem:
         """The same problem of what records say, with a relative error of the model beside the noise."""
         frequency, reference, response, deviation = self.data
         return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))
+
+    @property
+    def padded(self) -> tuple[Any, ...]:
+        """``data`` with points of infinite deviation behind it, so that problems of about a size share one program."""
+        deviations = 2 if self.polar else 1
+        more = (0, bucket(self.points) - self.points)
+        values = [np.pad(np.asarray(array), more, "edge") for array in self.data[:-deviations]]
+        widths = [np.pad(np.asarray(array), more, constant_values=np.inf) for array in self.data[-deviations:]]
+        return (*values, *widths)
 
     @property
     def points(self) -> int:
