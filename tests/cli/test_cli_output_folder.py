@@ -58,7 +58,7 @@ def test_a_bug_is_not_hidden(run, made, tmp_path, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr("vibrident.io.read", broken)
+    monkeypatch.setattr("vibrident.io.read_guarded", broken)
     done = run("identify", made / "calibration.toml", "--out", tmp_path / "out")
     assert isinstance(done.exception, ZeroDivisionError)
     assert list(tmp_path.iterdir()) == []
@@ -68,7 +68,7 @@ def test_ctrl_c_is_no_traceback(run, made, tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("vibrident.io.read", interrupted)
+    monkeypatch.setattr("vibrident.io.read_guarded", interrupted)
     done = run("identify", made / "calibration.toml", "--out", tmp_path / "out")
     assert done.exit_code == 130
     assert "Traceback" not in done.output

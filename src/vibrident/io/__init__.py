@@ -1,11 +1,12 @@
 """Files in, files out: the calibration file, one reader a data format, and a writer.
 
-``read`` gives a Calibration in physical units, ``describe`` its summary, ``write_calibration`` the files back.
+``read`` gives a Calibration in physical units, ``read_guarded`` the same from a process of its own,
+``describe`` its summary, ``write_calibration`` the files back.
 Libraries for the formats are loaded when a file of that format is opened.
 """
 
-from vibrident.io.reading import read
+from vibrident.io.reading import read, read_guarded
 from vibrident.io.summary import ChannelSummary, RecordSummary, TableSummary, describe
 from vibrident.io.writer import write_calibration
 
-__all__ = ["ChannelSummary", "RecordSummary", "TableSummary", "describe", "read", "write_calibration"]
+__all__ = ["ChannelSummary", "RecordSummary", "TableSummary", "describe", "read", "read_guarded", "write_calibration"]

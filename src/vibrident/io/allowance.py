@@ -31,17 +31,9 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
     """
     try:
         file_bytes = path.stat().st_size
-        most = memory.most_bytes(file_bytes)
     except OSError as error:
         raise unreadable(str(path), error, "a data file") from error
-    except ValueError as error:
-        raise InputError(
-            "The limit of memory is no number.",
-            expected=f"{memory.VARIABLE} to be a number of megabytes above 0",
-            found=str(error),
-            where="environment",
-            remedy=f"correct or unset {memory.VARIABLE}",
-        ) from error
+    most = memory_for(file_bytes)
     needed = max(numbers, 0) * max(number_bytes, _NUMBER_BYTES)
     if needed > most:
         raise InputError(
@@ -51,6 +43,24 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
             where=str(path),
             remedy=f"check that the file is whole; where it is, set {memory.VARIABLE} to more megabytes than that",
         )
+
+
+def memory_for(file_bytes: int) -> float:
+    """Most bytes that the numbers of files of this size, together, may take.
+
+    Raises:
+        InputError: the environment variable that sets the limit holds no number.
+    """
+    try:
+        return memory.most_bytes(file_bytes)
+    except ValueError as error:
+        raise InputError(
+            "The limit of memory is no number.",
+            expected=f"{memory.VARIABLE} to be a number of megabytes above 0",
+            found=str(error),
+            where="environment",
+            remedy=f"correct or unset {memory.VARIABLE}",
+        ) from error
 
 
 def require_few(path: Path, columns: Sequence[object], what: str = "columns") -> None:

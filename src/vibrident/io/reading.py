@@ -5,11 +5,47 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from vibrident import sandbox
+from vibrident.errors import InputError
+from vibrident.io.allowance import memory_for
 from vibrident.io.calibration_file import read_calibration_file
-from vibrident.io.record_files import read_records
+from vibrident.io.csv_file import CsvFile
+from vibrident.io.readers import READERS
+from vibrident.io.record_files import data_files, read_records
 from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
 from vibrident.records import Calibration
+
+#: Formats that no native library, and none that walks through links of the file, is needed for.
+_PLAIN = frozenset(suffix for suffix, reader in READERS.items() if reader is CsvFile)
+#: Most memory of a process that reads: for the libraries, and so many times what the numbers may take.
+_LIBRARIES_BYTES, _COPIES = 600_000_000, 2
+#: Time of such a process: for the libraries, and for each byte.
+_SECONDS, _SECONDS_PER_BYTE = 60.0, 1e-6
+
+
+def read_guarded(path: str | os.PathLike[str]) -> Calibration:
+    """Read as :func:`read` does; binary data files in a process of their own, with limits on memory and time.
+
+    So a damaged file that makes a native library crash, or turn in a circle, is bad input and no more. What this costs
+    is the start of one process a calibration.
+
+    Raises:
+        InputError: as ``read`` does; or reading takes more than it may, or crashed.
+    """
+    file = Path(path)
+    names = data_files(read_calibration_file(file), file.parent, str(file))
+    if all(Path(name).suffix.lower() in _PLAIN for name in names):
+        return read(file)
+    size = sum((file.parent / name).stat().st_size for name in names if (file.parent / name).is_file())
+    memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
+    seconds = _SECONDS + _SECONDS_PER_BYTE * size
+    try:
+        return sandbox.run(read, file, memory_bytes=memory_bytes, seconds=seconds, file_bytes=memory_bytes)
+    except InputError as error:
+        if error.where:
+            raise
+        raise InputError(**{**vars(error), "where": f"{file}, one of its data files"}) from None
 
 
 def read(path: str | os.PathLike[str]) -> Calibration:

@@ -55,6 +55,19 @@ def read_records(calibration: CalibrationFile, folder: Path, where: str, referen
     )
 
 
+def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[str]:
+    """Names of all data files of a calibration, relative to its folder, globs resolved.
+
+    Raises:
+        InputError: a glob matches nothing.
+    """
+    if calibration.table is not None:
+        return [calibration.table.file]
+    parts = list(_parts(calibration.records, folder, where))
+    others = [part.entry.reference_file for part in parts if part.entry.reference_file is not None]
+    return list(dict.fromkeys([*(part.file for part in parts), *others]))
+
+
 def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[_Part]:
     for number, entry in enumerate(entries, start=1):
         here = f"{where}, [[records]] entry {number}"

@@ -119,9 +119,9 @@ def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict
     """Results by name. What does not suit the data is left out, unless that was named: ``must`` for estimators."""
     if len(files) > 1:
         raise _mixed(files)
-    from vibrident.io import read
+    from vibrident.io import read_guarded
 
-    calibration = read(files[0])
+    calibration = read_guarded(files[0])
     results: dict[str, Result] = {}
     failures: dict[str | None, ModelError | NotConverged] = {}
     for method, outcome in _outcomes(calibration, methods):
@@ -141,10 +141,10 @@ def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict
 
 def _foretold(file: Path, methods: list[Method], results: dict[str, Result]) -> dict[str, dict[str, Any]]:
     from vibrident.cli.progress import Busy
-    from vibrident.io import read
+    from vibrident.io import read_guarded
     from vibrident.validation import cross_validate
 
-    calibration, scores = read(file), {}
+    calibration, scores = read_guarded(file), {}
     for method in methods:
         if method.name not in results:
             continue

@@ -52,10 +52,10 @@ def correct(
     A reference is only compared with. Write excitation = "decay" for records without one.
     """
     limits = options.band(band)
-    from vibrident.io import read
+    from vibrident.io import read_guarded
 
     known = load_result(result)
-    data = read(calibration)
+    data = read_guarded(calibration)
     with written_whole(folder) as output:
         from vibrident.cli.progress import Busy
 

@@ -206,9 +206,9 @@ def _several(option: str, found: str) -> InputError:
 
 
 def _identified(asked: _Asked, place: Path, plots: bool) -> list[Any]:
-    from vibrident.io import read
+    from vibrident.io import read_guarded
 
-    calibrations = [read(file) for file in asked.files]
+    calibrations = [read_guarded(file) for file in asked.files]
     # From here on it takes seconds: what a bad file needs is loaded already, what it does not need is not.
     from vibrident.cli.drawing import painters
     from vibrident.cli.progress import Busy

@@ -26,9 +26,9 @@ def inspect(
     ] = None,
 ) -> None:
     """Look at calibration data: what was understood, what is doubtful, and a picture."""
-    from vibrident.io import read
+    from vibrident.io import read_guarded
 
-    data = read(calibration)
+    data = read_guarded(calibration)
     screened, findings = _screened(data)
     name = f"{calibration.stem}.inspect.png" if folder is None else "inspect.png"
     with written_whole(folder or Path()) as output:

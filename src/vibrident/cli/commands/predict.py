@@ -33,10 +33,10 @@ def predict(
     Where the reference has no neighbours to interpolate between (about forty samples at each end), the prediction is
     blank.
     """
-    from vibrident.io import read
+    from vibrident.io import read_guarded
 
     known = load_result(result)
-    data = read(calibration)
+    data = read_guarded(calibration)
     with written_whole(folder) as output:
         from vibrident.cli.progress import Busy
 
