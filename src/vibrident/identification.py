@@ -17,6 +17,7 @@ import numpy as np
 from vibrident import __version__
 from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_records, judge_table, measured_curve
 from vibrident.backend import let_go_of_kernels
+from vibrident.decay import decays_alone, identify_decays, require_plain
 from vibrident.errors import ModelError
 from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
 from vibrident.estimators.optimise import Progress, silent
@@ -79,6 +80,9 @@ def identify(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
+    if decays_alone(calibration):
+        require_plain(estimator, sampled=posterior is not None)
+        return identify_decays(calibration, model, inflate=uncertainty != "noise")
     begin = time.perf_counter()
     if posterior is not None:
         sampler()  # before the fit that it would come after

@@ -205,6 +205,26 @@ class Result:
         """Codes of the warnings, in order, without repeats."""
         return tuple(dict.fromkeys(w.code for w in self.warnings))
 
+    @property
+    def has_response(self) -> bool:
+        """Whether there is a curve over frequency; free decays alone have neither gain nor curve."""
+        return bool(self.response.frequency_hz)
+
+    def require_response(self, use: str) -> None:
+        """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain.
+
+        Raises:
+            InputError: the result has no response over frequency.
+        """
+        if not self.has_response:
+            raise InputError(
+                f"The result has no gain, which {use} needs: free decays alone tell natural frequency and damping.",
+                expected="a result of records with a reference, or of a table",
+                found=f"parameters {', '.join(self.parameters)}",
+                where="result.json, parameters",
+                remedy="identify records with a reference; decays may be among them, or in a calibration file beside",
+            )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain types only; numbers that are not finite become None."""
         return {"schema": SCHEMA, **_plain(asdict(self))}

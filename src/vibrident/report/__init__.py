@@ -52,6 +52,8 @@ def content(results: Result | Sequence[Result], form: Form, names: Sequence[str]
     if form == "pdf":
         from vibrident.report.pdf import certificate_pdf, comparison_pdf
 
+        for result in alone:
+            result.require_response("a certificate")
         return certificate_pdf(one) if one else comparison_pdf(alone, called)
     if form == "html":
         from vibrident.report.html import comparison_html, report_html

@@ -1,0 +1,328 @@
+"""Free decays alone → a result: natural frequency and damping ratio; no gain, and no curve.
+
+Nothing measures what moved the mass, so sensitivity (or generator constant), delay and response over frequency stay
+unknown, and the result does not have them.
+"""
+
+from __future__ import annotations
+
+import datetime
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from vibrident import __version__
+from vibrident.decay.examine import Change, Decays, examine, motion_of
+from vibrident.errors import InputError, ModelError
+from vibrident.measure.quality import Finding, screen
+from vibrident.models import SensorModel, parse
+from vibrident.records import Calibration, FloatArray, Record
+from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training
+
+NAMES = ("natural_frequency", "damping_ratio")
+#: A parameter is weakly determined above this relative standard uncertainty.
+WEAK = 0.1
+COVERAGE = 0.95
+#: Samples of an excerpt.
+MOST_SAMPLES = 600
+METHOD = (
+    "free decays: maximum likelihood of the free motion, each record with its own initial state, offset and noise; "
+    "nothing measures the excitation, so there is no gain"
+)
+
+
+def decays_alone(calibration: Calibration) -> bool:
+    """Whether a calibration holds nothing but free decays."""
+    return bool(calibration.records) and all(r.excitation == "decay" for r in calibration.records)
+
+
+def identify_decays(calibration: Calibration, model: str | None = None, *, inflate: bool = True) -> Result:
+    """Identify natural frequency and damping ratio from free decays.
+
+    Args:
+        calibration: of decays alone.
+        model: name of the sensor model; None takes the calibration's.
+        inflate: whether the misfit of a rejected model is in the uncertainties (Birge ratio).
+
+    Raises:
+        InputError: no record can be used, or the model has further parameters that a decay would have to tell.
+    """
+    begin = time.perf_counter()
+    sensor = parse(model or calibration.model)
+    _require_one_oscillator(sensor)
+    records, findings = screen(calibration.records)
+    return document(calibration, sensor, records, findings, examine(records), inflate, begin)
+
+
+def require_plain(estimator: object, *, sampled: bool) -> None:
+    """Refuse what is not made for decays alone.
+
+    Args:
+        estimator: as asked for.
+        sampled: whether the posterior was asked for.
+
+    Raises:
+        ModelError: another estimator than ``auto`` or ``ml``, or samples, are asked for.
+    """
+    if sampled or estimator not in ("auto", "ml"):
+        raise ModelError(
+            "The networks are trained on records with a reference; free decays alone have an estimate of their own.",
+            expected="the estimator 'auto' (or 'ml'), without posterior",
+            found=f"free decays only, {'a posterior' if sampled else f'estimator {estimator!r}'}",
+            where="estimator",
+            remedy="use the estimator 'auto'",
+        )
+
+
+def _require_one_oscillator(model: SensorModel) -> None:
+    more = [name for name in model.parameter_names if name.startswith(("mode2", "highpass", "cubic"))]
+    if more:
+        raise InputError(
+            "Free decays alone tell one natural frequency and one damping ratio.",
+            expected="the model accelerometer or velocity-pickup",
+            found=f"{model.name!r} with {', '.join(more)}",
+            where="model",
+            remedy=f"identify with {model.core.name!r}, or add records with a reference",
+        )
+
+
+def document(
+    calibration: Calibration,
+    model: SensorModel,
+    records: Sequence[Record],
+    findings: Sequence[Finding],
+    decays: Decays,
+    inflate: bool,
+    begin: float,
+) -> Result:
+    """The result of decays examined; ``begin``: when that began, by ``time.perf_counter``."""
+    birge = float(np.sqrt(max(decays.chi2 / max(decays.degrees, 1), 1.0))) if not decays.adequate and inflate else 1.0
+    freedom = float(max(decays.degrees, 1)) if birge > 1.0 else decays.freedom
+    covers = f"noise, scaled by the Birge ratio {birge:.3g}, as the deviations demand" if birge > 1.0 else "noise"
+    data = decays.covariance * birge**2
+    rows = [("decays: " + covers, data, freedom), *_clock(calibration)]
+    covariance = np.sum([row for _, row, _ in rows], axis=0)
+    warnings = _warnings(findings, decays, covariance, covers)
+    table = parameters(model, decays.fit.natural_frequency_hz, decays.fit.damping_ratio, covariance, freedom)
+    return Result(
+        model=model.name,
+        estimator="ml",
+        settings={
+            "estimator_choice": f"auto: {METHOD}",
+            "uncertainty_covers": covers,
+            "coverage_factor": _coverage_factor(freedom),
+            "effective_degrees_of_freedom": freedom,
+            "reference_standard_uncertainty": 0.0,
+            "decays": _about(decays),
+            "time_s": time.perf_counter() - begin,
+        },
+        provenance=_provenance(calibration, records),
+        parameters=table,
+        correlation=_correlation(covariance),
+        fit=_fit(records, decays),
+        response=Curve((), (), (), (), ()),
+        measured=MeasuredCurve((), (), (), (), ()),
+        warnings=warnings,
+        sensor=dict(calibration.sensor),
+        reference={},
+        response_unit=calibration.response_unit,
+        signals=_signals(records, decays, calibration.response_unit),
+        training=_training(decays),
+        certificate=dict(calibration.certificate),
+    )
+
+
+def parameters(
+    model: SensorModel, natural_frequency_hz: float, damping_ratio: float, covariance: FloatArray, freedom: float
+) -> dict[str, Parameter]:
+    """The two estimated parameters and what follows from them alone; ``covariance`` of (ln fn, δ)."""
+    k = _coverage_factor(freedom)
+    u_log, u_damping = np.sqrt(np.diag(covariance))
+    sure = _determined(damping_ratio, covariance)
+    table = {
+        "natural_frequency": _positive(natural_frequency_hz, "Hz", float(u_log), k, sure[0]),
+        "damping_ratio": Parameter(
+            damping_ratio,
+            "1",
+            float(u_damping),
+            (max(0.0, damping_ratio - k * float(u_damping)), damping_ratio + k * float(u_damping)),
+            sure[1],
+        ),
+    }
+
+    def values(log_shift: float, damping_shift: float, gain: float = 1.0) -> dict[str, float]:
+        names = dict.fromkeys(model.parameter_names, gain)
+        frequency = natural_frequency_hz * np.exp(log_shift)
+        return names | {"natural_frequency": frequency, "damping_ratio": damping_ratio + damping_shift}
+
+    for derived in model.derived(values(0.0, 0.0)):
+        value = float(derived.value(values(0.0, 0.0)))
+        if value != float(derived.value(values(0.0, 0.0, 2.0))):
+            continue  # needs the gain
+        step = 1e-6
+        slope = [
+            np.log(derived.value(values(*up)) / derived.value(values(*down))) / (2.0 * step)
+            for up, down in (((step, 0.0), (-step, 0.0)), ((0.0, step), (0.0, -step)))
+        ]
+        relative = float(np.sqrt(np.array(slope) @ covariance @ np.array(slope)))
+        identifiable = sure[0] and (derived.name != "resonance_frequency" or sure[1])
+        table[derived.name] = _positive(value, derived.unit, relative, k, identifiable, derived=True)
+    return table
+
+
+def _determined(damping_ratio: float, covariance: FloatArray) -> tuple[bool, bool]:
+    """Whether natural frequency and damping ratio are known; of two real poles, both or none."""
+    u_log, u_damping = np.sqrt(np.diag(covariance))
+    frequency = bool(u_log <= WEAK)
+    damping = bool(u_damping <= max(WEAK * damping_ratio, 1e-12))
+    return frequency, damping and (frequency or damping_ratio < 0.5)
+
+
+def _positive(
+    value: float, unit: str, relative: float, k: float, identifiable: bool, *, derived: bool = False
+) -> Parameter:
+    """A positive quantity: its interval is symmetric in the logarithm."""
+    reach = float(np.exp(min(k * relative, 300.0)))
+    return Parameter(value, unit, value * relative, (value / reach, value * reach), identifiable, derived)
+
+
+def _coverage_factor(freedom: float) -> float:
+    return float(stdtrit(min(freedom, 1e9), 0.5 + COVERAGE / 2))
+
+
+def _clock(calibration: Calibration) -> list[tuple[str, FloatArray, float]]:
+    """What an uncertain sampling rate adds: all frequencies scale with it. Other effects leave a decay alone."""
+    return [
+        (effect.source, np.diag([effect.standard_uncertainty**2, 0.0]), effect.degrees_of_freedom)
+        for effect in calibration.effects
+        if effect.kind == "clock"
+    ]
+
+
+def _warnings(
+    findings: Sequence[Finding], decays: Decays, covariance: FloatArray, covers: str
+) -> tuple[ResultWarning, ...]:
+    warnings = [ResultWarning(f.code, f.message) for f in findings]
+    warnings += [ResultWarning("drift", _drifts(s.name)) for s in decays.fit.stretches if s.drift]
+    if not decays.adequate:
+        text = (
+            "One linear oscillator does not explain the free decays: the motion in stretches of time is "
+            f"{np.sqrt(decays.chi2 / max(decays.degrees, 1)):.3g} times as far off as the noise explains (χ²/dof = "
+            f"{decays.chi2 / max(decays.degrees, 1):.4g}, {decays.degrees} degrees of freedom). The parameters' "
+            f"uncertainties cover {covers}."
+        )
+        warnings.append(ResultWarning("lack_of_fit", text))
+    warnings += [ResultWarning("nonlinear", amplitude_words(change)) for change in decays.changes]
+    relative = np.sqrt(np.diag(covariance)) / [1.0, max(decays.fit.damping_ratio, 1e-300)]
+    determined = _determined(decays.fit.damping_ratio, covariance)
+    for name, size, sure in zip(NAMES, relative, determined, strict=True):
+        if not sure:
+            text = f"The data hardly determine {name}: standard uncertainty {100 * size:.2g} % of its value."
+            warnings.append(ResultWarning("weakly_determined", text))
+    if decays.fit.damping_ratio == 0.0:
+        warnings.append(ResultWarning("at_bound", "damping_ratio lies at its bound, zero."))
+    return tuple(warnings)
+
+
+def _drifts(record: str) -> str:
+    return f"{record}: the response drifts; a straight line was fitted along with the decay."
+
+
+def amplitude_words(change: Change) -> str:
+    """What changes with the amplitude, for a person."""
+    (f0, f1), (d0, d1), (a0, a1) = change.frequency_hz, change.damping, change.amplitude
+    return (
+        f"{change.record}: the oscillation changes as it dies away: natural frequency {f0:.6g} Hz at the beginning "
+        f"(rms {a0:.3g}) and {f1:.6g} Hz at the end (rms {a1:.3g}), {100 * (f1 / f0 - 1):+.2g} %; damping ratio "
+        f"{d0:.4g} and {d1:.4g}. Spring or damping depends on the amplitude; one value for both is a mean."
+    )
+
+
+def _about(decays: Decays) -> list[dict[str, Any]]:
+    """What ``settings["decays"]`` holds, a record each."""
+    return [
+        {
+            "record": stretch.name,
+            "begins_s": stretch.first / stretch.rate_hz,
+            "samples": int(stretch.response.size),
+            "noise": stretch.scale,
+            "noise_order": len(stretch.noise.whitening) - 1,
+            "tones_hz": list(stretch.noise.tones_hz),
+            "chi2": part.chi2,
+            "degrees_of_freedom": part.degrees,
+        }
+        for stretch, part in zip(decays.fit.stretches, decays.parts, strict=True)
+    ]
+
+
+def _correlation(covariance: FloatArray) -> Correlation:
+    size = np.sqrt(np.diag(covariance))
+    shared = float(np.clip(covariance[0, 1] / max(size[0] * size[1], 1e-300), -1.0, 1.0))
+    return Correlation(NAMES, ((1.0, shared), (shared, 1.0)))
+
+
+def _fit(records: Sequence[Record], decays: Decays) -> Fit:
+    parts = [_compared(r, decays, i) for i, r in enumerate(records)]
+    residual = np.concatenate([measured - predicted for _, measured, predicted in parts])
+    response = np.concatenate([measured - measured.mean() for _, measured, _ in parts])
+    mse, variance = float(np.mean(residual**2)), float(np.mean(response**2))
+    ratio = float(np.sqrt(mse / variance)) if variance > 0 else float("nan")
+    return Fit(
+        rmse=float(np.sqrt(mse)),
+        mae=float(np.mean(np.abs(residual))),
+        mse=mse,
+        r2=1.0 - ratio**2,
+        rpd=1.0 / ratio if ratio > 0 else float("inf"),
+        nrmse=ratio,
+        chi2_reduced=decays.chi2 / decays.degrees if decays.degrees > 0 else None,
+        degrees_of_freedom=decays.degrees,
+        adequate=decays.adequate,
+    )
+
+
+def _compared(record: Record, decays: Decays, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time, measured and predicted response of the samples that count."""
+    stretch = decays.fit.stretches[index]
+    predicted = motion_of(decays.fit, index)
+    kept = stretch.valid
+    time_s = (np.arange(stretch.response.size) + stretch.first) / record.sampling_rate_hz
+    return time_s[kept], stretch.response[kept], predicted[kept]
+
+
+def _signals(records: Sequence[Record], decays: Decays, unit: str) -> tuple[Signal, ...]:
+    signals = []
+    for index, record in enumerate(records):
+        time_s, measured, predicted = _compared(record, decays, index)
+        rmse, deviation = float(np.sqrt(np.mean((measured - predicted) ** 2))), float(np.std(measured))
+        pick = slice(0, None, max(1, -(-measured.size // MOST_SAMPLES)))
+        shown = [tuple(values[pick].tolist()) for values in (time_s, measured, predicted)]
+        nrmse = rmse / deviation if deviation > 0 else 0.0
+        signals.append(Signal(record.name, shown[0], shown[1], shown[2], unit, rmse, nrmse))
+    return tuple(signals)
+
+
+def _training(decays: Decays) -> Training:
+    found = decays.fit
+    rows = sum(len(x.residual) for x in found.locals)
+    path: Mapping[str, tuple[float, ...]] = {
+        name: tuple(point[i] for point in found.path) for i, name in enumerate(NAMES)
+    }
+    return Training("levenberg_marquardt", "converged", len(found.costs), tuple(c / rows for c in found.costs), path)
+
+
+def _provenance(calibration: Calibration, records: Sequence[Record]) -> dict[str, Any]:
+    sources = [r.provenance for r in records]
+    return {
+        "vibrident": __version__,
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in ("numpy", "scipy")},
+        "calibration_file": calibration.source,
+        "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
+        "seed": None,
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }

@@ -1,0 +1,219 @@
+"""One natural frequency and damping ratio from free decays, by variable projection.
+
+Initial state, offset, a straight drift and tones of the mains enter each record linearly; the best ones are solved
+for at every (fn, δ), and the derivative is Kaufman's (1975). Samples are weighed by the record's own noise, so the
+estimate is maximum likelihood and its covariance the Cramér-Rao bound (Golub & Pereyra 2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.decay.motion import free_motion, motion_slopes
+from vibrident.decay.noise import WHITE, Noise, tone_columns
+from vibrident.records import BoolArray, FloatArray
+
+STEPS, SETTLED = 60, 1e-13
+#: Singular values below this part of the largest belong to directions that the samples do not show.
+RANK = 1e-10
+#: Limits of the search: damping ratio, and natural frequency in sampling rates.
+MOST_DAMPING, FASTEST = 300.0, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The part of a record in which the sensor moves freely.
+
+    Attributes:
+        name: of the record.
+        first: index of the stretch's first sample in the record.
+        response: shape (samples,), filled where not valid.
+        valid: shape (samples,).
+        rate_hz: samples per second.
+        noise: what whitens it.
+        scale: standard deviation of the whitened noise.
+        drift: whether a straight line is among the unknowns.
+    """
+
+    name: str
+    first: int
+    response: FloatArray
+    valid: BoolArray
+    rate_hz: float
+    noise: Noise = WHITE
+    scale: float = 1.0
+    drift: bool = False
+
+    @property
+    def time_s(self) -> FloatArray:
+        """From the stretch's first sample."""
+        return np.arange(self.response.size) / self.rate_hz
+
+    @property
+    def rows(self) -> BoolArray:
+        """Samples that count once whitened."""
+        return self.noise.rows(self.valid)
+
+    def whitened(self, columns: FloatArray) -> FloatArray:
+        """Columns, shape (samples, n), in units of the noise: the rows that count."""
+        return self.noise.applied(columns)[self.rows] / self.scale
+
+    def beside(self) -> FloatArray:
+        """Offset, drift and tones, shape (samples, n)."""
+        time = self.time_s
+        parts = [np.ones((time.size, 1))]
+        if self.drift:
+            parts.append((time / time[-1] - 0.5)[:, None])
+        if self.noise.tones_hz:
+            parts.append(tone_columns(self.noise.tones_hz, time))
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """A stretch at one (fn, δ).
+
+    Attributes:
+        residual: whitened, with the linear unknowns at their best, shape (rows,).
+        slopes: of the residual by (ln fn, δ), shape (rows, 2).
+        spanned: orthonormal basis of what the linear unknowns can make, shape (rows, n).
+        linear: the linear unknowns: the two of the motion first.
+    """
+
+    residual: FloatArray
+    slopes: FloatArray
+    spanned: FloatArray
+    linear: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DecayFit:
+    """What the stretches say together.
+
+    Attributes:
+        natural_frequency_hz: value.
+        damping_ratio: value, zero or above.
+        covariance: of (ln fn, δ), shape (2, 2), for whitened noise of variance one.
+        stretches: with their noise.
+        locals: one a stretch, at the values.
+        costs: sum of squares at each iteration.
+        path: (fn, δ) at each iteration.
+    """
+
+    natural_frequency_hz: float
+    damping_ratio: float
+    covariance: FloatArray
+    stretches: tuple[Stretch, ...]
+    locals: tuple[Local, ...]
+    costs: tuple[float, ...]
+    path: tuple[tuple[float, float], ...]
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return self.costs[-1]
+
+
+def local(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -> Local:
+    """Solve for everything linear at given (fn, δ)."""
+    time = stretch.time_s
+    motion = free_motion(natural_frequency_hz, damping_ratio, time)
+    columns = np.concatenate([motion, stretch.beside()], axis=1)
+    seen = stretch.whitened(columns)
+    sizes = np.linalg.norm(seen, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    u, s, vt = np.linalg.svd(seen / sizes, full_matrices=False)
+    kept = s > RANK * s[0]
+    spanned = u[:, kept]
+    target = stretch.whitened(stretch.response[:, None])[:, 0]
+    linear = (vt[kept].T @ ((spanned.T @ target) / s[kept])) / sizes
+    slopes = motion_slopes(natural_frequency_hz, damping_ratio, time) @ linear[:2]
+    turned = stretch.whitened(slopes.T)
+    turned = turned - spanned @ (spanned.T @ turned)
+    return Local(target - spanned @ (spanned.T @ target), -turned, spanned, linear)
+
+
+def fit(stretches: Sequence[Stretch], natural_frequency_hz: float, damping_ratio: float) -> DecayFit:
+    """Levenberg-Marquardt on (ln fn, δ) from a start.
+
+    Args:
+        stretches: one or more.
+        natural_frequency_hz: start.
+        damping_ratio: start.
+    """
+    theta: FloatArray = np.array([np.log(natural_frequency_hz), damping_ratio])
+    longest = max(s.response.size / s.rate_hz for s in stretches)
+    edges = np.log([1e-3 / longest, FASTEST * max(s.rate_hz for s in stretches)])
+    now = _locals(stretches, theta)
+    cost, damping = _cost(now), 1e-4
+    costs, path = [cost], [_values(theta)]
+    rows = sum(len(x.residual) for x in now)
+    for _ in range(STEPS):
+        matrix = sum(x.slopes.T @ x.slopes for x in now)
+        gradient = sum(x.slopes.T @ x.residual for x in now)
+        step = -np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)) + 1e-300 * np.eye(2), gradient)
+        step = np.clip(
+            np.asarray(step, dtype=float), [-0.5, -0.5 * (0.1 + abs(theta[1]))], [0.5, 0.5 * (0.1 + abs(theta[1]))]
+        )
+        trial = theta + step
+        trial[0] = np.clip(trial[0], *edges)
+        trial[1] = np.clip(trial[1], -3.0 / (2.0 * np.pi * np.exp(trial[0]) * longest), MOST_DAMPING)
+        then = _locals(stretches, trial)
+        if _cost(then) <= cost * (1.0 + 1e-13):
+            gain, cost = cost - _cost(then), _cost(then)
+            theta, now, damping = trial, then, max(damping / 10.0, 1e-12)
+            costs.append(cost)
+            path.append(_values(theta))
+            expected = abs(float(gradient @ step))
+            if gain <= SETTLED * cost or (gain <= 1e-4 * cost / rows and expected <= 1e-4 * cost / rows):
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e12:
+                break
+    if theta[1] < 0.0:  # no oscillator feeds itself: the least damping there is
+        theta = _at_no_damping(stretches, theta)
+        now = _locals(stretches, theta)
+        costs.append(_cost(now))
+        path.append(_values(theta))
+    matrix = np.asarray(sum(x.slopes.T @ x.slopes for x in now))
+    frequency, damping_found = _values(theta)
+    return DecayFit(frequency, damping_found, _inverse(matrix), tuple(stretches), tuple(now), tuple(costs), tuple(path))
+
+
+def _at_no_damping(stretches: Sequence[Stretch], theta: FloatArray) -> FloatArray:
+    theta = np.array([theta[0], 0.0])
+    for _ in range(8):
+        now = _locals(stretches, theta)
+        steepness = sum(float(x.slopes[:, 0] @ x.slopes[:, 0]) for x in now)
+        step = sum(float(x.slopes[:, 0] @ x.residual) for x in now) / max(steepness, 1e-300)
+        theta[0] -= float(np.clip(step, -0.01, 0.01))
+    return theta
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix of two; a direction that the data leave open gets a very large variance."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    return (vectors / np.maximum(values, 1e-14)) @ vectors.T / np.outer(size, size)
+
+
+def _values(theta: FloatArray) -> tuple[float, float]:
+    return float(np.exp(theta[0])), float(theta[1])
+
+
+def _locals(stretches: Sequence[Stretch], theta: FloatArray) -> list[Local]:
+    return [local(stretch, *_values(theta)) for stretch in stretches]
+
+
+def _cost(found: Sequence[Local]) -> float:
+    return sum(float(x.residual @ x.residual) for x in found)
+
+
+def shortened(stretch: Stretch, first: int, last: int | None = None) -> Stretch:
+    """The samples of a stretch from ``first`` to ``last``, as a stretch."""
+    response, valid = stretch.response[first:last], stretch.valid[first:last]
+    return replace(stretch, first=stretch.first + first, response=response, valid=valid)

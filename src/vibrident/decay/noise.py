@@ -1,0 +1,138 @@
+"""The noise beside a decay: whitened by an autoregression, with the tones that stand out as unknowns.
+
+An autoregressive filter whitens samples from their own past alone. It needs no window and no record that closes on
+itself, so a decay that is far from periodic is weighed exactly (Kay, Modern Spectral Estimation, 1988, ch. 6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, linalg, signal
+
+from vibrident.records import BoolArray, FloatArray
+
+#: Highest order of the autoregression; a part of the samples where records are short.
+MOST_ORDER, ORDER_SHARE = 64, 20
+#: A line is a tone above this multiple of the levels around it: chance makes e^-20 a line.
+TONE_POWER, AROUND_LINES, MOST_TONES = 20.0, 64, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What whitens a record.
+
+    Attributes:
+        whitening: coefficients of the prediction-error filter, the first of them one; shape (order + 1,).
+        tones_hz: tones that stand in the record beside the motion.
+    """
+
+    whitening: FloatArray
+    tones_hz: tuple[float, ...] = ()
+
+    def applied(self, columns: FloatArray) -> FloatArray:
+        """Columns, shape (samples, n), whitened; the first samples lack their past."""
+        return np.asarray(signal.lfilter(self.whitening, [1.0], columns, axis=0))
+
+    def rows(self, valid: BoolArray) -> BoolArray:
+        """Samples whose whole past is valid, shape (samples,)."""
+        order = len(self.whitening) - 1
+        known = valid.copy()
+        known[:order] = False
+        for shift in range(1, order + 1):
+            known[shift:] &= valid[:-shift]
+        return known
+
+
+WHITE = Noise(np.ones(1))
+
+
+def tones_of(
+    residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float], known_hz: tuple[float, ...] = ()
+) -> tuple[float, ...]:
+    """Tones that stand out of a residual, after those that are known.
+
+    Args:
+        residual: shape (samples,); zero where it is not known.
+        rate_hz: samples per second.
+        skip_hz: band in which a line is motion and no tone.
+        known_hz: tones that were taken out already.
+    """
+    rest, tones = np.array(residual), []
+    for _ in range(MOST_TONES - len(known_hz)):
+        tone = _tone(rest, rate_hz, skip_hz)
+        if tone is None:
+            break
+        tones.append(_refined(rest, tone, rate_hz))
+        basis = tone_columns(tuple(tones), np.arange(rest.size) / rate_hz)
+        rest = residual - basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+    return (*known_hz, *tones)
+
+
+def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:
+    """Cosine and sine of each tone, shape (samples, 2 tones)."""
+    angle = 2.0 * np.pi * np.outer(time_s, np.array(tones_hz))
+    return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) -> float | None:
+    """Frequency of a line that chance does not make, refined between the lines; None where there is none."""
+    size = int(fft.next_fast_len(2 * residual.size, real=True) or 1)
+    window = np.hanning(residual.size)
+    power = np.abs(np.asarray(fft.rfft(residual * window, size))) ** 2
+    step = rate_hz / size
+    if power.size < 4 * AROUND_LINES:
+        return None
+    coarse = power[: power.size // AROUND_LINES * AROUND_LINES].reshape(-1, AROUND_LINES)
+    middle = (np.arange(len(coarse)) + 0.5) * AROUND_LINES
+    level = np.interp(np.arange(power.size), middle, np.median(coarse, axis=1) / np.log(2.0))
+    ratio = power / np.maximum(level, np.finfo(float).tiny)
+    frequency = np.arange(power.size) * step
+    ratio[(frequency >= skip_hz[0] - 8 * step) & (frequency <= skip_hz[1] + 8 * step)] = 0.0
+    ratio[:16] = 0.0
+    ratio[-4:] = 0.0
+    at = int(np.argmax(ratio))
+    if ratio[at] < TONE_POWER:
+        return None
+    left, centre, right = np.sqrt(power[at - 1 : at + 2])
+    return float((at + 0.5 * (right - left) / max(2.0 * centre - left - right, 1e-12 * centre)) * step)
+
+
+def _refined(residual: FloatArray, tone_hz: float, rate_hz: float) -> float:
+    """Frequency of a tone by least squares, Gauss-Newton from its line."""
+    time = np.arange(residual.size) / rate_hz
+    for _ in range(3):
+        angle = 2.0 * np.pi * tone_hz * time
+        cosine, sine = np.cos(angle), np.sin(angle)
+        basis = np.stack([cosine, sine], axis=1)
+        a, b = np.linalg.lstsq(basis, residual, rcond=None)[0]
+        slope = 2.0 * np.pi * time * (b * cosine - a * sine)
+        columns = np.column_stack([basis, slope])
+        sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        step = np.linalg.lstsq(columns / sizes, residual, rcond=None)[0][2] / sizes[2]
+        tone_hz += float(np.clip(step, -0.5 * rate_hz / residual.size, 0.5 * rate_hz / residual.size))
+    return tone_hz
+
+
+def autoregression(residual: FloatArray) -> FloatArray:
+    """Prediction-error filter by the Yule-Walker equations, with the order of least BIC."""
+    count = residual.size
+    most = min(MOST_ORDER, count // ORDER_SHARE)
+    size = int(fft.next_fast_len(2 * count, real=True) or 1)
+    lags = np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1] / count
+    if lags[0] <= 0.0 or most < 1:
+        return np.ones(1)
+    best, least, variance = 0, 0.0, float(lags[0])
+    filters = np.zeros(most + 1)
+    filters[0] = 1.0
+    for order in range(1, most + 1):  # Levinson
+        reflection = -float(filters[:order] @ lags[order:0:-1]) / variance
+        filters[1 : order + 1] += reflection * filters[order - 1 :: -1][:order]
+        variance *= max(1.0 - reflection**2, 1e-12)
+        cost = count * np.log(variance / lags[0]) + order * np.log(count)
+        if cost < least:
+            best, least = order, cost
+    if best == 0:
+        return np.ones(1)
+    return np.concatenate([[1.0], -linalg.solve_toeplitz(lags[:best], lags[1 : best + 1])])
