@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from vibrident.backend import jnp
+from vibrident.decay import DecayDeviation, decay_deviations
 from vibrident.discretize import Weights, method
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
@@ -91,10 +93,11 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         [noise[i] for i in others] if noise else (),
         [hum[i] for i in others] if hum else (),
     )
-    adequacy = assess(points, len(estimate.z))
+    decays = decay_deviations(evidence.records, model, values)
+    adequacy = assess(points, len(estimate.z), decays)
     added = () if tones is None else audible(overtones(evidence.records, tones, predicted))
-    birge = _birge(estimate, evidence, points, adequacy)
-    text = _misfit(adequacy, points, response)
+    birge = _birge(estimate, evidence, points, adequacy, decays)
+    text = _misfit(adequacy, points, response, decays)
     if added and adequacy.adequate:
         adequacy = replace(adequacy, adequate=False)
         text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
@@ -111,7 +114,13 @@ def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> 
     return residual_tones(evidence, problem, estimate.coordinates, estimate.z, predicted)
 
 
-def _birge(estimate: Estimate, evidence: Evidence, points: list[Points], adequacy: Adequacy) -> float:
+def _birge(
+    estimate: Estimate,
+    evidence: Evidence,
+    points: list[Points],
+    adequacy: Adequacy,
+    decays: Sequence[DecayDeviation],
+) -> float:
     """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
 
     The network weighs a record by its whole residual, misfit and all; a sine's deviation is then compared with what
@@ -125,11 +134,12 @@ def _birge(estimate: Estimate, evidence: Evidence, points: list[Points], adequac
         own = np.array(noise)[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
         weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
         total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
+        total += sum(decay.parts.chi2 for decay in decays)
         chi2 = total / adequacy.degrees_of_freedom
     return float(np.sqrt(max(chi2, 1.0)))
 
 
-def _misfit(adequacy: Adequacy, points: list[Points], response: Any) -> str:
+def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()) -> str:
     """The warning that an inadequate model gets."""
     if not points:
         return (
@@ -140,10 +150,15 @@ def _misfit(adequacy: Adequacy, points: list[Points], response: Any) -> str:
         equations = 2 * len(adequacy.frequency_hz)
         return _nothing_left(equations, equations - adequacy.degrees_of_freedom, "data")
     chi2 = adequacy.chi2_reduced or 0.0
+    worst = _worst(points, response)
+    if decays:
+        far = max(decays, key=lambda decay: decay.parts.chi2)
+        if far.parts.chi2 > max(float(np.max(part.squares)) for part in points):
+            worst = f"; most in a free decay: {far.words}"
     return (
         f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
         f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom)"
-        f"{_worst(points, response)}."
+        f"{worst}."
     )
 
 

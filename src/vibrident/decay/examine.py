@@ -114,7 +114,7 @@ def examine(records: Sequence[Record]) -> Decays:
     """
     stretches, starts = [], []
     for record in records:
-        own = _with_noise(free_stretch(record))
+        own = weighed(free_stretch(record))
         stretches.append(own.stretches[0])
         starts.append(own)
     fits = [fit(stretches, one.natural_frequency_hz, max(one.damping_ratio, 1e-6)) for one in starts]
@@ -122,11 +122,11 @@ def examine(records: Sequence[Record]) -> Decays:
     rows = sum(len(x.residual) for x in found.locals)
     taken = sum(x.spanned.shape[1] for x in found.locals)
     parts = tuple(parts_of(s, found.natural_frequency_hz, found.damping_ratio) for s in found.stretches)
-    changes = [change for one in starts if (change := _change(one)) is not None]
+    changes = [change for one in starts if (change := change_of(one)) is not None]
     return Decays(found, parts, tuple(changes), found.covariance, float(rows - taken - 2))
 
 
-def _with_noise(found: DecayFit) -> DecayFit:
+def weighed(found: DecayFit) -> DecayFit:
     """One record's fit, with drift where there is one, weighed by the noise that a flexible fit leaves."""
     for _ in range(ROUNDS):
         stretch = _weighed(found)
@@ -238,7 +238,7 @@ def parts_of(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float
     return Parts(float(projected @ projected), int(kept.sum()), float(freedom))
 
 
-def _change(found: DecayFit) -> Change | None:
+def change_of(found: DecayFit) -> Change | None:
     """Whether the beginning of a decay and its end have the same oscillator."""
     stretch = found.stretches[0]
     alive = int(live_s(stretch, found) * stretch.rate_hz)

@@ -36,6 +36,7 @@ class Stretch:
         noise: what whitens it.
         scale: standard deviation of the whitened noise.
         drift: whether a straight line is among the unknowns.
+        more: further unknowns' columns, shape (samples, n); None where there are none.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Stretch:
     noise: Noise = WHITE
     scale: float = 1.0
     drift: bool = False
+    more: FloatArray | None = None
 
     @property
     def time_s(self) -> FloatArray:
@@ -62,11 +64,13 @@ class Stretch:
         return self.noise.applied(columns)[self.rows] / self.scale
 
     def beside(self) -> FloatArray:
-        """Offset, drift and tones, shape (samples, n)."""
+        """Offset, drift, tones and what else is linear, shape (samples, n)."""
         time = self.time_s
         parts = [np.ones((time.size, 1))]
         if self.drift:
             parts.append((time / time[-1] - 0.5)[:, None])
+        if self.more is not None:
+            parts.append(self.more)
         if self.noise.tones_hz:
             parts.append(tone_columns(self.noise.tones_hz, time))
         return np.concatenate(parts, axis=1)

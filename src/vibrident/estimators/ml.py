@@ -56,7 +56,7 @@ class MaximumLikelihood:
         """
         refuse_nonlinear(evidence.model, self.name)
         first = evidence.first_look
-        if first is None or evidence.bands is not None:
+        if first is None or any(r.excitation != "sine" for r in evidence.records):
             raise ModelError(
                 "The estimator 'ml' works on sine records and tables.",
                 expected="excitation = 'sine' in every record, or [table]",

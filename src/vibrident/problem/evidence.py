@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibrident.decay import free_parts
 from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
 from vibrident.measure.clock import judge_clocks
 from vibrident.measure.quality import refuse_other_motion, short_records, silent_channels
@@ -50,7 +51,8 @@ class Evidence:
             return cls(calibration, model, (), None, None, ())
         records, findings = screen(calibration.records)
         records, more = judge_clocks(records)
-        return cls._measured(calibration, model, records, (*findings, *more))
+        records, changing = free_parts(records)
+        return cls._measured(calibration, model, records, (*findings, *more, *changing))
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibrident.decay import DecayDeviation
 from vibrident.measure.bands import coherent_remainder
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray, MeasuredResponse
@@ -102,15 +103,20 @@ def band_points(
     return points
 
 
-def assess(parts: Sequence[Points], parameters: int) -> Adequacy:
-    """Join the points and judge; without any, or with no more of them than parameters, nothing speaks for the model."""
+def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()) -> Adequacy:
+    """Join points and free decays and judge.
+
+    Without points, or with no more of them than parameters, nothing speaks for the model.
+    """
     if not parts:
         return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
     squares = np.concatenate([p.squares for p in parts])
     freedom = np.concatenate([p.freedom for p in parts])
     # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
     chi2 = float(np.sum(squares * np.maximum(1.0 - 2.0 / freedom, 0.1)))
-    degrees = 2 * len(squares) - parameters
+    degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
+    chi2 += sum(decay.parts.chi2 for decay in decays)
+    freedom = np.concatenate([freedom, [decay.parts.freedom for decay in decays]])
     return Adequacy(
         np.concatenate([p.frequency_hz for p in parts]),
         np.concatenate([p.measured for p in parts]),
