@@ -44,6 +44,7 @@ LAYERS = (
     "uncertainty",
     "assemble",
     "scrutiny",
+    "systematic",
     "identification",
     "joint",
     "validation",

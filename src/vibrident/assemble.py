@@ -16,10 +16,11 @@ from vibrident.estimators import Estimate
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.measure import MeasuredResponse
 from vibrident.measure.overtones import Overtone, audible, overtones
+from vibrident.measure.response import ComplexArray
 from vibrident.network import weight_table
 from vibrident.problem import Evidence, TimeProblem
 from vibrident.problem.frequency_domain import response_residual
-from vibrident.records import FloatArray, Quantity
+from vibrident.records import FloatArray, Quantity, SystematicEffect
 from vibrident.result import Fit, MeasuredCurve, Signal
 from vibrident.uncertainty.adequacy import (
     Adequacy,
@@ -30,7 +31,9 @@ from vibrident.uncertainty.adequacy import (
     looks_random,
     tone_points,
 )
+from vibrident.uncertainty.effects import deviation_uncertainty, patterns
 from vibrident.uncertainty.identifiability import NOTHING
+from vibrident.uncertainty.linearised import Linearised
 
 #: Samples of all excerpts together, and of one.
 MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
@@ -54,6 +57,9 @@ class Judgement:
         tones: of the sine records, cleaned; None without sines.
         points: what the adequacy is made of, those of the tones first.
         overtones: records in whose response the sensor adds harmonics.
+        effects: stated systematic effects, and how much of each the data show, in its standard uncertainties.
+        removed: factor on the measured response that takes these out of it, shape (points,); None: nothing to remove.
+        without: the estimate that the response without them gives, shape (p,).
     """
 
     adequacy: Adequacy
@@ -66,6 +72,9 @@ class Judgement:
     tones: MeasuredResponse | None = None
     points: tuple[Points, ...] = ()
     overtones: tuple[Overtone, ...] = ()
+    effects: tuple[tuple[SystematicEffect, float], ...] = ()
+    removed: ComplexArray | None = None
+    without: FloatArray | None = None
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
@@ -230,34 +239,66 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         text = _nothing_left(len(residual), len(estimate.z), "table")
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
-    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate)
+    turn = np.asarray(problem.data[4]) * (scatter or 1.0)
+    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn)
     return Judgement(adequacy, text, float(np.sqrt(max(chi2 or 0.0, 1.0))), scatter=scatter)
 
 
-def measured_curve(estimate: Estimate, adequacy: Adequacy, quantity: Quantity) -> MeasuredCurve:
-    """The data's points with their deviation from the model, in order of frequency."""
-    values = estimate.coordinates.values(estimate.z)
+def measured_curve(
+    estimate: Estimate,
+    judgement: Judgement,
+    quantity: Quantity,
+    effects: Sequence[SystematicEffect],
+    linear: Linearised,
+) -> MeasuredCurve:
+    """The data's points with their deviation from the model, in order of frequency.
+
+    Args:
+        estimate: the fit.
+        judgement: the points and their noise.
+        quantity: of the reference.
+        effects: systematic ones, common to all points: they are in the uncertainty of each point, but in that of its
+            deviation only as far as the parameters cannot follow them.
+        linear: the fit at the points, linearised at the estimate.
+    """
+    values, adequacy = estimate.coordinates.values(estimate.z), judgement.adequacy
     order = np.argsort(adequacy.frequency_hz, kind="stable")
     frequency, measured = adequacy.frequency_hz[order], adequacy.measured[order]
     model = estimate.coordinates.model.frequency_response(values, frequency, quantity)
-    relative = adequacy.relative_deviation[order]
+    noise = adequacy.relative_deviation[order]
+    turn = noise if adequacy.phase_deviation is None else adequacy.phase_deviation[order]
+    shape = patterns(effects, estimate.coordinates, estimate.z, quantity, adequacy.frequency_hz)
+    common = np.sqrt(np.sum(np.real(shape) ** 2, axis=1))[order], np.sqrt(np.sum(np.imag(shape) ** 2, axis=1))[order]
+    off = np.split(
+        deviation_uncertainty(linear, shape, judgement.scatter or 1.0), 1 if linear.is_phase.sum() == 0 else 2
+    )
     ratio = model / measured
-    known = np.any(np.imag(measured) != 0.0)
-    none = (None,) * len(frequency)
+    known = bool(np.any(np.imag(measured) != 0.0))
+    size = np.abs(measured)
+
+    def angle(radians: FloatArray) -> tuple[float | None, ...]:
+        return _stated(np.rad2deg(radians), turn) if known else (None,) * len(frequency)
+
     return MeasuredCurve(
-        tuple(frequency.tolist()),
-        tuple(np.abs(measured).tolist()),
-        tuple(np.rad2deg(np.angle(measured)).tolist()) if known else none,
-        _stated(np.abs(measured) * relative, relative),
-        _stated(np.rad2deg(relative), relative) if known else none,
-        tuple((100.0 * (np.abs(ratio) - 1.0)).tolist()),
-        tuple(np.rad2deg(np.angle(ratio)).tolist()) if known else none,
-        tuple(adequacy.record[i] for i in order),
+        frequency_hz=tuple(frequency.tolist()),
+        magnitude=tuple(size.tolist()),
+        phase_deg=tuple(np.rad2deg(np.angle(measured)).tolist()) if known else (None,) * len(frequency),
+        magnitude_uncertainty=_stated(size * np.hypot(noise, common[0]), noise),
+        phase_deg_uncertainty=angle(np.hypot(turn, common[1])),
+        deviation_percent=tuple((100.0 * (np.abs(ratio) - 1.0)).tolist()),
+        deviation_phase_deg=tuple(np.rad2deg(np.angle(ratio)).tolist()) if known else (None,) * len(frequency),
+        record=tuple(adequacy.record[i] for i in order),
+        magnitude_noise=_stated(size * noise, noise),
+        phase_deg_noise=angle(turn),
+        deviation_uncertainty_percent=_stated(100.0 * off[0][order], noise),
+        deviation_phase_uncertainty_deg=angle(off[-1][order]),
     )
 
 
-def _stated(uncertainty: FloatArray, relative: FloatArray) -> tuple[float | None, ...]:
-    return tuple(u if r < NOTHING else None for u, r in zip(uncertainty.tolist(), relative.tolist(), strict=True))
+def _stated(uncertainty: FloatArray, noise: FloatArray) -> tuple[float | None, ...]:
+    """None where nothing tells it."""
+    usable = np.isfinite(uncertainty) & (noise < NOTHING)
+    return tuple(u if ok else None for u, ok in zip(uncertainty.tolist(), usable.tolist(), strict=True))
 
 
 def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:

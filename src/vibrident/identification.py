@@ -26,11 +26,19 @@ from vibrident.measure.drift import without_drift
 from vibrident.models import SensorModel, parse
 from vibrident.naming import in_words
 from vibrident.problem import Evidence
-from vibrident.records import Calibration, FloatArray, SystematicEffect
-from vibrident.result import Result, ResultWarning, Training
+from vibrident.records import Calibration, FloatArray
+from vibrident.result import MeasuredCurve, Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
+from vibrident.systematic import allowing_for_effects
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
-from vibrident.uncertainty.budget import DATA, Row, as_settings, effective_degrees_of_freedom, rows_of_effects
+from vibrident.uncertainty.budget import (
+    DATA,
+    Row,
+    as_settings,
+    effective_degrees_of_freedom,
+    effects_of,
+    rows_of_effects,
+)
 from vibrident.uncertainty.curve import frequencies
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, slopes, unit_fields
@@ -201,10 +209,10 @@ def _stated(fitted: Fitted, rows: Sequence[Row]) -> _Stated:
     evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
     data = [row for row in rows if row.kind == DATA]
     covariance = np.sum([row.covariance for row in data], axis=0)
-    weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
-    warnings += second_thoughts(evidence, estimate, judgement, covariance, fitted.linear)
-    warnings += _learned(estimate)
     total = np.sum([row.covariance for row in rows], axis=0)
+    weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
+    warnings += second_thoughts(evidence, estimate, judgement, covariance, total)
+    warnings += _learned(estimate)
     freedom = float(np.min(effective_degrees_of_freedom(rows)))
     scope = "; ".join(dict.fromkeys(row.source for row in data))
     return _Stated(total, freedom, scope, list(rows), weak, warnings)
@@ -222,7 +230,8 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         estimator=estimate.estimator,
         settings={
             **estimate.settings,
-            "uncertainty_covers": stated.scope,
+            "uncertainty_covers": "; ".join([stated.scope, *_covered(stated.rows)]),
+            **_seen(judgement),
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
@@ -234,7 +243,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         correlation=correlation(model, stated.covariance),
         fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
         response=curve(coordinates, z, stated.covariance, calibration.quantity, band),
-        measured=measured_curve(estimate, judgement.adequacy, calibration.quantity),
+        measured=_measured(evidence, estimate, judgement),
         warnings=_warnings(evidence, model, table, judgement, stated.warnings, stated.scope),
         sensor=dict(calibration.sensor),
         reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
@@ -244,6 +253,11 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
     )
+
+
+def _measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
+    effects, linear = effects_of(evidence.calibration), linearised(evidence, estimate, judgement)
+    return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
 
 
 def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
@@ -257,7 +271,8 @@ def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tup
 
 def _judged(evidence: Evidence, estimate: Estimate) -> Judgement:
     judge = judge_table if evidence.calibration.table else judge_records
-    return judge(evidence, estimate)
+    judgement = judge(evidence, estimate)
+    return allowing_for_effects(evidence, estimate, judgement)
 
 
 def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
@@ -335,11 +350,15 @@ def _learned(estimate: Estimate) -> list[ResultWarning]:
     return [ResultWarning("lack_of_fit", text)]
 
 
-def effects_of(calibration: Calibration) -> list[SystematicEffect]:
-    """The systematic effects stated, the calibration of the reference first."""
-    relative = calibration.reference_standard_uncertainty
-    reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
-    return [*reference, *calibration.effects]
+def _covered(rows: Sequence[Row]) -> list[str]:
+    """The systematic effects among the rows, in words."""
+    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
+
+
+def _seen(judgement: Judgement) -> dict[str, Any]:
+    """How much of each stated effect the deviations show, in its standard uncertainties."""
+    seen = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
+    return {"systematic_effects_seen": seen} if seen else {}
 
 
 def _training(estimate: Estimate) -> Training:

@@ -127,11 +127,23 @@ class MeasuredCurve(Curve):
         deviation_percent: 100 (model − measured)/measured, of the magnitude.
         deviation_phase_deg: model − measured phase; None where there is no measured phase.
         record: name of the record each point comes from.
+        magnitude_noise: the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the
+            stated systematic effects, common to all points.
+        phase_deg_noise: the same of the phase.
+        deviation_uncertainty_percent: standard uncertainty of ``deviation_percent``. The model was fitted to the same
+            points and follows what is common to them, so it is not made of the uncertainties of both: it is the noise
+            less its leverage, and of the effects what the parameters cannot follow. None where the model meets the
+            point whatever it is.
+        deviation_phase_uncertainty_deg: the same of the phase.
     """
 
     deviation_percent: tuple[float, ...] = ()
     deviation_phase_deg: tuple[float | None, ...] = ()
     record: tuple[str, ...] = ()
+    magnitude_noise: tuple[float | None, ...] = ()
+    phase_deg_noise: tuple[float | None, ...] = ()
+    deviation_uncertainty_percent: tuple[float | None, ...] = ()
+    deviation_phase_uncertainty_deg: tuple[float | None, ...] = ()
 
 
 @dataclass(frozen=True)

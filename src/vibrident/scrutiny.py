@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import get_args
+from typing import TypeVar, get_args
 
 import numpy as np
 
@@ -34,7 +34,7 @@ DOUBTED_BIAS = 1.5
 
 
 def second_thoughts(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, linear: Linearised
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, total: FloatArray
 ) -> list[ResultWarning]:
     """Warnings ``nonlinear``, ``band_sensitive``, ``estimators_disagree``, ``reference_noise``, ``units_suspect``.
 
@@ -42,21 +42,18 @@ def second_thoughts(
         evidence: the data.
         estimate: the fit.
         judgement: what the estimate says of the data.
-        covariance: of the coordinates, as stated, shape (p, p).
-        linear: all points, linearised at the estimate.
+        covariance: of the coordinates, by the data alone, shape (p, p).
+        total: with the stated systematic effects, shape (p, p).
     """
-    alone = _of_points(evidence, estimate, judgement.points[0]) if judgement.tones is not None else None
-    warnings = list(_nonlinear(evidence, estimate, judgement, alone))
-    warnings += _moving(evidence, estimate, judgement, covariance, linear, alone)
+    warnings = list(_nonlinear(evidence, estimate, judgement))
+    warnings += _moving(evidence, estimate, judgement, covariance, total)
     warnings += _reference_noise(estimate)
     if not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0:
         warnings += _misread(evidence)
     return warnings
 
 
-def _nonlinear(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, alone: Linearised | None
-) -> Iterator[ResultWarning]:
+def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
     if judgement.overtones:
         worst = judgement.overtones[0]
         others = len(judgement.overtones) - 1
@@ -70,9 +67,10 @@ def _nonlinear(
         return
     yield from _bent(evidence, estimate, judgement)
     tones = judgement.tones
-    if tones is None or alone is None:
+    if tones is None:
         return
-    points = judgement.points[0]
+    points, estimate = _undisturbed(estimate, judgement, judgement.points[0])
+    alone = _of_points(evidence, estimate, points)
     values = estimate.coordinates.values(estimate.z)
     model = np.asarray(evidence.model.frequency_response(values, points.frequency_hz, "acceleration"))
     found = amplitude_dependence(alone, model, tones.response, points.relative_deviation)
@@ -110,8 +108,22 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
     if evidence.calibration.table is not None:
         problem = evidence.first_look
         assert problem is not None
-        return Linearised.of_table(estimate.coordinates, estimate.z, problem)
+        frequency, _, _, magnitude_u, phase_u = problem.data
+        measured = judgement.adequacy.measured
+        data = (frequency, np.abs(measured), np.angle(measured), magnitude_u, phase_u)
+        return Linearised.of_table(estimate.coordinates, estimate.z, replace(problem, data=data))
     return _of_points(evidence, estimate, judgement.adequacy)
+
+
+_Kind = TypeVar("_Kind", Adequacy, Points)
+
+
+def _undisturbed(estimate: Estimate, judgement: Judgement, points: _Kind) -> tuple[_Kind, Estimate]:
+    """Points and estimate as they were without the stated systematic effects: these move parameters too, as stated."""
+    if judgement.removed is None or judgement.without is None:
+        return points, estimate
+    measured = points.measured * judgement.removed[: len(points.measured)]
+    return replace(points, measured=measured), replace(estimate, z=judgement.without)
 
 
 def _of_points(evidence: Evidence, estimate: Estimate, points: Adequacy | Points) -> Linearised:
@@ -130,17 +142,21 @@ def _moving(
     estimate: Estimate,
     judgement: Judgement,
     covariance: FloatArray,
-    linear: Linearised,
-    alone: Linearised | None,
+    total: FloatArray,
 ) -> list[ResultWarning]:
     """Parameters that another part of the data, or another estimator, would move."""
     if not evidence.model.is_linear:
         return []  # a transfer function says nothing of what makes it nonlinear
-    coordinates, z = estimate.coordinates, estimate.z
+    coordinates = estimate.coordinates
     units = parameter_units(evidence.model, evidence.calibration)
-    warnings = band_sensitive(linear, coordinates, z, covariance, units, (judgement.scatter or 1.0) ** 2)
-    if alone is not None and estimate.estimator != "ml":
-        warnings += estimators_disagree(alone, coordinates, z, covariance, units, estimate.estimator)
+    points, at = _undisturbed(estimate, judgement, judgement.adequacy)
+    linear = linearised(evidence, at, replace(judgement, adequacy=points))
+    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, (judgement.scatter or 1.0) ** 2)
+    if judgement.tones is not None and estimate.estimator != "ml":
+        alone = _of_points(evidence, estimate, judgement.points[0])
+        largest = max((abs(size) for _, size in judgement.effects), default=1.0)
+        spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
+        warnings += estimators_disagree(alone, coordinates, estimate.z, spread, units, estimate.estimator)
     return warnings
 
 

@@ -39,10 +39,10 @@ class MaximumLikelihood:
     """Settings of the estimator ``ml``.
 
     Attributes:
-        model_error: where the deviations of sine records exceed what their noise explains, a relative error of the
-            model, the same at all frequencies, joins the noise (Mandel & Paule 1970), as large as the deviations
-            demand. Points of very little noise then no longer rule, and the uncertainty covers the misfit. It is
-            reported, and never applied to the stated uncertainties of a table.
+        model_error: where the deviations of sine records exceed what their noise and the stated systematic effects
+            explain, a relative error of the model, the same at all frequencies, joins the noise (Mandel & Paule 1970),
+            as large as the deviations demand. Points of very little noise then no longer rule, and the uncertainty
+            covers the misfit. It is reported, and never applied to the stated uncertainties of a table.
     """
 
     model_error: bool = True
@@ -84,7 +84,9 @@ class MaximumLikelihood:
         problem = weighted_problem(tones, model, coordinates.values(z), evidence)
         freedom = float(np.sum(tones.degrees_of_freedom))
         estimate = replace(_estimate(coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
-        return _with_model_error(estimate, problem, progress) if self.model_error else estimate
+        if not self.model_error:
+            return estimate
+        return replace(estimate, if_rejected=lambda: _with_model_error(estimate, problem, progress))
 
 
 def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: Progress) -> Estimate:

@@ -14,14 +14,14 @@ from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Estimate, Estimator, ResidualIpnn
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import Progress, silent
-from vibrident.identification import EstimatorName, Fitted, Uncertainty, document, effects_of, fit, own_rows
+from vibrident.identification import EstimatorName, Fitted, Uncertainty, document, fit, own_rows
 from vibrident.joint.consistency import Consistency, compare
 from vibrident.joint.descent import Descent, descend
 from vibrident.joint.sharing import joined
 from vibrident.naming import amount, in_words
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
-from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
+from vibrident.uncertainty.budget import DATA, Row, effects_of, row_of_effect, shift_of_effect
 from vibrident.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 
 #: What is covered of a calibration whose own fit is of no use.

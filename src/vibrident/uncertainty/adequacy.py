@@ -36,6 +36,7 @@ class Adequacy:
         chi2_reduced: None where nothing is known of the points' uncertainty.
         degrees_of_freedom: 2 n − p (n − p for magnitudes).
         adequate: the verdict.
+        phase_deviation: standard deviation of the measured phase, rad, shape (n,); None: the relative deviation.
     """
 
     frequency_hz: FloatArray
@@ -45,6 +46,7 @@ class Adequacy:
     chi2_reduced: float | None
     degrees_of_freedom: int
     adequate: bool
+    phase_deviation: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.problem import Coordinates
-from vibrident.records import FloatArray, Quantity, SystematicEffect
+from vibrident.records import Calibration, FloatArray, Quantity, SystematicEffect
 from vibrident.uncertainty.linearised import Linearised, log_slopes
 from vibrident.uncertainty.parameters import reference_direction
 
@@ -87,16 +87,18 @@ def shift_of_effect(
     u = effect.standard_uncertainty
     if effect.kind == "gain":  # exact, whatever the data determine of the rest
         return reference_direction(z, coordinates.model, u)
-    pattern = _pattern(effect, coordinates, z, quantity, linear.frequency_hz)
-    part = np.where(linear.is_phase, np.imag(pattern), np.real(pattern))
+    change = pattern(effect, coordinates, z, quantity, linear.frequency_hz)
+    part = np.where(linear.is_phase, np.imag(change), np.real(change))
     shift, _ = replace(linear, rest=part * linear.weight).solve()
     return u * shift
 
 
-def _pattern(
+def pattern(
     effect: SystematicEffect, coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency: FloatArray
 ) -> NDArray[Any]:
-    """Change of log H for one unit of the effect, shape (m,)."""
+    """Change of log H for one unit of the effect, complex, shape (m,); other arguments as :func:`rows_of_effects`."""
+    if effect.kind == "gain":
+        return np.ones(len(frequency), dtype=complex)
     if effect.kind == "timing":
         return -2j * np.pi * frequency
     if effect.kind == "phase":
@@ -115,6 +117,13 @@ def effective_degrees_of_freedom(rows: Sequence[Row]) -> FloatArray:
     freedom = np.array([row.degrees_of_freedom for row in rows])
     divided = np.sum(shares**2 / freedom[:, None], axis=0)
     return np.where(divided > 0, 1.0 / np.maximum(divided, 1e-300), np.inf)
+
+
+def effects_of(calibration: Calibration) -> list[SystematicEffect]:
+    """The systematic effects stated, the calibration of the reference first."""
+    relative = calibration.reference_standard_uncertainty
+    reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
+    return [*reference, *calibration.effects]
 
 
 def as_settings(rows: Sequence[Row], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
