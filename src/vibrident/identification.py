@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from vibrident import __version__
-from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_records, judge_table, measured_curve
+from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_records, judge_table
 from vibrident.backend import let_go_of_kernels
 from vibrident.decay import decays_alone, identify_decays, require_plain
 from vibrident.errors import ModelError
@@ -27,9 +27,9 @@ from vibrident.models import SensorModel, parse
 from vibrident.naming import in_words
 from vibrident.problem import Evidence
 from vibrident.records import Calibration, FloatArray
-from vibrident.result import MeasuredCurve, Result, ResultWarning, Training
+from vibrident.result import Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
-from vibrident.systematic import allowing_for_effects
+from vibrident.systematic import allowing_for_effects, covered, measured, seen
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
 from vibrident.uncertainty.budget import (
     DATA,
@@ -230,8 +230,8 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         estimator=estimate.estimator,
         settings={
             **estimate.settings,
-            "uncertainty_covers": "; ".join([stated.scope, *_covered(stated.rows)]),
-            **_seen(judgement),
+            "uncertainty_covers": "; ".join([stated.scope, *covered(stated.rows)]),
+            **seen(judgement),
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
@@ -243,7 +243,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         correlation=correlation(model, stated.covariance),
         fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
         response=curve(coordinates, z, stated.covariance, calibration.quantity, band),
-        measured=_measured(evidence, estimate, judgement),
+        measured=measured(evidence, estimate, judgement),
         warnings=_warnings(evidence, model, table, judgement, stated.warnings, stated.scope),
         sensor=dict(calibration.sensor),
         reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
@@ -253,11 +253,6 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
     )
-
-
-def _measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
-    effects, linear = effects_of(evidence.calibration), linearised(evidence, estimate, judgement)
-    return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
 
 
 def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
@@ -348,17 +343,6 @@ def _learned(estimate: Estimate) -> list[ResultWarning]:
         "response (settings, residual_network). Parameters and curve are the model's own."
     )
     return [ResultWarning("lack_of_fit", text)]
-
-
-def _covered(rows: Sequence[Row]) -> list[str]:
-    """The systematic effects among the rows, in words."""
-    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
-
-
-def _seen(judgement: Judgement) -> dict[str, Any]:
-    """How much of each stated effect the deviations show, in its standard uncertainties."""
-    seen = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
-    return {"systematic_effects_seen": seen} if seen else {}
 
 
 def _training(estimate: Estimate) -> Training:

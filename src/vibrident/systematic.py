@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from vibrident.assemble import Judgement
+from vibrident.assemble import Judgement, measured_curve
 from vibrident.estimators import Estimate
 from vibrident.measure.verdict import REJECTION, rejected
 from vibrident.naming import amount
 from vibrident.problem import Evidence
 from vibrident.records import FloatArray, SystematicEffect
+from vibrident.result import MeasuredCurve
 from vibrident.scrutiny import linearised
-from vibrident.uncertainty.budget import effects_of
+from vibrident.uncertainty.budget import DATA, Row, effects_of
 from vibrident.uncertainty.effects import Explained, Weighted, explain, patterns
 
 
@@ -47,10 +49,10 @@ def _judged(
 ) -> Judgement:
     adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
     shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
-    seen = replace(judgement, effects=shown, removed=found.removed, without=found.z)
+    allowed = replace(judgement, effects=shown, removed=found.removed, without=found.z)
     believed = found.probability >= REJECTION
     if adequacy.chi2_reduced is None:  # no uncertainty was stated: the scatter of the points is all there is
-        return seen
+        return allowed
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
     freedom = np.concatenate([part.freedom for part in judgement.points]) if judgement.points else None
@@ -61,7 +63,7 @@ def _judged(
     if blamed or adequacy.adequate:
         text = _misfit(judgement, chi2 / degrees) if believed else _beyond(effects, found)
     return replace(
-        seen,
+        allowed,
         adequacy=replace(adequacy, chi2_reduced=chi2 / degrees, adequate=adequate),
         lack_of_fit=text,
         birge=max(judgement.birge * float(np.sqrt(chi2 / before)), 1.0) if before > 0 else judgement.birge,
@@ -116,3 +118,20 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
         return np.concatenate([error.real, error.imag])
 
     return of_points
+
+
+def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
+    """The points of a fit, with the stated effects in their uncertainties."""
+    effects, linear = effects_of(evidence.calibration), linearised(evidence, estimate, judgement)
+    return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
+
+
+def covered(rows: Sequence[Row]) -> list[str]:
+    """The systematic effects among the rows, in words."""
+    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
+
+
+def seen(judgement: Judgement) -> dict[str, Any]:
+    """How much of each stated effect the deviations show, in its standard uncertainties."""
+    amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
+    return {"systematic_effects_seen": amounts} if amounts else {}
