@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.adversary import clean, damaged, decays, extremes, lacking, tables
+from bench.adversary import clean, damaged, decays, extremes, files, lacking, tables
 from bench.adversary.trial import Maker, Trial
 
 GROUPS = {
@@ -17,6 +17,7 @@ GROUPS = {
     "table": tables.cases,
     "decay": decays.cases,
     "extreme": extremes.cases,
+    "file": files.cases,
 }
 
 

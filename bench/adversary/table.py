@@ -26,7 +26,7 @@ sign and gain (1e-9 to 1e9), the sampling rate (100 Hz to 1 MHz) and the quantit
 `clean`: nothing is wrong, noise of fourteen kinds. `defect`: one thing is wrong with the recordings, or with one of
 them. `lacking`: the sensor has what the model asked for lacks, or its spring bends. `table`: tabulated responses.
 `decay`: free decays. `extreme`: scales from 1e-150 to 1e150, one to sixty records of 100 to 100 000 samples, records of
-few periods, declared systematic effects.
+few periods, declared systematic effects. `file`: time columns in many units, and rates that contradict them.
 
 - **right**: every stated parameter within {limit:g} standard uncertainties of the truth, and on clean data no warning.
 - **warned**: a parameter is further off, and a warning is there that a person would heed: any but `polarity`;
