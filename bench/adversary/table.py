@@ -14,7 +14,7 @@ from bench.adversary.judge import ALARM, BAD, LIMIT, REFUSED, RIGHT, ROUNDING, S
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
 #: Most failures that are listed by name.
 LISTED = 400
-HEAD = """# Nobody prepared these: sensors, motions and defects against the truth
+HEAD = """# Sensors, motions and defects from a simulator of its own
 
 Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, code of commit {commit}.
 
