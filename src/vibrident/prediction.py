@@ -93,7 +93,7 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     Raises:
         InputError: the calibration is a table, its units are not the result's, or its records cannot be used.
     """
-    result.require_response("a prediction")
+    result.require_gain("a prediction")
     model = parse(result.model)
     values = _values(result, model)
     _check_units(result, calibration)

@@ -218,17 +218,18 @@ class Result:
         return tuple(dict.fromkeys(w.code for w in self.warnings))
 
     @property
-    def has_response(self) -> bool:
-        """Whether there is a curve over frequency; free decays alone have neither gain nor curve."""
-        return bool(self.response.frequency_hz)
+    def has_gain(self) -> bool:
+        """Whether there is a gain, and so a curve over frequency; free decays alone tell neither."""
+        own = {name for name, parameter in self.parameters.items() if not parameter.derived}
+        return own != {"natural_frequency", "damping_ratio"}
 
-    def require_response(self, use: str) -> None:
+    def require_gain(self, use: str) -> None:
         """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain.
 
         Raises:
-            InputError: the result has no response over frequency.
+            InputError: the result is of free decays alone.
         """
-        if not self.has_response:
+        if not self.has_gain:
             raise InputError(
                 f"The result has no gain, which {use} needs: free decays alone tell natural frequency and damping.",
                 expected="a result of records with a reference, or of a table",

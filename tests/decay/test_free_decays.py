@@ -155,7 +155,7 @@ def test_what_follows_from_two_parameters_and_nothing_else():
     value, ratio = result.parameters["natural_frequency"].value, result.parameters["damping_ratio"].value
     assert result.parameters["resonance_frequency"].value == pytest.approx(value * np.sqrt(1 - 2 * ratio**2))
     assert result.correlation.names == ("natural_frequency", "damping_ratio")
-    assert not result.has_response
+    assert not result.has_gain
     again = vibrident.Result.from_dict(result.to_dict())
     assert again.to_dict() == result.to_dict()
     with pytest.raises(InputError, match="no gain"):

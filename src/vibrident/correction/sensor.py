@@ -54,7 +54,7 @@ class KnownSensor:
                 where="result, model",
                 remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
             )
-        result.require_response("a correction")
+        result.require_gain("a correction")
         model = parse(result.model)
         names = model.parameter_names
         deviation = np.zeros(len(names))

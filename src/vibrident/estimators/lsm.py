@@ -46,7 +46,7 @@ class LeastSquares:
         """
         refuse_nonlinear(evidence.model, self.name)
         first = evidence.first_look
-        if first is None or evidence.bands is not None or not first.has_phase:
+        if first is None or any(r.excitation != "sine" for r in evidence.records) or not first.has_phase:
             raise ModelError(
                 "The estimator 'lsm' needs complex responses.",
                 expected="sine records, or a table with phase",

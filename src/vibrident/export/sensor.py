@@ -105,7 +105,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sen
     Raises:
         InputError: the result lacks a parameter of its model or a band, or the band cannot be used.
     """
-    result.require_response("an export")
+    result.require_gain("an export")
     model = parse(result.model)
     missing = [name for name in model.parameter_names if name not in result.parameters]
     values = {name: result.parameters[name].value for name in model.parameter_names if name not in missing}

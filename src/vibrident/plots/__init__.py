@@ -43,7 +43,7 @@ def applicable(result: Result) -> list[str]:
     """Names of the pictures that the result has something to show in, in the order of a report."""
     points = bool(result.measured.frequency_hz)
     shown = {
-        "sensitivity": points or result.has_response,
+        "sensitivity": points or result.has_gain,
         "deviation": points,
         "signals": bool(result.signals),
         "residuals": points or bool(result.signals),

@@ -53,7 +53,7 @@ def content(results: Result | Sequence[Result], form: Form, names: Sequence[str]
         from vibrident.report.pdf import certificate_pdf, comparison_pdf
 
         for result in alone:
-            result.require_response("a certificate")
+            result.require_gain("a certificate")
         return certificate_pdf(one) if one else comparison_pdf(alone, called)
     if form == "html":
         from vibrident.report.html import comparison_html, report_html

@@ -33,7 +33,7 @@ def report_html(result: Result) -> str:
     made.head = _verdict(result) + _cards(result)
     made.add("warnings", "Warnings", _warnings(result))
     made.add("parameters", "Parameters", page.table(tables.parameters(result)))
-    if result.has_response:  # free decays alone have neither gain nor curve
+    if result.has_gain:  # free decays alone have neither gain nor curve
         made.add("sensitivity", "Sensitivity", *_sensitivity(made, result))
         made.add("deviation", "Deviation", *_deviation(made, result))
     made.add("signals", "Signals", _signals(made, result))
@@ -42,7 +42,7 @@ def report_html(result: Result) -> str:
     correlation = page.table(tables.correlation(result))
     made.add("correlation", "Correlation", correlation)
     made.add("training", "Training", *_training(made, result))
-    if result.has_response:
+    if result.has_gain:
         made.add("certificate", "Certificate", *_certificate(result))
     others = {key: value for key, value in result.settings.items() if "budget" not in key}
     made.add("settings", "Settings", page.tree(others) if others else "")

@@ -46,7 +46,7 @@ def count(number: int, thing: str) -> str:
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
     """What was calibrated and how, as pairs of name and text."""
     quantity = result.reference.get("quantity", "acceleration")
-    reference = f"{quantity}, in {pretty(reference_unit(result))}" if result.has_response else "none: free decays"
+    reference = f"{quantity}, in {pretty(reference_unit(result))}" if result.has_gain else "none: free decays"
     return (
         *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
         ("model", result.model),
