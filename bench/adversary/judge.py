@@ -116,12 +116,18 @@ def heeded(name: str, result: Result, *, polarity: bool) -> bool:
             if polarity:
                 return True
         elif warning.code in OF_PARAMETERS:
-            text = warning.message.replace(" ", "_")
+            text = named(warning.message)
             if any(part in text for part in own):
                 return True
         else:
             return True
     return False
+
+
+def named(message: str) -> str:
+    """A message with its parameters by their names in a result, whether it has those or words."""
+    text = message.replace("second-mode ", "mode2_").replace("high-pass", "highpass").replace(" ", "_")
+    return text.replace("mode2_damping_ratio", "mode2_damping")
 
 
 def false_alarms(trial: Trial, result: Result) -> list[str]:
@@ -141,7 +147,7 @@ def false_alarms(trial: Trial, result: Result) -> list[str]:
 
 def _weak(message: str, result: Result) -> bool:
     """Whether a parameter that the message names is as uncertain as it says."""
-    text = message.replace(" ", "_")
+    text = named(message)
     for name, parameter in result.parameters.items():
         u = parameter.standard_uncertainty
         if name in text and (u is None or name == "delay" or u > WEAK * abs(parameter.value)):

@@ -154,6 +154,13 @@ def test_what_is_silent_and_what_is_said_is_told_apart(result, cause, expected):
     assert judge.of_result(trial, result)["class"] == expected
 
 
+def test_a_message_names_a_parameter_by_its_name_or_in_words():
+    for message in ("hardly determine the second-mode damping ratio", "hardly determine mode2_damping"):
+        assert "mode2_damping" in judge.named(message)
+        assert "damping_ratio" not in judge.named(message)
+    assert "highpass_frequency" in judge.named("The high-pass frequency lies at the end")
+
+
 def test_a_refusal_of_clean_data_is_a_false_alarm_and_a_traceback_is_one():
     from vibrident import InputError
 
