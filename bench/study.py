@@ -129,6 +129,7 @@ class Study:
     def _commit(self) -> str:
         """The last commit that changed the package or the cells."""
         cells = sys.modules[self.block.__module__].__file__ or ""
+        cells = cells.removesuffix("/__main__.py")  # of a study in several modules, all of them
         command = ["git", "log", "-1", "--format=%h", "--", "src", cells]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         return done.stdout.strip() or "unknown"
