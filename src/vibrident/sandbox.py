@@ -226,7 +226,7 @@ def _outcome(answer: bytearray | None, code: int, overdue: bool, memory_bytes: i
     if "memory" in said:
         raise _too_much(f"{memory_bytes / 1e6:.0f} MB of memory", "a file that needs more")
     if overdue or -code in _OUT_OF_TIME:
-        raise _too_much(f"{seconds:g} s", "a file that takes longer")
+        raise _too_much(f"{seconds:.3g} s", "a file that takes longer")
     raise InputError(
         "The reader of this file crashed.",
         expected="a whole file of its format",

@@ -56,6 +56,14 @@ def open_columns(path: Path) -> ColumnFile:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise unknown_format(path.suffix, str(path))
+    if path.exists() and not (path.is_file() or path.is_dir()):  # of a folder, the system's own words are better
+        raise InputError(
+            "This is no file.",
+            expected="a file on a disk",
+            found="a device, a pipe or a socket, which may never end",
+            where=str(path),
+            remedy="write its data into a file first",
+        )
     return reader(path)
 
 

@@ -21,7 +21,7 @@ _PLAIN = frozenset(suffix for suffix, reader in READERS.items() if reader is Csv
 #: Most memory of a process that reads: for the libraries, and so many times what the numbers may take.
 _LIBRARIES_BYTES, _COPIES = 600_000_000, 2
 #: Time of such a process: for the libraries, and for each byte.
-_SECONDS, _SECONDS_PER_BYTE = 60.0, 1e-6
+_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:

@@ -12,6 +12,7 @@ import numpy as np
 from vibrident.decay import free_parts
 from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
 from vibrident.measure.clock import judge_clocks
+from vibrident.measure.copies import without_copies
 from vibrident.measure.quality import refuse_other_motion, short_records, silent_channels
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
@@ -49,7 +50,7 @@ class Evidence:
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
-        records, findings = screen(calibration.records)
+        records, findings = screen(without_copies(calibration.records))
         records, more = judge_clocks(records)
         records, changing = free_parts(records)
         return cls._measured(calibration, model, records, (*findings, *more, *changing))

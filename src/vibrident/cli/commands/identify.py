@@ -266,7 +266,11 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
 
     if len(results) > 1 and not quiet:
         out().print(terminal.joint_table(results[0]))
+    from vibrident.measure.copies import said_of_copies
+
     for result in results:
+        for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
+            note(text)
         written = files if result is results[-1] else []
         if quiet:
             for warning in result.warnings:

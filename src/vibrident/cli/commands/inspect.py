@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import out, printable, wrote
+from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.folder import written_whole
 
 if TYPE_CHECKING:
@@ -42,9 +42,13 @@ def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     """The calibration with clipped samples marked, and all findings; a record without signal stays to be seen."""
     from vibrident.errors import InputError
     from vibrident.measure import Finding, screen
+    from vibrident.measure.copies import said_of_copies, without_copies
 
+    once = without_copies(calibration.records)
+    for text in said_of_copies((record.name, record.provenance.history) for record in once):
+        note(text)
     records, findings = [], []
-    for record in calibration.records:
+    for record in once:
         try:
             (record,), found = screen([record])
             findings += found

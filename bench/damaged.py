@@ -1,0 +1,80 @@
+"""``python -m bench.damaged``: a thousand damaged files and bombs through every reader.
+
+python -m bench.damaged --jobs 1            all of them; stops and resumes at will
+python -m bench.damaged --only x.h5 --trial  some, to look at
+
+The page is docs/damaged.md; see :mod:`bench.study`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter, defaultdict
+from typing import Any
+
+from bench.damaged_files import DAMAGES
+from bench.damaged_runs import CELLS, FILES, MEMORY_BYTES, block
+from bench.study import Study
+
+HEAD = """# A thousand damaged files
+
+Written by `python -m bench.damaged`; do not edit. Code of commit {commit}.
+
+{count} files: whole ones of every format, each cut, with bits flipped, in another order, in another encoding or with
+extreme numbers in place of some, and {bombs} bombs: small files that claim or grow to far more than a machine holds,
+or turn in a circle. Each is given to `vibrident inspect` (a result to `vibrident report`). What must come of it is
+exit 0 or 2, no traceback, at most {memory:.0f} MB, and no file outside `--out`.
+
+{verdict}
+
+| file | {damages} |
+|---|{rule}
+{rows}
+
+Each cell: read, refused, anything else. A file that was read may have lost its tail, or have values changed that its
+format does not protect.
+"""
+
+
+def table(lines: list[dict[str, Any]], commit: str) -> str:
+    """The page as Markdown."""
+    found: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    for line in lines:
+        file, damage = line["cell"].split("/")
+        found[file, damage] += line["runs"]
+    runs = [run for own in found.values() for run in own]
+    wrong = [run for run in runs if run["outcome"] not in ("read", "refused")]
+    peak = max((run["peak_bytes"] for run in runs), default=0)
+    rescued = Counter(run["first"].split(" ")[0] for run in runs if run.get("first", "as a command") != "as a command")
+    verdict = (
+        f"{len(runs) - len(wrong)} of {len(runs)} met; largest memory {peak / 1e6:.0f} MB. In a process without "
+        f"the guard of the command line, {sum(rescued.values())} of them would not have been"
+        + (f" ({', '.join(f'{count} {name}' for name, count in rescued.items())})." if rescued else ".")
+    )
+    rows = [f"| `{file}` | " + " | ".join(_counts(found[file, damage]) for damage in DAMAGES) + " |" for file in FILES]
+    bombs = found["all", "bombs"]
+    rows.append(f"| bombs | {_counts(bombs)} |" + " |" * (len(DAMAGES) - 1))
+    page = HEAD.format(
+        commit=commit,
+        count=len(runs),
+        bombs=len(bombs),
+        memory=MEMORY_BYTES / 1e6,
+        verdict=verdict,
+        damages=" | ".join(DAMAGES),
+        rule="--:|" * len(DAMAGES),
+        rows="\n".join(rows),
+    )
+    return page + "".join(f"\n- `{run['outcome']}`: {run['said'][-300:]!r}" for run in wrong)
+
+
+def _counts(runs: list[dict[str, Any]]) -> str:
+    """Read, refused, and anything else."""
+    counts = Counter(run["outcome"] for run in runs)
+    other = sum(counts.values()) - counts["read"] - counts["refused"]
+    return f"{counts['read']}, {counts['refused']}, {other}"
+
+
+STUDY = Study("damaged", __doc__.splitlines()[0], 15, CELLS, block, table)
+
+if __name__ == "__main__":
+    sys.exit(STUDY.main())

@@ -1,0 +1,219 @@
+"""A command on each damaged file, in a long-lived process; what brings that down is run once more as a user would."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.damaged_bombs import BOMBS, write_bomb
+from bench.damaged_files import DAMAGES, ROOT, WRITERS, whole_files, whole_result, write_damaged
+
+FILES = (*WRITERS, "c.toml", "result.json")
+#: Of a case in the long-lived process, and of a command.
+SECONDS, COMMAND_SECONDS = 20, 150
+MEMORY_BYTES = 1_000_000_000
+_ROOM_BYTES = 2_500_000_000
+_COMMAND = "from vibrident.cli import main; main()"
+_SERVE = "from bench.damaged_runs import serve; serve()"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One kind of file and one kind of damage; or all bombs."""
+
+    file: str
+    damage: str
+
+    @property
+    def name(self) -> str:
+        """For files and the command line."""
+        return f"{self.file}/{self.damage}"
+
+    def runs(self, asked: int) -> int:
+        """As many as asked for; of the bombs, each once."""
+        return len(BOMBS) if self.damage == "bombs" else asked
+
+
+CELLS = (*(Cell(file, damage) for file in FILES for damage in DAMAGES), Cell("all", "bombs"))
+
+
+def block(name: str, first: int, count: int) -> dict[str, Any]:
+    """Some files of a cell: what a command made of each."""
+    cell = next(cell for cell in CELLS if cell.name == name)
+    return {
+        "cell": name,
+        "first": first,
+        "count": count,
+        "runs": [run(cell, number) for number in range(first, first + count)],
+    }
+
+
+def run(cell: Cell, number: int) -> dict[str, Any]:
+    """One file: ``outcome`` (read, refused, or what must not be), ``peak_bytes``, ``said``."""
+    with tempfile.TemporaryDirectory(prefix="damaged-") as place:
+        folder = Path(place) / "case"
+        folder.mkdir()
+        bomb = cell.damage == "bombs"
+        if bomb:
+            target = write_bomb(folder, list(BOMBS)[number])
+        else:
+            target = write_damaged(folder, cell.file, cell.damage, number, _whole(result=cell.file == "result.json"))
+        before = _seen(folder)
+        found: dict[str, Any] = {"outcome": "as a command"} if bomb else WORKER.ask({"target": str(target)})
+        if found["outcome"] not in ("read", "refused"):
+            first = found["outcome"]
+            shutil.rmtree(folder / "out", ignore_errors=True)
+            found = {**_as_a_command(target), "first": first}
+        strays = sorted(name for name in _seen(folder) - before if not name.startswith("out"))
+        if strays:
+            found = {**found, "outcome": "a file outside --out", "said": ", ".join(strays)}
+        return {"number": number, **found}
+
+
+def _seen(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+_WHOLE: dict[str, bytes] = {}
+
+
+def _whole(*, result: bool) -> dict[str, bytes]:
+    if not _WHOLE:
+        with tempfile.TemporaryDirectory() as folder:
+            _WHOLE.update(whole_files(Path(folder)))
+    if result and "result.json" not in _WHOLE:
+        with tempfile.TemporaryDirectory() as folder:
+            _WHOLE["result.json"] = whole_result(Path(folder))
+    return _WHOLE
+
+
+def arguments(target: Path) -> list[str]:
+    """What the command is given."""
+    words = ["report", "--format", "html"] if target.suffix == ".json" else ["inspect"]
+    return [*words, str(target), "--out", str(target.parent / "out")]
+
+
+class _Worker:
+    """A process that runs commands one after another, in itself."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+
+    def ask(self, case: dict[str, Any]) -> dict[str, Any]:
+        if self._process is None or self._process.poll() is not None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", _SERVE],
+                cwd=ROOT,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(case) + "\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
+        if answer:
+            return json.loads(answer)
+        return {"outcome": f"crash ({self._process.wait()})", "said": ""}
+
+
+WORKER = _Worker()
+
+
+class _OutOfTime(BaseException):
+    pass
+
+
+def serve() -> None:
+    """A worker's life: a case a line, an answer a line."""
+    import vibrident.io
+    from vibrident.sandbox import set_limits
+
+    vibrident.io.read_guarded = vibrident.io.read  # what a process of its own would hide is what is looked for
+    stream = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    set_limits(_ROOM_BYTES)
+    signal.signal(signal.SIGALRM, _ring)
+    for line in sys.stdin:
+        answer = _in_here(Path(json.loads(line)["target"]))
+        stream.write(json.dumps(answer) + "\n")
+        stream.flush()
+        if answer["outcome"] == "time" or answer["peak_bytes"] > MEMORY_BYTES:
+            return  # with what it still holds
+
+
+def _ring(*_: Any) -> None:
+    raise _OutOfTime
+
+
+def _in_here(target: Path) -> dict[str, Any]:
+    from vibrident.cli import app
+
+    said = io.StringIO()
+    _forget_peak()
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    outcome, more = "time", ""
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), contextlib.suppress(_OutOfTime):
+        try:
+            app(arguments(target))
+        except SystemExit as end:
+            outcome = {0: "read", None: "read", 2: "refused"}.get(end.code, f"exit {end.code}")  # type: ignore[arg-type]
+        except Exception as error:
+            outcome, more = "traceback", traceback.format_exc()[-1500:] or repr(error)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+    peak = _peak_bytes()
+    if outcome in ("read", "refused") and peak > MEMORY_BYTES:
+        outcome = "memory"
+    return {"outcome": outcome, "peak_bytes": peak, "said": (more or said.getvalue())[-1500:]}
+
+
+def _forget_peak() -> None:
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_bytes() -> int:
+    lines: Iterator[str] = iter(Path("/proc/self/status").read_text().splitlines())
+    return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
+
+
+def _as_a_command(target: Path) -> dict[str, Any]:
+    command = [sys.executable, "-c", _COMMAND, *arguments(target)]
+    child = [sys.executable, "-I", "-S", str(ROOT / "bench" / "child.py"), *command]
+    with tempfile.TemporaryFile("w+") as said:
+        try:
+            done = subprocess.run(
+                child, stdout=subprocess.PIPE, stderr=said, text=True, timeout=COMMAND_SECONDS, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return {"outcome": "time", "peak_bytes": 0, "said": ""}
+        said.seek(0)
+        text = said.read()[-1500:]
+    found = json.loads(done.stdout)
+    outcome = {0: "read", 2: "refused"}.get(found["status"], f"exit {found['status']}")
+    if "Traceback" in text:
+        outcome = "traceback"
+    elif found["peak_bytes"] > MEMORY_BYTES and outcome in ("read", "refused"):
+        outcome = "memory"
+    return {"outcome": outcome, "peak_bytes": found["peak_bytes"], "said": text}
