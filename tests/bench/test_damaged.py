@@ -13,7 +13,7 @@ def one_process():
 
 
 @pytest.mark.parametrize(
-    ("file", "damage"), zip([*WRITERS, "c.toml"], 6 * ("bits flipped", "large numbers"), strict=True)
+    ("file", "damage"), [*zip([*WRITERS, "c.toml"], 6 * ("bits flipped", "large numbers"), strict=True)]
 )
 def test_a_damaged_file_is_read_or_refused(file, damage):
     found = run(Cell(file, damage), 1000)
