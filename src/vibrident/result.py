@@ -39,7 +39,8 @@ WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 
 #: Most bytes of a result file; one with hundreds of records has a few millions.
 MOST_BYTES = 200_000_000
-_MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record")
+_MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
+_MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
 
 
 @dataclass(frozen=True)
