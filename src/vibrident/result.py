@@ -277,7 +277,7 @@ class Result:
         from pydantic import TypeAdapter, ValidationError
 
         try:
-            result = TypeAdapter(cls).validate_python(dict(document))
+            result = TypeAdapter(cls).validate_python({**document, **_with_numbers(_measured_part(document))})
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
@@ -327,6 +327,23 @@ class Result:
                 remedy="check the path",
             ) from error
         return cls.from_dict(document)
+
+
+#: Where JSON's null stands for a number that is not finite; in the other fields it says that there is none.
+_NUMBERS = {"value", "matrix", "magnitude", "deviation_percent", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
+
+
+def _measured_part(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: document[key] for key in ("parameters", "correlation", "fit", "response", "measured")}
+
+
+def _with_numbers(value: Any, key: str = "") -> Any:
+    """Plain values in which null is not a number, where a number must stand."""
+    if isinstance(value, Mapping):
+        return {name: _with_numbers(item, str(name)) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_with_numbers(item, key) for item in value]
+    return math.nan if value is None and key in _NUMBERS else value
 
 
 def _plain(value: Any) -> Any:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from vibrident.export.dcc_tree import Tree, cleaned, identified, numeral
 from vibrident.export.dcc_units import d_si
@@ -43,7 +46,7 @@ def measurement(tree: Tree, result: Result) -> Any:
             [_parameter(tree, result, *p) for p in result.parameters.items()],
         ),
     ]
-    if result.correlation.names and not any(None in row for row in result.correlation.matrix):
+    if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
         results.append(
             _result(tree, "correlation", "Correlation of the estimated parameters", [_correlation(tree, result)])
         )
@@ -120,7 +123,9 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
     notes += [] if p.identifiable else ["not determined by the data"]
     notes += [] if u is not None else ["uncertainty not stated"]
     notes += _half_open(low, high)
-    if p.value is None:  # of a derived one that is not finite: JSON has no infinity, nor has D-SI
+    if p.value is None or not math.isfinite(
+        p.value
+    ):  # of a derived one that is not finite: JSON has no infinity, nor has D-SI
         said = tree.text("noQuantity", "no finite value")
     else:
         said = _real(tree, p.value, d_si(p.unit), spread, name)
@@ -170,7 +175,7 @@ def _correlation(tree: Tree, result: Result) -> Any:
 def _whole(curve: Curve) -> list[int]:
     """Points that have a frequency and a magnitude: D-SI's lists know no blanks."""
     points = zip(curve.frequency_hz, curve.magnitude, strict=True)
-    return [k for k, point in enumerate(points) if None not in point]
+    return [k for k, point in enumerate(points) if None not in point and all(map(math.isfinite, point))]
 
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -111,7 +112,10 @@ def correlation(result: Result) -> Table | None:
         return None
     short = [parameter_name(name).symbol or name for name in names]
     rows = tuple(
-        (parameter_name(name).words, *(NONE if value is None else f"{value:+.3f}" for value in row))
+        (
+            parameter_name(name).words,
+            *(NONE if value is None or not math.isfinite(value) else f"{value:+.3f}" for value in row),
+        )
         for name, row in zip(names, result.correlation.matrix, strict=False)
     )
     return Table(("", *short), rows, tuple(range(1, len(names) + 1)))
