@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
 import pytest
 from contrast import texts, too_faint
 from pypdf import PdfReader
@@ -146,16 +145,6 @@ def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):
     page = visit()
     upload(page, pickle)
     page.get_by_text("The file's format is not known.").wait_for()
-
-
-def test_a_file_that_refers_to_another_is_refused_and_gone(visit, tmp_path):
-    with h5py.File(tmp_path / "linked.h5", "w") as file:
-        file["response"] = h5py.ExternalLink("/etc/hostname", "/")
-    page = visit()
-    upload(page, tmp_path / "linked.h5")
-    page.get_by_text("The page reads HDF5 files that stand alone.").wait_for()
-    assert page.locator("#files").inner_text() == "No data yet."
-    assert not page.locator("#columns").is_visible()
 
 
 def test_a_broken_calibration_file_gets_the_message_of_the_command_line(visit, tmp_path):

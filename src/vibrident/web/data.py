@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from nicegui import events, ui
 
 from vibrident.errors import InputError
 from vibrident.web import frame
-from vibrident.web.looks import facts, refused
+from vibrident.web.looks import facts
 from vibrident.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
 from vibrident.web.users import User
 
@@ -131,7 +131,6 @@ class DataStep:
                     left_out.setdefault(self._reason(error), []).append(safe_name(file.name))
             except Exception as error:
                 frame.show_error(self.errors, error, session)
-        came = await self._checked(came, left_out, alone=alone)
         if self.upload.is_deleted:
             return
         self.upload.reset()
@@ -149,40 +148,6 @@ class DataStep:
             too_large(1.0).problem: self._large(),
         }
         return known.get(error.problem, error.problem.rstrip("."))
-
-    async def _checked(self, came: list[str], left_out: dict[str, list[str]], *, alone: bool) -> list[str]:
-        """Remove what is not let in; returns the rest."""
-        session = self.user.session
-        if not came:
-            return came
-        bad: dict[str, InputError] = {}
-        try:
-            said = await self.user.look(refused, session.data, came)
-            bad = {name: InputError(**fields) for name, fields in said.items()}
-        except InputError as error:  # one of them cost too much or broke the reader: each by itself
-            bad = await self._one_by_one(came) if len(came) > 1 else {came[0]: error}
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
-            for name in came:
-                session.remove(name)
-            return []
-        for name, error in bad.items():
-            session.remove(name)
-            if alone:
-                frame.show_error(self.errors, error, session)
-            else:
-                left_out.setdefault(error.problem.rstrip("."), []).append(name)
-        return [name for name in came if name not in bad]
-
-    async def _one_by_one(self, came: Sequence[str]) -> dict[str, InputError]:
-        bad = {}
-        for name in came:
-            try:
-                said = await self.user.look(refused, self.user.session.data, [name])
-                bad |= {refused_name: InputError(**fields) for refused_name, fields in said.items()}
-            except InputError as error:
-                bad[name] = error
-        return bad
 
     async def _result(self, place: Path) -> int:
         """An earlier result: whether it is one is seen in a process of its own."""

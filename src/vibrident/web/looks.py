@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import InputError, VibridentError
+from vibrident.errors import VibridentError
 from vibrident.io.guess import Columns, guess_columns
 from vibrident.report import content, figures, figures_beside, tables, words
 from vibrident.report import page as written
 from vibrident.report.side_by_side import comparison_tables
 from vibrident.result import Result
 from vibrident.web.description import Description, described
-from vibrident.web.hdf5_links import refuse_other_files
 from vibrident.web.motion import likely_excitation
 from vibrident.web.preview import preview
 from vibrident.web.session import refuse_outside
@@ -49,17 +48,6 @@ class Guess:
     excitation: str | None
     all_columns: int
     chart: bytes
-
-
-def refused(folder: Path, names: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Which of these files are not let in, each with the fields of its InputError."""
-    found = {}
-    for name in names:
-        try:
-            refuse_other_files(folder / name)
-        except InputError as error:
-            found[name] = dict(vars(error))
-    return found
 
 
 def guess(folder: Path, files: Sequence[str]) -> Guess:
