@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
@@ -36,25 +37,34 @@ VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
 class Server:
     """A running ``vibrident serve``."""
 
-    def __init__(self, process: subprocess.Popen[str], address: str, busy_s: float) -> None:
-        self.process, self.address, self.busy_s = process, address, busy_s
+    def __init__(self, process: subprocess.Popen[str], address: str, busy_s: float, log: Path, folder: Path) -> None:
+        self.process, self.address, self.busy_s, self.log, self.folder = process, address, busy_s, log, folder
 
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory) -> Iterator[Server]:
     """``vibrident serve`` on a free port, its temporary files in a folder of the tests."""
+    with serving(tmp_path_factory.mktemp("serve"), *VIBRIDENT, "serve", "--limit-mb", str(LIMIT_MB)) as made:
+        yield made
+
+
+@contextlib.contextmanager
+def serving(folder: Path, *command: str) -> Iterator[Server]:
+    """A server of a command, which leaves no temporary file behind."""
     pytest.importorskip("nicegui")
-    folder = tmp_path_factory.mktemp("serve")
     begin = time.monotonic()
-    command = [*VIBRIDENT, "serve", "--no-browser", "--limit-mb", str(LIMIT_MB)]
+    log = folder / "log"
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"}
     for name in [name for name in environment if name.startswith(("NICEGUI", "PYTEST"))]:
         del environment[name]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
-    ) as made:
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(
+            [*command, "--no-browser"], stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
+        ) as made,
+    ):
         try:
-            yield _ready(made, begin)
+            yield _ready(made, begin, log, folder)
         finally:
             made.terminate()  # a suite in the background ignores SIGINT, and its children with it
             try:
@@ -74,16 +84,16 @@ def _busy_s(pid: int, elapsed_s: float) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _ready(process: subprocess.Popen[str], begin: float) -> Server:
+def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path) -> Server:
     assert process.stdout is not None
     line = process.stdout.readline()
     found = re.search(r"http://\S+", line)
-    assert found, line + process.stdout.read()
+    assert found, line + process.stdout.read() + log.read_text()
     while time.monotonic() < begin + 20.0:
         try:
             with urllib.request.urlopen(found.group(), timeout=5) as answer:
                 answer.read()
-            return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin))
+            return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
         except OSError:
             time.sleep(0.05)
     raise AssertionError("the page does not answer")
@@ -117,13 +127,15 @@ def visit(server, browser):
     """Open the page in a context of its own; every request that leaves the server's address fails the test."""
     contexts, foreign, complaints = [], [], []
 
-    def open_page(width: int = 1280, height: int = 900):
+    def open_page(width: int = 1280, height: int = 900, *, may_complain: bool = False):
         context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
         contexts.append(context)
         page = context.new_page()
         here = (server.address, server.address.replace("http", "ws"), "data:", "blob:")
         page.on("request", lambda request: None if request.url.startswith(here) else foreign.append(request.url))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
+        if not may_complain:
+            page.on("pageerror", lambda error: complaints.append(str(error)))
+            page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
         page.goto(server.address)
         page.get_by_role("heading", name="Data").wait_for()
         return page
@@ -133,6 +145,21 @@ def visit(server, browser):
         context.close()
     assert not foreign
     assert not complaints
+
+
+def upload(page, *files: Path) -> None:
+    """Choose files on the page."""
+    page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
+
+
+def simulated(folder: Path, *arguments: str) -> list[Path]:
+    """A short calibration of known truth, without what its columns mean."""
+    made = ("simulate", "--out", ".", "--samples", "2000", "--rate", "12800", "--seed", "4")
+    command = [*VIBRIDENT, *made, *arguments]
+    folder.mkdir(exist_ok=True)
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    (folder / "calibration.toml").unlink()
+    return sorted(folder.glob("*.csv"))
 
 
 @pytest.fixture(scope="session")
