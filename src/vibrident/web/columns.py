@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -37,8 +37,10 @@ ROLES = (
     "magnitude_uncertainty",
     "phase_uncertainty",
 )
-#: Columns beyond which the lists can be searched by typing.
-_MANY = 30
+
+
+class _Outdated(Exception):
+    """Other files have come while the form was built, or the page was left."""
 
 
 class ColumnsStep:
@@ -101,10 +103,13 @@ class ColumnsStep:
             return False
         self.body.clear()
         with self.body:
-            if name is None:
-                await self._ask()
-            else:
+            if name is not None:
                 self._as_it_stands(name, text)
+                return True
+            try:
+                await self._ask()
+            except _Outdated:
+                return False
         return True
 
     def _as_it_stands(self, name: str, text: str) -> None:
@@ -122,16 +127,18 @@ class ColumnsStep:
         ui.label(f"Guessed from the names in {first} and the motion{kept}. Please check.").classes("hint")
         if form.guess.all_columns > len(form.guess.columns.columns):
             ui.label(
-                f"The file has {form.guess.all_columns} columns; the first {len(form.guess.columns.columns)} can be "
-                f"chosen here. For another, upload a {CALIBRATION} that names it."
+                f"The file has {form.guess.all_columns} columns: write the name of each that is needed, or its number. "
+                f"The first are {frame.listed(form.guess.columns.labels)}."
             ).classes("hint")
         kind = ui.toggle({False: "Records in time", True: "Table of a response"}, value=form.given.table)
         self._field("table", kind.props("no-caps"))
-        with ui.element("div") as self.of_records:
-            self._records(form)
-        with ui.element("div") as self.of_table:
-            self._table(form)
-        self._model(form)
+        self.of_records, self.of_table = ui.element("div"), ui.element("div")
+        self._visible()
+        with self.of_records:
+            await self._records(form)
+        with self.of_table:
+            await self._table(form)
+        await self._model(form)
         self._visible()
         with ui.element("div").classes("actions"):
             ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
@@ -145,12 +152,11 @@ class ColumnsStep:
             await self._plot()
 
     def _draw(self, drawn: bytes) -> None:
-        figure = json.loads(drawn)
         if self.chart is not None:
-            self.chart.update_figure(frame.fixed(figure))
+            self.chart.show(drawn)
             return
         with self.plot:
-            self.chart = frame.chart(figure)
+            self.chart = frame.Chart(drawn)
             ui.label(f"{self.user.session.files[0]}, its beginning as it stands in the file.").classes("hint")
 
     def _field(self, name: str, element: Any) -> Any:
@@ -172,70 +178,92 @@ class ColumnsStep:
     def _visible(self) -> None:
         given = self.user.form.given if self.user.form else Description()
         self.of_records.visible, self.of_table.visible = not given.table, given.table
-        for element in self.fields["rate_hz"]:
+        for element in self.fields.get("rate_hz", []):
             element.visible = given.time is None
 
-    def _records(self, form: Form) -> None:
+    async def _records(self, form: Form) -> None:
         with _group("Reference: what moved the sensor"):
-            self._column(form, "Reference: column", "reference", "reference-column")
-            self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
-            self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
-            self._text(form, "Reference: unit, for reports", "unit")
-            self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
+            await self._column(form, "Reference: column", "reference", "reference-column")
+            await self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
+            await self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
+            await self._text(form, "Reference: unit, for reports", "unit")
+            await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
         with _group("Response: what the sensor gave"):
-            self._column(form, "Response: column", "response", "response-column")
-            self._text(form, "Response: unit", "response_unit", "response-unit")
-            self._number(form, "Response: such units per unit of the file", "response_scale", "response-scale")
+            await self._column(form, "Response: column", "response", "response-column")
+            await self._text(form, "Response: unit", "response_unit", "response-unit")
+            await self._number(form, "Response: such units per unit of the file", "response_scale", "response-scale")
         with _group("Sampling and excitation"):
-            self._column(form, "Time column, in s", "time", "time-column", optional=True)
-            self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
-            self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
+            await self._column(form, "Time column, in s", "time", "time-column", optional=True)
+            await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
+            await self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
 
-    def _table(self, form: Form) -> None:
+    async def _table(self, form: Form) -> None:
         with _group("Columns of the table"):
-            self._column(form, "Frequency, in Hz", "frequency")
-            self._column(form, "Magnitude", "magnitude")
-            self._column(form, "Phase", "phase", optional=True)
-            self._select(form, ("deg", "rad"), "Unit of the phase", "phase_unit")
-            self._column(form, "Standard uncertainty of the magnitude", "magnitude_uncertainty", optional=True)
-            self._column(form, "Standard uncertainty of the phase", "phase_uncertainty", optional=True)
-            self._select(form, QUANTITIES, "Reference: quantity", "quantity")
-            self._text(form, "Response: unit", "response_unit")
-            self._number(form, "Response: unit per unit in the file", "response_scale")
+            await self._column(form, "Frequency, in Hz", "frequency")
+            await self._column(form, "Magnitude", "magnitude")
+            await self._column(form, "Phase", "phase", optional=True)
+            await self._select(form, ("deg", "rad"), "Unit of the phase", "phase_unit")
+            await self._column(form, "Standard uncertainty of the magnitude", "magnitude_uncertainty", optional=True)
+            await self._column(form, "Standard uncertainty of the phase", "phase_uncertainty", optional=True)
+            await self._select(form, QUANTITIES, "Reference: quantity", "quantity")
+            await self._text(form, "Response: unit", "response_unit")
+            await self._number(form, "Response: unit per unit in the file", "response_scale")
 
-    def _model(self, form: Form) -> None:
+    async def _model(self, form: Form) -> None:
         with _group("Sensor and model"):
             for key in form.given.sensor:
-                self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
-            self._select(form, CORES, "Model", "core", "core")
-            self._select(form, ADD_ONS, "Add-ons", "add_ons", "add-ons").props("multiple use-chips")
+                await self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
+            await self._select(form, CORES, "Model", "core", "core")
+            (await self._select(form, ADD_ONS, "Add-ons", "add_ons", "add-ons")).props("multiple use-chips")
 
-    def _column(self, form: Form, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
-        columns = form.guess.columns
+    async def _column(self, form: Form, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
+        columns, chosen = form.guess.columns, form.get(name)
+        if form.guess.all_columns > len(columns.columns):
+            await self._written(form, label, name, identity)
+            return
         choices: dict[Any, str] = {None: "none"} if optional else {}
         choices |= dict(zip(columns.columns, columns.labels, strict=True))
+        if chosen is not None:
+            choices.setdefault(chosen, f"{chosen} (not in this file)")
+        await self._select(form, choices, label, name, identity)
+
+    async def _written(self, form: Form, label: str, name: str, identity: str) -> None:
+        """A column by its name or number, where a list of all would be too long."""
         chosen = form.get(name)
-        if chosen not in choices and chosen is not None:
-            choices[chosen] = f"{chosen} (not in this file)"
-        element = self._select(form, choices, label, name, identity)
-        if len(choices) > _MANY:
-            element.props("use-input hide-selected fill-input input-debounce=0")
+        element = ui.input(label, value="" if chosen is None else str(chosen), placeholder="name, or number from 1")
+        element.props("dense outlined stack-label")
 
-    def _select(self, form: Form, choices: Any, label: str, name: str, identity: str = "") -> Any:
+        def read(event: Any) -> None:
+            text = (event.value or "").strip()
+            self._edited(name, int(text) if text.isdecimal() and len(text) < 9 else text or None)
+
+        _called(element, identity).on_value_change(read)
+        self.fields.setdefault(name, [])
+        await self._breathe()
+
+    async def _select(self, form: Form, choices: Any, label: str, name: str, identity: str = "") -> Any:
         options = choices if isinstance(choices, dict) else list(choices)
-        many = isinstance(choices, dict) and len(choices) > _MANY
-        element = ui.select(
-            options, value=form.get(name), label=label, multiple=name == "add_ons", with_input=many
-        ).props("dense outlined stack-label options-dense")
-        return self._field(name, _called(element, identity))
+        element = ui.select(options, value=form.get(name), label=label, multiple=name == "add_ons")
+        self._field(name, _called(element, identity).props("dense outlined stack-label options-dense"))
+        await self._breathe()
+        return element
 
-    def _number(self, form: Form, label: str, name: str, identity: str = "") -> None:
+    async def _number(self, form: Form, label: str, name: str, identity: str = "") -> None:
         element = ui.number(label, value=form.get(name), format="%.12g").props("dense outlined stack-label step=any")
         self._field(name, _called(element, identity))
+        await self._breathe()
 
-    def _text(self, form: Form, label: str, name: str, identity: str = "") -> None:
+    async def _text(self, form: Form, label: str, name: str, identity: str = "") -> None:
         element = ui.input(label, value=form.get(name)).props("dense outlined stack-label")
         self._field(name, _called(element, identity))
+        await self._breathe()
+
+    async def _breathe(self) -> None:
+        """Let the other users have their turn; a form is many elements."""
+        turn = self.turn
+        await asyncio.sleep(0)
+        if turn != self.turn or self.body.is_deleted:
+            raise _Outdated
 
     async def _plot(self) -> None:
         form, session = self.user.form, self.user.session

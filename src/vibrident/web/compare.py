@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from nicegui import ui
@@ -50,15 +49,15 @@ class CompareStep:
         if len(paths) < 2:
             return
         try:
-            shown = json.loads(await self.user.look(looks.comparison, paths, names))
+            shown = await self.user.look(looks.comparison, paths, names)
         except Exception as error:
             frame.show_error(self.body, error, self.user.session)
             return
         if turn != self.turn or self.body.is_deleted:
             return
         with self.body:
-            if shown["chart"] is not None:
-                frame.chart(shown["chart"])
+            for _, figure in shown["charts"]:
+                frame.Chart(figure)
             for title, table in shown["tables"]:
                 ui.html(f'<h3>{html(title)}</h3><div class="scroll">{table}</div>', sanitize=False)
             with ui.element("div").classes("actions"):

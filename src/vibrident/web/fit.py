@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -161,12 +162,12 @@ class FitStep:
             await self.on_result()
 
     def _draw(self, starts: list[list[float]]) -> None:
-        drawn = _curve(starts)
+        drawn = json.dumps(_curve(starts)).encode()
         if self.curve is None:  # plotly draws nothing where it cannot be seen
             with self.place:
-                self.curve = frame.chart(drawn)
+                self.curve = frame.Chart(drawn)
         else:
-            self.curve.update_figure(frame.fixed(drawn))
+            self.curve.show(drawn)
 
     def _forget_curve(self) -> None:
         self.place.clear()

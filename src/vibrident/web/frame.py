@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from nicegui import ui
 
@@ -12,6 +12,8 @@ from vibrident.errors import InputError
 from vibrident.web.mishaps import foreseen
 from vibrident.web.session import Session
 
+#: To name it is to have its library among those that the browser may load.
+_PLOTLY = ui.plotly
 #: Names that a list shows before it counts the rest.
 _MOST_NAMES = 12
 
@@ -82,14 +84,20 @@ class Text:
         self._label.text = text
 
 
-def chart(figure: dict[str, Any]) -> Any:
-    """A chart; the page itself fits it to its place, because NiceGUI asks plotly to fit hidden ones too."""
-    return ui.plotly(fixed(figure)).classes("chart")
+class Chart:
+    """A chart from its JSON, which goes to the browser as it is: nothing here looks into it.
 
+    NiceGUI's own element would copy every number several times, and asks plotly to fit charts that are hidden or gone.
+    """
 
-def fixed(figure: dict[str, Any]) -> dict[str, Any]:
-    """The figure as ``chart`` shows it, to be put in the place of another."""
-    return {**figure, "config": {"responsive": False, "displaylogo": False}}
+    def __init__(self, figure: bytes) -> None:
+        self.place = ui.element("div").classes("chart")
+        self.show(figure)
+
+    def show(self, figure: bytes) -> None:
+        """Draw, or draw anew."""
+        text = json.dumps(figure.decode())
+        self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
 
 
 def send(path: Path, name: str) -> None:

@@ -24,8 +24,8 @@ from vibrident.web.motion import likely_excitation
 from vibrident.web.preview import preview
 from vibrident.web.session import refuse_outside
 
-#: Columns offered; a list of many more is of no use to a person, and heavy for a browser.
-MOST_COLUMNS = 500
+#: Columns offered in lists; of more, the name is written by hand.
+MOST_COLUMNS = 60
 #: Characters of a calibration file shown.
 MOST_TEXT = 20_000
 #: Bytes of charts that are sent to the browser at once.
@@ -106,27 +106,36 @@ def facts(path: Path) -> tuple[str, str]:
     return result.model, result.estimator
 
 
-def outcome(path: Path) -> bytes:
-    """All that is shown of a result, as JSON: whether it is fine, its numbers and warnings as HTML, and its charts."""
+def outcome(path: Path) -> dict[str, Any]:
+    """All that is shown of a result: whether it is fine, its numbers and warnings as HTML, its charts as JSON."""
     result = Result.load(path)
-    signals = figures.signals(result)
     drawn = (
         ("Sensitivity", figures.sensitivity(result)),
         ("Deviation of the model from the measurement", figures.deviation(result)),
         ("Training", figures.training(result)),
     )
-    shown: dict[str, Any] = {
+    charts, left = _fitting([(title, figure) for title, figure in drawn if figure is not None], MOST_BYTES)
+    signals, left = _fitting(figures.signals(result), left)
+    return {
         "verdict": _verdict(result),
         "parameters": written.table(tables.parameters(result)),
         "warnings": _warnings(result),
-        "charts": [[title, figure] for title, figure in drawn if figure is not None],
-        "signals": [[name, figure] for name, figure in signals],
+        "charts": charts,
+        "signals": signals,
+        "left_out": left < 0,
     }
-    for part in ("signals", "charts"):
-        if len(text := _json(shown)) <= MOST_BYTES:
-            return text
-        shown[part], shown["left_out"] = [], True
-    return _json(shown)
+
+
+def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes]], int]:
+    """Charts as JSON while they find room, and the room that is left; below zero where one did not."""
+    found = []
+    for title, figure in drawn:
+        text = _json(figure)
+        most -= len(text)
+        if most < 0:
+            break
+        found.append((title, text))
+    return found, most
 
 
 def _verdict(result: Result) -> list[str]:
@@ -172,13 +181,13 @@ def exported(
     return archive.getvalue(), f"{form}.zip"
 
 
-def comparison(paths: Sequence[Path], names: Sequence[str]) -> bytes:
-    """Results side by side, as JSON: a chart or none, and tables as HTML with their titles."""
+def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
+    """Results side by side: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
-    parts = [[title, written.table(table)] for title, table in comparison_tables(results, names)]
     figure = figures_beside.beside(results, names)
-    text = _json({"chart": figure, "tables": parts})
-    return text if len(text) <= MOST_BYTES else _json({"chart": None, "tables": parts})
+    charts, _ = _fitting([] if figure is None else [("", figure)], MOST_BYTES)
+    tables_beside = [(title, written.table(table)) for title, table in comparison_tables(results, names)]
+    return {"charts": charts, "tables": tables_beside}
 
 
 def _json(tree: Any) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import shutil
 from typing import Any
 
@@ -64,7 +63,7 @@ class OutcomeStep:
         with self.body:
             ui.spinner(size="28px")
         try:
-            shown = json.loads(await self.user.look(looks.outcome, named.path))
+            shown = await self.user.look(looks.outcome, named.path)
         except Exception as error:
             frame.show_error(self.body, error, self.user.session)
             return
@@ -171,16 +170,16 @@ def _verdict(shown: dict[str, Any]) -> None:
 
 
 def _curves(shown: dict[str, Any]) -> None:
-    if shown.get("left_out"):
+    if shown["left_out"]:
         ui.label("The result holds more than can be drawn here; the report (HTML) shows it.").classes("hint")
     for title, figure in shown["charts"]:
         ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
-        frame.chart(figure)
+        frame.Chart(figure)
     if signals := shown["signals"]:
         ui.html("<h3>Signals</h3>", sanitize=False)
         if len(signals) > 1:
             names = {number: name for number, (name, _) in enumerate(signals)}
             choice = ui.select(names, value=0, label="Record").props("dense outlined stack-label")
             choice.style("max-width: 20rem")
-            choice.on_value_change(lambda event: plot.update_figure(frame.fixed(signals[event.value][1])))
-        plot = frame.chart(signals[0][1])
+            choice.on_value_change(lambda event: plot.show(signals[event.value][1]))
+        plot = frame.Chart(signals[0][1])

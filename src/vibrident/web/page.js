@@ -17,9 +17,17 @@ window.vibrident = {
     document.getElementById(name)?.scrollIntoView({ behavior: calm ? 'auto' : 'smooth', block: 'start' });
     document.getElementById(name + '-title')?.focus({ preventScroll: true });
   },
+  async draw(id, text) {
+    const place = document.getElementById(id), { data, layout } = JSON.parse(text);
+    const { Plotly } = await import('nicegui-plotly');
+    // One after another: plotly stumbles over a second drawing of a chart before the first is done.
+    this.drawing = (this.drawing ?? Promise.resolve()).then(
+      () => place?.isConnected && Plotly.react(place, data, layout, { responsive: false, displaylogo: false }),
+    ).catch(error => place?.isConnected && console.warn(error));
+  },
   async fit() {
     const { Plotly } = await import('nicegui-plotly');
-    for (const plot of document.querySelectorAll('.js-plotly-plot'))
+    for (const plot of document.querySelectorAll('.chart.js-plotly-plot'))
       if (plot._fullLayout && plot.offsetParent && plot.clientWidth !== plot._fullLayout.width)
         await Plotly.Plots.resize(plot).catch(() => {});  // one that was taken away meanwhile
   },
