@@ -12,6 +12,7 @@ from vibrident.errors import InputError
 from vibrident.web import frame
 from vibrident.web.description import Description, calibration_text, described
 from vibrident.web.looks import Guess, calibration, chart, guess
+from vibrident.web.preview import HEIGHT
 from vibrident.web.session import CALIBRATION
 from vibrident.web.users import Confirmed, Form, User
 
@@ -68,7 +69,7 @@ class ColumnsStep:
         self.on_doubt()
         self.user.session.forget_calibration()
         if await self._look(again=True):
-            frame.go("columns")
+            frame.go(self.section)
 
     async def restore(self) -> None:
         """Show what the user had."""
@@ -156,7 +157,7 @@ class ColumnsStep:
             self.chart.show(drawn)
             return
         with self.plot:
-            self.chart = frame.Chart(drawn)
+            self.chart = frame.Chart(drawn, HEIGHT)
             ui.label(f"{self.user.session.files[0]}, its beginning as it stands in the file.").classes("hint")
 
     def _field(self, name: str, element: Any) -> Any:

@@ -56,8 +56,8 @@ class CompareStep:
         if turn != self.turn or self.body.is_deleted:
             return
         with self.body:
-            for _, figure in shown["charts"]:
-                frame.Chart(figure)
+            for _, figure, height in shown["charts"]:
+                frame.Chart(figure, height)
             for title, table in shown["tables"]:
                 ui.html(f'<h3>{html(title)}</h3><div class="scroll">{table}</div>', sanitize=False)
             with ui.element("div").classes("actions"):

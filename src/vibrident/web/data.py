@@ -72,7 +72,7 @@ class DataStep:
 
     def hold(self) -> None:
         """Tell the browser whether it should ask before the page is left."""
-        ui.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
+        self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
 
     def _begin(self) -> None:
         self.errors.clear()

@@ -27,6 +27,8 @@ ESTIMATORS = {
 }
 #: Seconds between two looks at the identification.
 _PACE_S = 0.25
+#: Of the curve, in pixels.
+HEIGHT = 230
 #: Iterations drawn, of all starts together.
 _MOST_DRAWN = 2000
 
@@ -77,7 +79,7 @@ class FitStep:
         self.user.confirmed = confirmed
         self.errors.clear()
         await self._read()
-        frame.go("identify")
+        frame.go(self.section)
 
     async def restore(self) -> None:
         """Show again what was confirmed and what runs."""
@@ -165,7 +167,7 @@ class FitStep:
         drawn = json.dumps(_curve(starts)).encode()
         if self.curve is None:  # plotly draws nothing where it cannot be seen
             with self.place:
-                self.curve = frame.Chart(drawn)
+                self.curve = frame.Chart(drawn, HEIGHT)
         else:
             self.curve.show(drawn)
 
@@ -190,7 +192,7 @@ def _curve(starts: list[list[float]]) -> dict[str, Any]:
     longest = max((line["x"][-1] for line in lines if line["x"]), default=1)
     return figure(
         lines[::-1],
-        230,
+        HEIGHT,
         xaxis=whole_numbers("iteration", longest),
         yaxis=axis("cost", type="log", **log_marks(every)),
         showlegend=1 < len(lines) <= 8,

@@ -64,9 +64,9 @@ def step(number: int, title: str, name: str) -> ui.element:
     return section
 
 
-def go(name: str) -> None:
+def go(section: ui.element) -> None:
     """Bring a step into view, and the focus to its heading."""
-    ui.run_javascript(f"vibrident.go('{name}')")
+    section.client.run_javascript(f"vibrident.go('{section.props['id']}')")
 
 
 class Text:
@@ -90,8 +90,10 @@ class Chart:
     NiceGUI's own element would copy every number several times, and asks plotly to fit charts that are hidden or gone.
     """
 
-    def __init__(self, figure: bytes) -> None:
-        self.place = ui.element("div").classes("chart")
+    def __init__(self, figure: bytes, height: int) -> None:
+        self.place = (
+            ui.element("div").classes("chart").style(f"min-height: {height}px")
+        )  # nothing moves when it is drawn
         self.show(figure)
 
     def show(self, figure: bytes) -> None:

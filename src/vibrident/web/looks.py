@@ -126,15 +126,18 @@ def outcome(path: Path) -> dict[str, Any]:
     }
 
 
-def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes]], int]:
-    """Charts as JSON while they find room, and the room that is left; below zero where one did not."""
+def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes, int]], int]:
+    """Charts while they find room, and the room that is left; below zero where one did not.
+
+    Each is its title, its JSON and its height in pixels.
+    """
     found = []
     for title, figure in drawn:
         text = _json(figure)
         most -= len(text)
         if most < 0:
             break
-        found.append((title, text))
+        found.append((title, text, figure["layout"]["height"]))
     return found, most
 
 

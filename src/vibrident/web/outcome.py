@@ -25,13 +25,14 @@ class OutcomeStep:
     def __init__(self, user: User) -> None:
         self.user = user
         self.turn = 0
+        self.showing = False
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
         self.section = frame.step(4, "Result", "result")
         with self.section:
             self.choice = ui.select([], label="Shown").props("dense outlined stack-label").classes("w-full")
-            self.choice.on_value_change(self._draw)
+            self.choice.on_value_change(lambda: None if self.showing else self._draw())
             self.notice = ui.label("").classes("warning").props("role=status")
             self.body = ui.element("div")
         self.section.visible = False
@@ -45,13 +46,12 @@ class OutcomeStep:
         self.notice.visible = bool(self.user.notice)
         if not names:
             return
-        if self.choice.value == names[-1]:
-            self.choice.set_options(names)
-            await self._draw()
-        else:
-            self.choice.set_options(names, value=names[-1])
+        self.showing = True
+        self.choice.set_options(names, value=names[-1])
+        self.showing = False
+        await self._draw()
         if go:
-            frame.go("result")
+            frame.go(self.section)
 
     async def _draw(self) -> None:
         named = next((named for named in self.user.results if named.name == self.choice.value), None)
@@ -172,14 +172,14 @@ def _verdict(shown: dict[str, Any]) -> None:
 def _curves(shown: dict[str, Any]) -> None:
     if shown["left_out"]:
         ui.label("The result holds more than can be drawn here; the report (HTML) shows it.").classes("hint")
-    for title, figure in shown["charts"]:
+    for title, figure, height in shown["charts"]:
         ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
-        frame.Chart(figure)
+        frame.Chart(figure, height)
     if signals := shown["signals"]:
         ui.html("<h3>Signals</h3>", sanitize=False)
         if len(signals) > 1:
-            names = {number: name for number, (name, _) in enumerate(signals)}
+            names = {number: name for number, (name, *_) in enumerate(signals)}
             choice = ui.select(names, value=0, label="Record").props("dense outlined stack-label")
             choice.style("max-width: 20rem")
             choice.on_value_change(lambda event: plot.show(signals[event.value][1]))
-        plot = frame.Chart(signals[0][1])
+        plot = frame.Chart(*signals[0][1:])

@@ -11,6 +11,8 @@ from vibrident.plots.style import BLUE, VERMILION, shortened
 from vibrident.report.figures import Figure, axis, figure, listed
 from vibrident.web.description import Description
 
+#: Of the chart, in pixels.
+HEIGHT = 360
 #: Samples drawn.
 MOST_SAMPLES = 3000
 
@@ -41,4 +43,4 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
     if len(data) > 1:
         layout["yaxis2"] = axis("", domain=[0.0, 0.46])
     below = axis(title, mirror="all", anchor="y2" if len(data) > 1 else "y", type="log" if given.table else "linear")
-    return figure(data, 360, xaxis=below, showlegend=True, **layout)
+    return figure(data, HEIGHT, xaxis=below, showlegend=True, **layout)
