@@ -8,8 +8,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-
-from conftest import serving, upload
+from serving import serving, upload
 
 WAIT_MS = 120_000
 MOST_STALL_S = 0.050

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -109,6 +110,8 @@ def test_too_many_users(everybody, clock, monkeypatch):
     with pytest.raises(InputError, match="as many users"):
         everybody.attach(late.client, late.storage)
     tabs[1].leave()
+    clock.s = 10.0
+    everybody.forget()
     tabs[2].leave()
     everybody.attach(late.client, late.storage)
     assert [tab.storage["user"] in everybody.kept for tab in tabs] == [True, False, True]
@@ -148,7 +151,8 @@ def worked(one: worker.Worker, folder) -> list[tuple[int, int, float]]:
     async def all_of_it() -> list[tuple[int, int, float]]:
         return [step async for step in one.run({"task": "identify"}, folder)]
 
-    return asyncio.run(all_of_it())
+    with ThreadPoolExecutor(1) as thread:  # the browser of other tests has a loop in this one
+        return thread.submit(lambda: asyncio.run(all_of_it())).result()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from nicegui import app, ui
 
 from vibrident.errors import InputError
@@ -49,8 +51,10 @@ async def _steps(user: User) -> None:
         await compare.show()
 
     data.build(on_data=columns.show, on_result=results)
+    await asyncio.sleep(0)  # others have their turn between the steps
     columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
     fit.build(on_result=results)
+    await asyncio.sleep(0)
     outcome.build()
     compare.build()
     ui.run_javascript(f"vibrident.back({str(user.empty).lower()})")

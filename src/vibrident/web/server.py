@@ -63,7 +63,8 @@ def serve(*, host: str, port: int, show: bool, limit_mb: float, names: Sequence[
             reconnect_timeout=_RECONNECT_S,
             dark=False,
             language="en-US",
-            ws_per_message_deflate=False,  # to compress a chart takes longer than to send it
+            gzip_middleware_factory=None,  # to compress scripts and charts takes longer than to send them, and
+            ws_per_message_deflate=False,  # everybody waits meanwhile
         )
     finally:
         home.close()

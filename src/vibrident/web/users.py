@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import secrets
 import shutil
@@ -221,6 +222,8 @@ class Users:
     def start(self) -> None:
         """Prepare the first look, begin to forget."""
         self._threads.submit(self._ready.prepare)
+        gc.collect()
+        gc.freeze()  # the libraries stay: to look through them for garbage would hold everybody up, again and again
         self._round = asyncio.create_task(self._rounds())
 
     def close(self) -> None:

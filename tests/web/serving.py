@@ -1,0 +1,90 @@
+"""A server of the page in a process of its own, and what is done with it in many tests."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
+
+
+class Server:
+    """A running ``vibrident serve``."""
+
+    def __init__(self, process: subprocess.Popen[str], address: str, busy_s: float, log: Path, folder: Path) -> None:
+        self.process, self.address, self.busy_s, self.log, self.folder = process, address, busy_s, log, folder
+
+
+@contextlib.contextmanager
+def serving(folder: Path, *command: str) -> Iterator[Server]:
+    """A server of a command, which leaves no temporary file behind."""
+    pytest.importorskip("nicegui")
+    begin = time.monotonic()
+    log = folder / "log"
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"}
+    for name in [name for name in environment if name.startswith(("NICEGUI", "PYTEST"))]:
+        del environment[name]
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(
+            [*command, "--no-browser"], stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
+        ) as made,
+    ):
+        try:
+            yield _ready(made, begin, log, folder)
+        finally:
+            made.terminate()  # a suite in the background ignores SIGINT, and its children with it
+            try:
+                made.wait(20)
+            except subprocess.TimeoutExpired:
+                made.kill()
+                raise
+    assert not [path for path in folder.iterdir() if path.name.startswith("vibrident-")], "temporary files are left"
+
+
+def _busy_s(pid: int, elapsed_s: float) -> float:
+    """Computing time of a process: the other tests keep it waiting. Where the system does not say, the time passed."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return elapsed_s
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path) -> Server:
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    found = re.search(r"http://\S+", line)
+    assert found, line + process.stdout.read() + log.read_text()
+    while time.monotonic() < begin + 20.0:
+        try:
+            with urllib.request.urlopen(found.group(), timeout=5) as answer:
+                answer.read()
+            return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
+        except OSError:
+            time.sleep(0.05)
+    raise AssertionError("the page does not answer")
+
+
+def upload(page, *files: Path) -> None:
+    """Choose files on the page."""
+    page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
+
+
+def simulated(folder: Path, *arguments: str) -> list[Path]:
+    """A short calibration of known truth, without what its columns mean."""
+    made = ("simulate", "--out", ".", "--samples", "2000", "--rate", "12800", "--seed", "4")
+    command = [*VIBRIDENT, *made, *arguments]
+    folder.mkdir(exist_ok=True)
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    (folder / "calibration.toml").unlink()
+    return sorted(folder.glob("*.csv"))
