@@ -59,6 +59,7 @@ class DataStep:
             self.upload.on("start", self._begin, args=[])
             self.upload.on("rejected", self._rejected, js_handler=_TOLD)
             self.upload.on("failed", self._failed, args=[])
+            self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
             with ui.element("div").classes("actions"):
                 ui.button("Choose a folder").props("outline id=choose-folder")
                 self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
@@ -133,7 +134,6 @@ class DataStep:
                 frame.show_error(self.errors, error, session)
         if self.upload.is_deleted:
             return
-        self.upload.reset()
         self._left_out({**self.not_sent, **left_out})
         self.not_sent = {}
         self._list()

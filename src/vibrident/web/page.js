@@ -31,6 +31,9 @@ window.vibrident = {
       if (plot._fullLayout && plot.offsetParent && plot.clientWidth !== plot._fullLayout.width)
         await Plotly.Plots.resize(plot).catch(() => {});  // one that was taken away meanwhile
   },
+  sent(id) {  // the uploader is emptied once the answer is here: to do it earlier would break the upload off
+    setTimeout(() => getElement(id)?.$refs.qRef.removeUploadedFiles());
+  },
   folders(id) {
     const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
     const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
