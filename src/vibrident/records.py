@@ -68,6 +68,8 @@ class Record:
         excitation: kind of motion.
         frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
+        reference_valid: shape (samples,), where the reference may be used as the sensor's input, though the response is
+            not valid there; None: as ``valid``.
         start_time_s: time of the first sample on the file's own clock.
         reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
         contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
@@ -90,6 +92,7 @@ class Record:
     reference_full_scale: float | None = None
     response_full_scale: float | None = None
     contradicting_rate_hz: float | None = None
+    reference_valid: BoolArray | None = None
 
     def __post_init__(self) -> None:
         where = f"record {self.name!r}"
@@ -171,10 +174,20 @@ class Record:
         assert self.valid is not None  # set in __post_init__
         return self.valid
 
+    @property
+    def reference_mask(self) -> BoolArray:
+        """Samples of the reference that may be used as input; shape (samples,)."""
+        return self.mask if self.reference_valid is None else self.reference_valid
+
     def without(self, bad: BoolArray, reason: str) -> Record:
         """Return the record with the samples in ``bad`` (shape (samples,)) marked as not valid."""
+        reference = None if self.reference_valid is None else self.reference_valid & ~bad
+        return replace(self.without_response(bad, reason), reference_valid=reference)
+
+    def without_response(self, bad: BoolArray, reason: str) -> Record:
+        """The same where the reference is still the sensor's input."""
         provenance = self.provenance.then(f"{int(np.sum(bad & self.mask))} samples left out: {reason}")
-        return replace(self, valid=self.mask & ~bad, provenance=provenance)
+        return replace(self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance)
 
     def with_response(self, response: FloatArray, reason: str) -> Record:
         """Return the record with another response, shape (samples,), and what was done to it."""

@@ -11,7 +11,7 @@ from vibrident.records import Calibration, FloatArray, Record, ResponseTable
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """Range and size of one channel; every value in ``unit``."""
+    """Range and size of one channel, every value in ``unit``; ``rms`` is that of the motion, about ``mean``."""
 
     unit: str
     minimum: float
@@ -77,7 +77,7 @@ def _channel(values: FloatArray, unit: str) -> ChannelSummary:
         unit=unit,
         minimum=float(np.min(values)),
         maximum=float(np.max(values)),
-        rms=float(np.sqrt(np.mean(values**2))),
+        rms=float(np.std(values)),
         mean=float(np.mean(values)),
     )
 

@@ -105,4 +105,7 @@ def _harmonics(
         lines = round(h * frequency * n / rate) + offsets
         lines = lines[(lines > 0) & (lines < power.shape[0])]
         variance[h - 1] = np.mean(power[lines]) if lines.size else np.inf
+    if not used.all():  # samples left out make harmonics look alike
+        inverse = np.diag(np.linalg.pinv(rows @ rows.T, rcond=1e-12, hermitian=True))[: 2 * highest]
+        variance *= np.maximum(np.max(inverse.reshape(2, highest), axis=0) * used.sum() / 2.0, 1.0)
     return amplitude, np.maximum(variance, 1e-300)

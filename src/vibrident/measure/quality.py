@@ -1,4 +1,4 @@
-"""Is a record fit for use? Plateaus of an overdriven channel, channels without signal, too few periods, aliasing."""
+"""Is a record fit for use? Overdriven channels, channels without signal, too few periods, aliasing."""
 
 from __future__ import annotations
 
@@ -9,23 +9,19 @@ import numpy as np
 from scipy import fft
 
 from vibrident.errors import InputError
+from vibrident.measure.clipping import clipped
+from vibrident.measure.gaps import lost
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.response import MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
-#: A run of samples at a channel's extreme is a plateau when a parabola through half as many samples on either side
-#: passes it by this many times the run's own spread and the parabola's misfit …
-PLATEAU_RATIO = 4.0
-#: … and by this part of the channel's range (less is the flat step of a coarse generator).
-LEAST_CUT = 2.5e-3
-#: Shortest run that is looked at, how near the extreme it lies, samples left out beside it, points used on either side.
-PLATEAU_SAMPLES, PLATEAU_TOLERANCE, PLATEAU_GUARD, MOST_POINTS = 4, 2e-3, 2, 64
-#: One run of a few samples is chance, noise being what it is; so many runs, or one so long, are not.
-PLATEAU_RUNS, LONG_PLATEAU = 3, 12
 #: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
 ALIAS_POWER = 0.01
 FEWEST_PERIODS = 2.0
+#: Samples on either side that the interpolation of the reference takes in; a record that lost samples is used where at
+#: least this part of it, and so many samples, are whole over as many.
+REACH, LEAST_WHOLE, FEWEST_WHOLE = 40, 0.05, 128
 #: A tone is heard above this many standard deviations of its amplitude.
 SILENT_SIGMA = 5.0
 #: A sine may come with this much other motion that the sensor answers, over the power of its tone: noise that it feels.
@@ -52,10 +48,11 @@ def screen(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding
         if dead:
             findings.append(Finding("dead_channel", f"{record.name}: {dead}; the record is left out."))
             continue
-        record, clipped = _without_plateaus(record)
-        findings += clipped
-        if record.mask.sum() < 8:
-            findings.append(Finding("clipped", f"{record.name}: nothing usable is left; the record is left out."))
+        record, spoilt = _without_spoilt(record)
+        findings += spoilt
+        if record.mask.sum() < 8 or (spoilt and _in_pieces(record)):
+            text = f"{record.name}: too little is left between the samples left out; the record is left out."
+            findings.append(Finding(spoilt[0].code if spoilt else "dead_channel", text))
             continue
         findings += _aliasing(record)
         kept.append(record)
@@ -72,123 +69,64 @@ def screen(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding
 
 def _dead(record: Record) -> str:
     """Why the record holds no signal at all; empty where it does."""
-    channels = [("response", record.response)]
-    if record.reference is not None:
-        channels.insert(0, ("reference", record.reference))
-    for label, values in channels:
-        values = np.asarray(values)[record.mask]
+    for label, values, _ in _channels(record):
+        values = values[record.mask]
         if values.size == 0 or np.ptp(values) == 0.0:
             return f"the {label} channel never changes"
     return ""
 
 
-def _without_plateaus(record: Record) -> tuple[Record, list[Finding]]:
-    findings = []
-    channels = [("response", record.response)]
+def _in_pieces(record: Record) -> bool:
+    """Whether the reference of other motion than a sine is hardly anywhere whole for long enough to interpolate it."""
+    if record.excitation in ("sine", "decay"):
+        return False
+    bad = np.concatenate([[0], np.cumsum(~record.reference_mask)])
+    whole = int(np.sum(bad[2 * REACH :] == bad[: -2 * REACH])) if bad.size > 2 * REACH else record.samples
+    return whole < max(LEAST_WHOLE * record.samples, min(FEWEST_WHOLE, 0.5 * record.samples))
+
+
+def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
+    """Label, samples and full scale of each channel that there is."""
+    found = [("response", record.response, record.response_full_scale)]
     if record.reference is not None:
-        channels.insert(0, ("reference", record.reference))
-    for label, values in channels:
-        bad = plateaus(np.asarray(values), record.mask)
+        found.insert(0, ("reference", record.reference, record.reference_full_scale))
+    return found
+
+
+def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
+    """Without what is clipped and what was lost: of the response alone, where the reference is sound."""
+    findings = []
+    for label, values, full_scale in _channels(record):
+        bad, rails = clipped(values, record.mask, full_scale)
         if bad.any():
-            level = float(np.median(np.asarray(values)[bad]))
-            count = int(np.sum(bad & record.mask))
-            record = record.without(bad, f"{label} clipped near {level:.6g}")
-            findings.append(
-                Finding(
-                    "clipped",
-                    f"{record.name}: the {label} channel stays on a plateau near {level:.6g}; {count} of "
-                    f"{record.samples} samples are left out of the fit.",
-                )
-            )
+            levels = " and ".join(f"{level:.6g}" for level in rails)
+            text = f"{record.name}: the {label} channel is clipped at {levels}; {_left_out(bad, record)}"
+            findings.append(Finding("clipped", text))
+            record = _without(record, label, bad, f"{label} clipped at {levels}")
+        bad = lost(values, record.mask)
+        if bad.any():
+            first, count = float(np.argmax(bad)) / record.sampling_rate_hz, int(np.sum(np.diff(bad.astype(int)) > 0))
+            stands = f"stands still for {count} stretch{'es' if count > 1 else ''} of samples (the first at {first:.4g} s)"
+            text = f"{record.name}: the {label} channel {stands}, as where a recorder lost some; {_left_out(bad, record)}"
+            findings.append(Finding("dead_channel", text))
+            record = _without(record, label, bad, f"{label} stands still")
     return record, findings
 
 
-def plateaus(values: FloatArray, valid: BoolArray) -> BoolArray:
-    """Samples on a plateau at either extreme, with a guard of two samples around; shape (samples,).
-
-    A free signal turns round at its extreme as the samples on both sides foretell; a clipped one stays flat where
-    they lead further, and one that is thrown to a rail lies where they do not lead at all. The comparison needs no
-    full scale, and neither a slow sine's flat top, nor coarse quantisation, nor the rest before a shock looks
-    clipped.
-    """
-    bad = np.zeros(values.shape, dtype=bool)
-    rest = float(np.median(values[valid])) if valid.any() else 0.0
-    for _ in range(4):
-        good = valid & ~bad
-        if good.sum() < 8:
-            break
-        found = np.zeros_like(bad)
-        low, high = float(values[good].min()), float(values[good].max())
-        tolerance = PLATEAU_TOLERANCE * (high - low)
-        for at_extreme in (good & (values >= high - tolerance), good & (values <= low + tolerance)):
-            level = float(np.median(values[at_extreme]))
-            if abs(level - rest) < 0.05 * (high - low):
-                continue
-            if _is_rail(values, at_extreme, LEAST_CUT * (high - low)):
-                found |= at_extreme  # every sample on a rail counts, also a single one
-        if not found.any():
-            break
-        for shift in range(1, PLATEAU_GUARD + 1):
-            bad[shift:] |= found[:-shift]
-            bad[:-shift] |= found[shift:]
-        bad |= found
-    return bad
+def _without(record: Record, label: str, bad: BoolArray, reason: str) -> Record:
+    return record.without(bad, reason) if label == "reference" else record.without_response(bad, reason)
 
 
-def _is_rail(values: FloatArray, at_extreme: BoolArray, least: float) -> bool:
-    """Whether the longest runs at an extreme are plateaus: one long one, or PLATEAU_RUNS of them."""
-    runs = sorted(_runs_of(at_extreme), key=lambda run: run[0] - run[1])[:PLATEAU_RUNS]
-    for count, (first, last) in enumerate(runs, start=1):
-        if not _is_plateau(values, first, last, least):
-            return False
-        if last - first + 1 >= LONG_PLATEAU or count == PLATEAU_RUNS:
-            return True
-    return False
-
-
-def _is_plateau(values: FloatArray, first: int, last: int, least: float) -> bool:
-    """Whether the samples on both sides lead past the run by more than ``least``; see :func:`plateaus`."""
-    length = last - first + 1
-    inside = values[first : last + 1]
-    stretch = max(3, length // 2)
-    stride = max(1, stretch // MOST_POINTS)
-    before = values[max(0, first - stretch) : first][::-stride][::-1]
-    after = values[last + 1 : last + 1 + stretch : stride]
-    if before.size < 3 or after.size < 3:
-        return False
-    times = np.concatenate(
-        [-1.0 - stride * np.arange(before.size)[::-1], length + stride * np.arange(after.size)]
-    ) - 0.5 * (length - 1)
-    scaled = times / times[-1]
-    basis = np.stack([np.ones_like(scaled), scaled, scaled**2], axis=1)
-    sides = np.concatenate([before, after])
-    coefficients, *_ = np.linalg.lstsq(basis, sides, rcond=None)
-    misfit = float(np.sqrt(np.mean((sides - basis @ coefficients) ** 2)))
-    passed = abs(float(coefficients[0] - np.median(inside)))
-    if passed <= max(PLATEAU_RATIO * float(np.ptp(inside)), PLATEAU_RATIO * misfit, least):
-        return False
-    return passed > _resolution(values)
-
-
-def _resolution(values: FloatArray) -> float:
-    """Smallest step between values that occur: the quantisation, where there is one."""
-    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
-    return float(np.min(steps)) if steps.size else 0.0
-
-
-def _runs_of(flags: BoolArray) -> list[tuple[int, int]]:
-    """First and last index of every run of at least PLATEAU_SAMPLES."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    long = ends - starts >= PLATEAU_SAMPLES
-    return [(int(a), int(b) - 1) for a, b in zip(starts[long], ends[long], strict=True)]
+def _left_out(bad: BoolArray, record: Record) -> str:
+    return f"{int(np.sum(bad & record.mask))} of {record.samples} samples are left out of the fit."
 
 
 def _aliasing(record: Record) -> list[Finding]:
     if record.reference is None:
         return []
-    values = np.where(record.mask, np.asarray(record.reference) - np.asarray(record.reference)[record.mask].mean(), 0.0)
-    power = np.abs(np.asarray(fft.rfft(values * np.hanning(record.samples)))) ** 2
+    mask, times = record.reference_mask, np.arange(record.samples)
+    values = np.interp(times, times[mask], record.reference[mask])  # a gap filled with zeros would be two steps
+    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * np.hanning(record.samples)))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
     if total > 0 and above > ALIAS_POWER * total:

@@ -27,6 +27,8 @@ HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: The frequency's Gauss–Newton steps: quadratic, so a step below this phase over the record leaves an error below 1e-9.
 FREQUENCY_ITERATIONS, FREQUENCY_TOLERANCE = 12, 3e-5
 BAND_FACTOR = 1.5
+#: Harmonics are fitted along while they cost the tone no more than this factor in variance.
+MOST_COST = 1.3
 FEWEST_LINES, MOST_LINES = 48, 400
 
 
@@ -143,7 +145,7 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
     mask, times = record.mask, record.time_s
     channels = np.stack([np.asarray(record.reference), record.response])
-    design = _design(times, frequency, record.sampling_rate_hz)
+    design, inflation = _told_apart(_design(times, frequency, record.sampling_rate_hz), mask)
     extra = _free_response(times, poles, record.sampling_rate_hz)
     if extra is None:
         found, residual = _least_squares(design, channels, mask)
@@ -158,6 +160,7 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
     lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics)
     fitted = design.shape[0] + (0 if extra is None else extra.shape[0])
     lines *= np.sqrt(mask.sum() / max(float(mask.sum()) - fitted, 1.0))  # what the fit took from the residual
+    lines *= np.sqrt(inflation)
     overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
     count = lines_hz.shape[0]
     return MeasuredResponse(
@@ -189,6 +192,30 @@ def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
     # A trend looks like part of a sine that is seen for a period or two only.
     rows[-1] = (times / times[-1] - 0.5) if frequency * times[-1] >= 3.0 else 0.0
     return rows
+
+
+def _told_apart(design: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """The design without the harmonics that samples left out make one with the tone, and what the rest costs the tone.
+
+    Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times a
+    factor, which grows with the harmonics.
+    """
+    if mask.all():
+        return design, 1.0
+    alone = _cost_of_gaps(np.concatenate([design[:2], design[-2:]]), mask)
+    for highest in range((design.shape[0] - 2) // 2, 1, -1):
+        kept = np.concatenate([design[: 2 * highest], design[-2:]])
+        cost = _cost_of_gaps(kept, mask)
+        if cost <= MOST_COST * alone:
+            return kept, cost
+    return np.concatenate([design[:2], design[-2:]]), alone
+
+
+def _cost_of_gaps(design: FloatArray, mask: NDArray[np.bool_]) -> float:
+    """Variance of the tone's amplitude over what as many samples without gaps would give, at the worst phase."""
+    used = design * mask
+    inverse = np.linalg.pinv(used @ used.T, rcond=1e-10, hermitian=True)[:2, :2]
+    return max(float(np.max(np.linalg.eigvalsh(inverse))) * float(mask.sum()) / 2.0, 1.0)
 
 
 def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -> FloatArray | None:

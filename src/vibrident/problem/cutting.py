@@ -47,8 +47,9 @@ def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolA
     """Reference as the network takes it, zero for a free decay and where it is not valid, and where it is valid."""
     if record.reference is None:
         return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
-    mean = record.reference[record.mask].mean() if centred and record.mask.any() else 0.0
-    return np.where(record.mask, record.reference - mean, 0.0), record.mask
+    used = record.reference_mask
+    mean = record.reference[used].mean() if centred and used.any() else 0.0
+    return np.where(used, record.reference - mean, 0.0), used
 
 
 def steps_of(

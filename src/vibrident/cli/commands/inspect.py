@@ -142,4 +142,7 @@ def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def _channel(name: str, channel: ChannelSummary | None) -> dict[str, float]:
     from vibrident.naming import pretty
 
-    return {} if channel is None else {f"{name} rms / {pretty(channel.unit)}": channel.rms}
+    if channel is None:
+        return {}
+    unit = pretty(channel.unit)
+    return {f"{name} rms / {unit}": channel.rms, f"{name} offset / {unit}": channel.mean}

@@ -1,0 +1,216 @@
+"""Samples that a channel could not follow: piled up at a rail.
+
+The values of a free signal thin out towards its extreme, or crowd there as its turns make them: a turn of order n
+(a parabola has n = 2) spends t ∝ d^{1/n} within d of its top, so of bins of equal width counted from the top the
+first holds at most 1/(2^{1/n} − 1) times the second, and the second more than those below it. At a rail the first bin is
+far fuller than the second, and the second no fuller than those below. That holds for any motion, whether the samples at the
+rail are exactly equal (bins: the values that occur) or carry noise (bins of some width), and needs no full scale.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.records import BoolArray, FloatArray
+
+#: The first bin holds this many times the second …
+FULLER = 4.0
+#: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top more.
+LEVEL = 1.4
+#: Fewest samples in the first bin where they are exactly equal, and where they carry noise.
+FEWEST_EQUAL, FEWEST_NEAR = 8, 40
+#: Where the values below the first occur once each, so often may equal ones be chance.
+CHANCE = 1e-5
+#: Values, and bins, below the first that are compared with it.
+BELOW, BINS = 8, 5
+#: Widths of bins: the range over these powers of two.
+WIDTHS = range(4, 13)
+#: A rail is visited so often, unless its samples are exactly equal for longer than this.
+VISITS, LONG = 3, 8
+#: A level that holds most samples, or this part of the record in one piece, is rest; a signal of which both levels
+#: together hold more than this part is square.
+REST, SQUARE = 0.12, 0.9
+#: Visits of so few samples are doubted in a signal that so many neighbours on either side tell to this part of its
+#: standard deviation, unless they tell the samples at the level so many times worse than the others.
+SHORT, NEIGHBOURS, FORETOLD, STRANGE = 6.0, 3, 0.1, 1.6
+#: The smallest difference of values that occur is at most so many steps, and values lie on the grid to this part of one.
+MOST_PARTS, ON_GRID = 24, 0.05
+#: Values closer than this part of the range are the same.
+SAME = 1e-12
+#: Samples left out beside a clipped one.
+GUARD = 2
+
+
+def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = None) -> tuple[BoolArray, list[float]]:
+    """Clipped samples with a guard on either side, shape (samples,), and the levels of the rails.
+
+    Args:
+        values: one channel, shape (samples,).
+        valid: samples to look at, shape (samples,).
+        full_scale: largest magnitude that the channel can hold; it then decides alone. None: the values tell.
+    """
+    if np.sum(valid) < 8:
+        return np.zeros(values.shape, dtype=bool), []
+    if full_scale is not None:
+        found = valid & _beyond(values, full_scale, _step(values[valid]))
+        return _guarded(found), sorted({float(np.sign(v)) * full_scale for v in values[found]})
+    rails = [(side, rail) for side in (1.0, -1.0) if (rail := _rail(side * values, valid)) is not None]
+    found = np.zeros(values.shape, dtype=bool)
+    for side, rail in rails:
+        found |= valid & (side * values >= rail)
+    if np.sum(found) > SQUARE * np.sum(valid):
+        return np.zeros(values.shape, dtype=bool), []
+    levels = [float(np.median(values[valid & (side * values >= rail)])) for side, rail in rails]
+    return _guarded(found), levels
+
+
+def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
+    """At ± full scale; of a converter in two's complement the highest code lies one step below it."""
+    coarse = step > 2.0**-30 * full_scale and abs(full_scale / step - np.rint(full_scale / step)) < 1e-6
+    top = full_scale - step * 1.001 if coarse else full_scale * (1.0 - 1e-9)
+    return (values >= top) | (values <= -full_scale * (1.0 - 1e-9))
+
+
+def _step(values: FloatArray) -> float:
+    """Smallest step between values that occur."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > SAME * np.ptp(values)]
+    return float(np.min(steps)) if steps.size else 0.0
+
+
+def _rail(values: FloatArray, valid: BoolArray) -> float | None:
+    """Lowest value that counts as at the upper rail; None where there is none."""
+    used = values[valid]
+    span = float(np.ptp(used))
+    top = np.sort(used)[::-1]
+    if span == 0.0:
+        return None
+    found = _of_equal_values(values, valid, top, SAME * span)
+    if found is not None:
+        return found
+    step = _quantisation(top)
+    for power in WIDTHS:
+        width = span * 2.0**-power
+        if step > 0.0:
+            width = step * np.ceil(width / step)  # whole steps
+        limit = float(top[0]) - width + 0.5 * step
+        edges = limit - width * np.arange(BINS + 1)
+        counts = np.diff(np.searchsorted(-top, -edges), prepend=0).astype(float)
+        if not _piled(counts, FEWEST_NEAR):
+            continue
+        inside = valid & (values > limit)
+        if _visits(inside) >= VISITS and not _at_rest(inside, valid) and _confirmed(values, inside, valid):
+            return limit
+    return None
+
+
+def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
+    """The upper rail where its samples are exactly equal."""
+    # The values from the top: where each begins in the sorted list, until enough are seen.
+    begins = np.concatenate([[0], 1 + np.flatnonzero(-np.diff(top) > same)])[: BELOW + 2]
+    counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
+    if counts.size < 3:
+        return None  # two or three levels: nothing is said of how the signal moves between them
+    limit = float(top[0]) - same
+    inside = valid & (values >= limit)
+    if np.max(counts[1:]) == 1.0:
+        return limit if counts[0] > 1.0 and _ties_by_chance(top, counts[0]) < CHANCE else None
+    gaps = -np.diff(top[begins[: counts.size]])
+    if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * np.max(counts[1:]):
+        return None  # synchronous samples, which leave values out
+    if counts[0] <= FULLER * np.max(counts[1:]) or not _piled(counts, FEWEST_EQUAL):
+        return None
+    if (_visits(inside) < VISITS and _longest(inside) < LONG) or _at_rest(inside, valid):
+        return None
+    return limit if _confirmed(values, inside, valid) else None
+
+
+def _ties_by_chance(top: FloatArray, count: float) -> float:
+    """Chance that so many values are equal at the top, by the distance of the values below them and the steps."""
+    below = int(count) + BELOW - 1
+    if below >= top.size:
+        return 1.0
+    distance = float(top[0] - top[below])
+    return min(1.0, BELOW * _quantisation(top) / distance) ** (count - 1.0)
+
+
+def _quantisation(values: FloatArray) -> float:
+    """Step of the converter; zero where the values are not on a grid."""
+    step = _step(values)
+    if step == 0.0:
+        return 0.0
+    place = (values[:: max(1, values.size // 1000)] - values[0]) / step
+    parts = [k for k in range(1, MOST_PARTS + 1) if np.max(np.abs(k * place - np.rint(k * place))) < ON_GRID]
+    return step / parts[0] if parts else 0.0
+
+
+def _piled(counts: FloatArray, fewest: int) -> bool:
+    """Whether the first of some bins from the top is a rail's."""
+    below = float(np.mean(counts[2:6]))
+    doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0)) if counts[0] < 30.0 * fewest else 0.0
+    return bool(counts[0] >= fewest and counts[0] > FULLER * counts[1] + doubt and counts[1] <= LEVEL * below + 2.0)
+
+
+def _runs(flags: BoolArray) -> FloatArray:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return (edges[1::2] - edges[::2]).astype(float)
+
+
+def _visits(inside: BoolArray) -> int:
+    return _runs(inside).size
+
+
+def _longest(inside: BoolArray) -> float:
+    return float(np.max(_runs(inside), initial=0.0))
+
+
+def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
+    """Whether the level is where the signal rests."""
+    share = float(np.sum(inside)) / float(np.sum(valid))
+    if share > 0.5:
+        return True
+    # Noise may leave the level for a few samples.
+    width = 9
+    dense = np.convolve(inside, np.ones(width), mode="same") > 0.6 * width
+    longest = _longest(dense)
+    runs = np.sort(_runs(dense))
+    usual = float(np.median(runs)) if runs.size else 0.0
+    begins = bool(dense[width] or dense[-width - 1])
+    return longest > REST * inside.size and (begins or runs.size < 4 or longest > 2.0 * usual)
+
+
+def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
+    """Whether short visits to the level are unlike the rest of a signal whose neighbours tell each sample.
+
+    Few samples a period, in step with it, leave most values out, and the law of the bins with them.
+    """
+    if np.median(_runs(inside)) > SHORT:
+        return True
+    n, reach = values.size, NEIGHBOURS
+    middle = slice(reach, n - reach)
+    used = valid[middle].copy()
+    columns = [np.ones(n - 2 * reach)]
+    for k in range(1, reach + 1):
+        columns.append(values[reach - k : n - reach - k] + values[reach + k : n - reach + k])
+        used &= valid[reach - k : n - reach - k] & valid[reach + k : n - reach + k]
+    matrix = np.stack(columns, axis=1)
+    if used.sum() < 4 * reach:
+        return True
+    amounts, *_ = np.linalg.lstsq(matrix[used], values[middle][used], rcond=1e-12)
+    error = np.where(used, values[middle] - matrix @ amounts, 0.0)
+    near = _guarded(inside)[middle] & used
+    apart = used & ~near
+    if near.sum() < 3 or apart.sum() < 3:
+        return True
+    far = float(np.sqrt(np.mean(error[apart] ** 2)))
+    if far > FORETOLD * float(np.std(values[valid])):
+        return True
+    return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(far, _step(values[valid]))
+
+
+def _guarded(found: BoolArray) -> BoolArray:
+    wide = found.copy()
+    for shift in range(1, GUARD + 1):
+        wide[shift:] |= found[:-shift]
+        wide[:-shift] |= found[shift:]
+    return wide
