@@ -25,6 +25,7 @@ LAYERS = (
     "memory",
     "parcel",
     "sandbox",
+    "effects",
     "records",
     "result",
     "nominal",
@@ -72,6 +73,7 @@ NO_JAX = (
     "memory",
     "parcel",
     "sandbox",
+    "effects",
     "records",
     "result",
     "nominal",
@@ -217,7 +219,7 @@ def test_the_package_loads_its_modules_lazily():
         [
             f"vibrident/__init__.py, line {found.line}, imports {found.target} at once: name it in __getattr__."
             for found in own_imports("vibrident")
-            if not found.lazy and layer(found.target) not in ("errors", "records", "result")
+            if not found.lazy and layer(found.target) not in ("errors", "effects", "records", "result")
         ]
     )
 

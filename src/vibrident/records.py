@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -11,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.effects import SystematicEffect
 from vibrident.errors import InputError
 
 Quantity = Literal["acceleration", "velocity", "displacement", "drive"]
@@ -293,35 +293,6 @@ class ResponseTable:
         if self.phase_rad is None:
             return self.magnitude.astype(np.complex128)
         return np.asarray(self.magnitude * np.exp(1j * self.phase_rad), dtype=np.complex128)
-
-
-EffectKind = Literal["gain", "timing", "phase", "mounting", "clock"]
-EFFECT_UNITS: dict[EffectKind, str] = {"gain": "1", "timing": "s", "phase": "rad", "mounting": "1", "clock": "1"}
-
-
-@dataclass(frozen=True)
-class SystematicEffect:
-    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B).
-
-    Attributes:
-        source: what it comes from, in words.
-        kind: how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
-            (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative).
-        standard_uncertainty: in ``unit``.
-        frequency_hz: of a mounting effect; None otherwise.
-        degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.
-    """
-
-    source: str
-    kind: EffectKind
-    standard_uncertainty: float
-    frequency_hz: float | None = None
-    degrees_of_freedom: float = math.inf
-
-    @property
-    def unit(self) -> str:
-        """Unit of the standard uncertainty; "1" for a relative one."""
-        return EFFECT_UNITS[self.kind]
 
 
 @dataclass(frozen=True, eq=False)

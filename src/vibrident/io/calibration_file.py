@@ -11,12 +11,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from vibrident.effects import EffectKind, SystematicEffect
 from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.columns import unreadable
 from vibrident.io.schema_errors import schema_error
 from vibrident.io.toml_text import MOST_BYTES, refuse_costly
-from vibrident.records import EffectKind, Excitation, Quantity, SystematicEffect
+from vibrident.records import Excitation, Quantity
 
 
 def _column(value: int | str) -> int | str:

@@ -2,9 +2,10 @@
 
 The values of a free signal thin out towards its extreme, or crowd there as its turns make them: a turn of order n
 (a parabola has n = 2) spends t ∝ d^{1/n} within d of its top, so of bins of equal width counted from the top the
-first holds at most 1/(2^{1/n} − 1) times the second, and the second more than those below it. At a rail the first bin is
-far fuller than the second, and the second no fuller than those below. That holds for any motion, whether the samples at the
-rail are exactly equal (bins: the values that occur) or carry noise (bins of some width), and needs no full scale.
+first holds at most 1/(2^{1/n} − 1) times the second, and the second more than those below it. At a rail the first bin
+is far fuller than the second, and the second no fuller than those below. That holds for any motion, whether the samples
+at the rail are exactly equal (bins: the values that occur) or carry noise (bins of some width), and needs no full
+scale.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from vibrident.records import BoolArray, FloatArray
 
 #: The first bin holds this many times the second …
 FULLER = 4.0
-#: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top more.
+#: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top
+#: more.
 LEVEL = 1.4
 #: Fewest samples in the first bin where they are exactly equal, and where they carry noise.
 FEWEST_EQUAL, FEWEST_NEAR = 8, 40
@@ -27,18 +29,18 @@ BELOW, BINS = 8, 5
 WIDTHS = range(4, 13)
 #: A rail is visited so often, unless its samples are exactly equal for longer than this.
 VISITS, LONG = 3, 8
-#: A level that holds most samples, or this part of the record in one piece, is rest; a signal of which both levels
-#: together hold more than this part is square.
-REST, SQUARE = 0.12, 0.9
+#: A level that holds this part of the record in one piece is rest, or one that holds most; a signal whose two levels
+#: together hold more than the second part is square.
+REST, SQUARE, MOSTLY = 0.12, 0.9, 0.45
 #: Visits of so few samples are doubted in a signal that so many neighbours on either side tell to this part of its
 #: standard deviation, unless they tell the samples at the level so many times worse than the others.
 SHORT, NEIGHBOURS, FORETOLD, STRANGE = 6.0, 3, 0.1, 1.6
-#: The smallest difference of values that occur is at most so many steps, and values lie on the grid to this part of one.
+#: The smallest difference of values that occur is at most so many steps; values lie on the grid to this part of one.
 MOST_PARTS, ON_GRID = 24, 0.05
 #: Values closer than this part of the range are the same.
 SAME = 1e-12
 #: Samples left out beside a clipped one.
-GUARD = 2
+GUARD = 1
 
 
 def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = None) -> tuple[BoolArray, list[float]]:
@@ -109,12 +111,13 @@ def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same
     # The values from the top: where each begins in the sorted list, until enough are seen.
     begins = np.concatenate([[0], 1 + np.flatnonzero(-np.diff(top) > same)])[: BELOW + 2]
     counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
-    if counts.size < 3:
-        return None  # two or three levels: nothing is said of how the signal moves between them
+    if counts.size <= BELOW:
+        return None  # a few levels: nothing is said of how the signal moves between them
     limit = float(top[0]) - same
     inside = valid & (values >= limit)
     if np.max(counts[1:]) == 1.0:
-        return limit if counts[0] > 1.0 and _ties_by_chance(top, counts[0]) < CHANCE else None
+        strange = counts[0] > 1.0 and _ties_by_chance(top, counts[0]) < CHANCE
+        return limit if strange and not _at_rest(inside, valid) else None
     gaps = -np.diff(top[begins[: counts.size]])
     if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * np.max(counts[1:]):
         return None  # synchronous samples, which leave values out
@@ -167,7 +170,7 @@ def _longest(inside: BoolArray) -> float:
 def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
     """Whether the level is where the signal rests."""
     share = float(np.sum(inside)) / float(np.sum(valid))
-    if share > 0.5:
+    if share > MOSTLY:
         return True
     # Noise may leave the level for a few samples.
     width = 9

@@ -1,8 +1,8 @@
 """Stretches that a recorder lost: held at the last value, or set to zero or another constant.
 
-Measured values are seldom equal to their neighbours. Where they are noise in fine steps, a few equal in a row are beyond
-chance. Where they are often equal (coarse steps, a slow turn, a staircase), a free signal that stays for long moves slowly there, and
-leaves by a step like the others; a held one leaves by a jump.
+Measured values are seldom equal to their neighbours. Where they are noise in fine steps, a few equal in a row are
+beyond chance. Where they are often equal (coarse steps, a slow turn, a staircase), a free signal that stays for long
+moves slowly there, and leaves by a step like the others; a held one leaves by a jump.
 """
 
 from __future__ import annotations

@@ -105,9 +105,12 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
             record = _without(record, label, bad, f"{label} clipped at {levels}")
         bad = lost(values, record.mask)
         if bad.any():
-            first, count = float(np.argmax(bad)) / record.sampling_rate_hz, int(np.sum(np.diff(bad.astype(int)) > 0))
-            stands = f"stands still for {count} stretch{'es' if count > 1 else ''} of samples (the first at {first:.4g} s)"
-            text = f"{record.name}: the {label} channel {stands}, as where a recorder lost some; {_left_out(bad, record)}"
+            stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
+            first = float(np.argmax(bad)) / record.sampling_rate_hz
+            text = (
+                f"{record.name}: the {label} channel stands still in {stretches} place(s), the first at {first:.4g} s, "
+                f"as where a recorder lost samples; {_left_out(bad, record)}"
+            )
             findings.append(Finding("dead_channel", text))
             record = _without(record, label, bad, f"{label} stands still")
     return record, findings

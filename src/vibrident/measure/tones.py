@@ -197,8 +197,8 @@ def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
 def _told_apart(design: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, float]:
     """The design without the harmonics that samples left out make one with the tone, and what the rest costs the tone.
 
-    Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times a
-    factor, which grows with the harmonics.
+    Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times
+    a factor, which grows with the harmonics.
     """
     if mask.all():
         return design, 1.0

@@ -1,0 +1,35 @@
+"""Systematic contributions to the uncertainty, as a calibration states them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+EffectKind = Literal["gain", "timing", "phase", "mounting", "clock"]
+EFFECT_UNITS: dict[EffectKind, str] = {"gain": "1", "timing": "s", "phase": "rad", "mounting": "1", "clock": "1"}
+
+
+@dataclass(frozen=True)
+class SystematicEffect:
+    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B).
+
+    Attributes:
+        source: what it comes from, in words.
+        kind: how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
+            (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative).
+        standard_uncertainty: in ``unit``.
+        frequency_hz: of a mounting effect; None otherwise.
+        degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.
+    """
+
+    source: str
+    kind: EffectKind
+    standard_uncertainty: float
+    frequency_hz: float | None = None
+    degrees_of_freedom: float = math.inf
+
+    @property
+    def unit(self) -> str:
+        """Unit of the standard uncertainty; "1" for a relative one."""
+        return EFFECT_UNITS[self.kind]

@@ -1,0 +1,187 @@
+"""What a channel could not follow, and what a recorder lost: found in any motion, and not in clean data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from vibrident import identify
+from vibrident.errors import InputError
+from vibrident.measure import screen
+from vibrident.measure.clipping import clipped
+from vibrident.measure.gaps import lost
+from vibrident.records import Calibration, FloatArray, Record
+from vibrident.simulation import SENSORS, simulate
+
+N = 4000
+T = np.arange(N)
+ALL = np.ones(N, dtype=bool)
+
+
+def band_limited(rng: np.random.Generator, low: float = 0.005, high: float = 0.2) -> FloatArray:
+    frequency = np.fft.rfftfreq(N)
+    lines = rng.normal(size=(2, frequency.size)) * ((frequency > low) & (frequency < high))
+    values = np.fft.irfft(lines[0] + 1j * lines[1], N)
+    return values / np.std(values)
+
+
+def multisine(rng: np.random.Generator) -> FloatArray:
+    return sum(np.cos(0.01 * (k + 3) * T + rng.uniform(0.0, 6.3)) for k in range(20)) / np.sqrt(10.0)
+
+
+def swept(rng: np.random.Generator) -> FloatArray:
+    return np.sin(0.01 * T + 0.4 * T**2 / N / 2.0 + rng.uniform(0.0, 6.3))
+
+
+def sine(rng: np.random.Generator) -> FloatArray:
+    return np.sin(rng.uniform(0.02, 2.5) * T + rng.uniform(0.0, 6.3))
+
+
+def shock(rng: np.random.Generator) -> FloatArray:
+    u = (T - rng.uniform(500.0, 2000.0)) / rng.uniform(40.0, 150.0)
+    return np.exp(-(u**2)) - 0.2 * np.exp(-(((u - 4.0) / 3.0) ** 2))
+
+
+MOTIONS: dict[str, Callable[[np.random.Generator], FloatArray]] = {
+    "random": band_limited,
+    "multisine": multisine,
+    "sweep": swept,
+    "sine": sine,
+    "shock": shock,
+}
+
+
+def converted(values: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """With noise from 1e-6 to 3 %, or none, through a converter of 8 bits to none; a part of its range is used."""
+    values = values + rng.choice([0.0, 10.0 ** rng.uniform(-6.0, -1.5)]) * rng.standard_normal(N)
+    step = 2.0 ** -rng.integers(4, 24) * np.max(np.abs(values))
+    return values if rng.random() < 0.3 else np.rint(values / step) * step
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_free_signals_are_left_alone(motion: str, rng: np.random.Generator) -> None:
+    """300 signals of each kind, offset or not, in coarse and fine steps: at most one finding in all 1500."""
+    found = 0
+    for _ in range(300):
+        values = converted(MOTIONS[motion](rng) + rng.choice([0.0, 3.0]), rng)
+        found += bool(clipped(values, ALL)[0].any()) + bool(lost(values, ALL).any())
+    assert found <= (1 if motion == "sine" else 0)
+
+
+@pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "shock"])
+@pytest.mark.parametrize("part", [0.7, 0.4])
+@pytest.mark.parametrize("sides", [2, 1])
+def test_a_rail_is_found_in_any_motion(motion: str, part: float, sides: int, rng: np.random.Generator) -> None:
+    for _ in range(10):
+        free = MOTIONS[motion](rng) + 1e-3 * rng.standard_normal(N)
+        level = part * np.max(np.abs(free)) if sides == 2 else part * np.max(free)
+        cut = np.clip(free, -level if sides == 2 else None, level)
+        over = cut != free
+        bad, rails = clipped(cut, ALL)
+        assert np.mean(bad[over]) > 0.7  # a side with a single sample cut off shows nothing
+        assert np.all(bad[over & (np.sign(cut) == np.sign(rails[0]))])
+        assert np.sum(bad & ~over) <= np.sum(np.abs(np.diff(over.astype(int)))) + 1
+        assert all(abs(abs(rail) / level - 1.0) < 1e-12 for rail in rails)
+
+
+def test_a_rail_under_noise_is_found(rng: np.random.Generator) -> None:
+    """Noise of 0.1 % that came after the clipping."""
+    for part in (0.5, 0.4):
+        free = band_limited(rng)
+        level = part * np.max(np.abs(free))
+        over = np.abs(free) > level
+        bad, _ = clipped(np.clip(free, -level, level) + 1e-3 * rng.standard_normal(N), ALL)
+        assert np.mean(bad[over]) > 0.95
+
+
+def test_rest_is_no_rail(rng: np.random.Generator) -> None:
+    """A drive at rest for 45 % of the record, before, after or amidst its motion, one-sided or not."""
+    for noise in (0.0, 1e-3):
+        for begin in (0, 900, 2200):
+            moved = np.abs(np.sin(0.05 * T)) if begin == 900 else band_limited(rng)
+            moved[begin : begin + 1800] = 0.0
+            moved += noise * rng.standard_normal(N)
+            assert not clipped(moved, ALL)[0].any()
+            assert not lost(moved, ALL).any()
+
+
+@pytest.mark.parametrize("steps", [3, 7, 20])
+def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Generator) -> None:
+    square = np.tanh(30.0 * np.sin(0.0431 * T))
+    held = np.repeat(band_limited(rng)[:: steps * 2], steps)[:N]
+    for values in (held, np.sign(np.sin(0.0431 * T)), square + 1e-3 * rng.standard_normal(N)):
+        valid = np.ones(values.size, dtype=bool)
+        assert not clipped(values, valid)[0].any()
+        assert not lost(values, valid).any()
+
+
+def test_full_scale_decides_where_it_is_given(rng: np.random.Generator) -> None:
+    """In both channels, on both sides; a plateau below it is the signal's own."""
+    values = np.clip(band_limited(rng), -2.2, 2.2)
+    for channel in ("reference", "response"):
+        others = {"reference": band_limited(rng), "response": band_limited(rng), channel: values}
+        for full_scale, said in ((2.2, True), (2.3, False)):
+            limits = {f"{channel}_full_scale": full_scale}
+            _, findings = screen([Record("r", sampling_rate_hz=1e3, excitation="random", **others, **limits)])
+            assert ("clipped" in [f.code for f in findings]) == said
+            assert all(channel in f.message for f in findings)
+
+
+def test_the_highest_code_of_a_converter_is_full_scale(rng: np.random.Generator) -> None:
+    step = 2.0**-9
+    values = np.clip(np.rint(band_limited(rng) / step) * step, -2.0, 2.0 - step)
+    bad, rails = clipped(values, ALL, 2.0)
+    assert np.all(bad[values == 2.0 - step])
+    assert len(rails) == 2
+
+
+@pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "sine"])
+@pytest.mark.parametrize(("count", "length"), [(10, 5), (1, 20), (3, 100)])
+@pytest.mark.parametrize("held", [True, False])
+def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool, rng: np.random.Generator) -> None:
+    for _ in range(5):
+        values = MOTIONS[motion](rng) + 1e-3 * rng.standard_normal(N)
+        kept = values.copy()
+        begins = 13 + (N // count) * np.arange(count) + rng.integers(0, N // count - length - 20, count)
+        for at in begins:
+            values[at : at + length] = values[at - 1] if held else 0.0
+        bad = lost(values, ALL)
+        assert np.all(bad[values != kept])
+        assert np.sum(bad & (values == kept)) <= 3 * count
+
+
+@pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])
+def test_what_is_left_gives_the_sensor(channel: str, part: float) -> None:
+    """Random motion cut in one channel: the sensor within its stated uncertainty."""
+    truth = SENSORS["paper"].parameters
+    clean = simulate(
+        "paper",
+        "random",
+        samples=N,
+        sampling_rate_hz=10e3,
+        frequencies_hz=[30.0, 1500.0],
+        repeats=2,
+        response_noise=1e-3,
+        seed=4,
+    )
+    records = []
+    for record in clean.records:
+        level = part * float(np.max(np.abs(getattr(record, channel))))
+        changed = {name: getattr(record, name) for name in ("reference", "response")}
+        changed[channel] = np.clip(changed[channel], -level, level)
+        records.append(Record(record.name, sampling_rate_hz=10e3, excitation="random", **changed))
+    result = identify(Calibration(tuple(records), model=clean.model))
+    assert "clipped" in result.warning_codes
+    for name, value in truth.items():
+        found = result.parameters[name]
+        assert found.standard_uncertainty is not None
+        assert abs(found.value - value) < 4.0 * found.standard_uncertainty
+
+
+def test_a_reference_that_is_nowhere_whole_is_refused(rng: np.random.Generator) -> None:
+    motion = band_limited(rng)
+    record = Record("r", np.clip(motion, -0.8, 0.8), motion, 1e3, "random")
+    with pytest.raises(InputError, match="too little is left"):
+        screen([record])
