@@ -10,7 +10,8 @@ Its uncertainty has these origins, each a series over the samples:
 - band: what the low-pass removes: it is to the highest octave kept, at each instant, as the spectrum beyond the band
   is to that octave's (an envelope where the spectrum has sunk in the noise);
 - offset: of the response, where a rest before the motion tells it;
-- ends: what the record's continuation beyond its ends may have got wrong.
+- ends: what the record's continuation beyond its ends may have got wrong;
+- background: what the acceleration shows where nothing moves, beyond all that (hum, drift, a shifted zero).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from scipy import ndimage
 
 from vibrident.correction.agreement import Agreement, agreement_with, reference_in_band
+from vibrident.correction.background import at_the_ends, background, begins_at_once, preceded
 from vibrident.correction.band import (
     BINS,
     PERIODS,
@@ -35,7 +37,7 @@ from vibrident.correction.band import (
 )
 from vibrident.correction.compensation import Compensation
 from vibrident.correction.peak import Peak, find_peak
-from vibrident.correction.quiet import Surroundings, filled, surroundings
+from vibrident.correction.quiet import Surroundings, filled, rest_to_borrow, surroundings
 from vibrident.correction.sensor import KnownSensor
 from vibrident.errors import InputError
 from vibrident.measure.quality import Finding, screen
@@ -50,7 +52,7 @@ LOCAL_PERIODS = 2.0
 CORE, NARROWER = 0.5, 3.0
 #: Doubts of the result that touch every corrected sample: what its uncertainties cover is then in its settings.
 INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")
-ORIGINS = ("noise", "model", "band", "offset", "ends")
+ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class Correction:
         reference: the reference as acceleration in the same band, shape (samples,); None where there is none.
         agreement: with the reference; None where there is none.
         integrated_from_rest: how many times; zero for a sensor that responds to constant acceleration.
+        findings: what its ends and its still parts show.
     """
 
     record: Record
@@ -82,6 +85,7 @@ class Correction:
     reference: FloatArray | None
     agreement: Agreement | None
     integrated_from_rest: int
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +143,50 @@ def correct(
             remedy="correct it, or leave it to be estimated",
         )
     kept, findings = screen(given)
-    done = [_corrected(record, sensor, quantity, band_hz, noise) for record in kept]
+    drive = result.reference.get("quantity") == "drive"
+    unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
+    done = [_with_rest(record, sensor, quantity, band_hz, noise, unit) for record in kept]
     calibrated = tuple(result.response.frequency_hz)
     doubtful = [w for w in result.warnings if w.code in INHERITED]
     inherited = [Finding(w.code, f"The result itself is doubtful: {w.message}") for w in doubtful]
     more = [doubt for correction in done for doubt in _doubts(correction, calibrated)]
-    drive = result.reference.get("quantity") == "drive"
-    unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
     motion = "drive" if drive else "acceleration"
     return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model, motion)
 
 
+def _with_rest(
+    record: Record,
+    sensor: KnownSensor,
+    quantity: Quantity,
+    band_hz: tuple[float, float] | None,
+    noise: float | None,
+    unit: str,
+) -> Correction:
+    """One record; where its motion begins with the first sample, the rest at its end stands before it, too."""
+    borrowed = rest_to_borrow(record)
+    if borrowed == 0:
+        return _corrected(record, sensor, quantity, band_hz, noise, unit)
+    whole = _corrected(preceded(record, borrowed), sensor, quantity, band_hz, noise, unit)
+    late = whole.peak and replace(whole.peak, time_s=whole.peak.time_s - borrowed / record.sampling_rate_hz)
+    return replace(
+        whole,
+        record=record,
+        acceleration=whole.acceleration[borrowed:],
+        standard_uncertainty=whole.standard_uncertainty[borrowed:],
+        components={name: series[borrowed:] for name, series in whole.components.items()},
+        peak=late,
+        reference=None if whole.reference is None else whole.reference[borrowed:],
+        findings=(begins_at_once(record.name), *whole.findings),
+    )
+
+
 def _corrected(
-    record: Record, sensor: KnownSensor, quantity: Quantity, band_hz: tuple[float, float] | None, noise: float | None
+    record: Record,
+    sensor: KnownSensor,
+    quantity: Quantity,
+    band_hz: tuple[float, float] | None,
+    noise: float | None,
+    unit: str,
 ) -> Correction:
     around = surroundings(record, noise)
     values, rate = filled(record) - around.offset, record.sampling_rate_hz
@@ -173,6 +208,9 @@ def _corrected(
         band, spectrum = compensation.band, compensation.spectrum(values)
         acceleration = compensation.restored(spectrum)
     components = _components(values, spectrum, compensation, around, found)
+    beside = background(record, values, acceleration, components, compensation.band, around, unit)
+    components["background"] = beside.deviation
+    findings = (*at_the_ends(record, values, around), *beside.findings)
     unknown = _unknown(record, compensation)
     acceleration = np.where(unknown, np.nan, acceleration)
     components = {name: np.where(unknown, np.nan, series) for name, series in components.items()}
@@ -192,6 +230,7 @@ def _corrected(
         reference,
         agreement,
         compensation.integrations,
+        findings,
     )
 
 
@@ -287,7 +326,7 @@ def _unknown(record: Record, compensation: Compensation) -> BoolArray:
 
 def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Finding]:
     name = correction.record.name
-    findings = []
+    findings = list(correction.findings)
     unknown = int(np.sum(~np.isfinite(correction.acceleration)))
     if unknown:
         text = (

@@ -194,13 +194,20 @@ class Compensation:
         covariance = self._autocovariance(values)
         for at_left, rest in ((True, self.left_rest), (False, self.right_rest)):
             if not rest:
-                side = self._edge(covariance, at_left=at_left)
+                side = self._edge(covariance, at_left=at_left) * self._liveliness(values, at_left=at_left)
                 near = side[: self.samples] if at_left else side[: self.samples][::-1]
                 if at_left:
                     total[: near.size] += near
                 else:
                     total[-near.size :] += near
         return np.sqrt(total)
+
+    def _liveliness(self, values: FloatArray, *, at_left: bool) -> float:
+        """Mean square of the response near an end over that of the whole record, where it is larger."""
+        if self.integrations:
+            return 1.0
+        near = values[: self.pad] if at_left else values[-self.pad :]
+        return max(1.0, float(np.mean(near**2)) / max(float(np.mean(values**2)), np.finfo(float).tiny))
 
     def _autocovariance(self, values: FloatArray) -> FloatArray:
         """Of what the filter sees, lags 0 … 2 pad: of the response, or formally of its integrals."""

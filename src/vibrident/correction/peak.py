@@ -12,13 +12,15 @@ from vibrident.correction.compensation import Compensation
 from vibrident.correction.quiet import Surroundings
 from vibrident.correction.sensor import ComplexArray
 from vibrident.measure.lines import line_counts
-from vibrident.records import FloatArray
+from vibrident.records import BoolArray, FloatArray
 
 #: Newton steps for the instant of the peak.
 STEPS = 6
 #: Maxima within this many standard deviations of the largest compete with it.
 COMPETES = 3.0
 COVERAGE = 0.95
+#: A peak near a record's end counts if it is larger by so many standard deviations of what the end may have done.
+ENDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ def find_peak(
     if not known.any():
         return None
     inner = known & (components["ends"] <= sum(components[name] for name in components if name != "ends"))
-    index = int(np.argmax(np.where(inner if inner.any() else known, np.abs(acceleration), -1.0)))
+    index = _top(acceleration, known, inner if inner.any() else known, components["ends"])
     sign = 1.0 if acceleration[index] >= 0 else -1.0
     position, top, curvature = _refined(spectrum, compensation, index, sign)
     parts = {name: float(series[index]) for name, series in components.items()}
@@ -79,6 +81,14 @@ def find_peak(
     k = float(stdtrit(freedom, 0.5 + COVERAGE / 2))
     interval = (value - k * u, value + k * u)
     return Peak(value, position / compensation.rate, u, interval, freedom, k, parts, float(bias))
+
+
+def _top(acceleration: FloatArray, known: BoolArray, inner: BoolArray, ends: FloatArray) -> int:
+    """The largest sample; one where the record's ends govern only if it is larger for all that they may have done."""
+    size = np.abs(acceleration)
+    inside = int(np.argmax(np.where(inner, size, -1.0)))
+    anywhere = int(np.argmax(np.where(known, size - ENDS * np.nan_to_num(ends), -1.0)))
+    return anywhere if size[anywhere] - ENDS * ends[anywhere] > size[inside] else inside
 
 
 def _refined(spectrum: ComplexArray, compensation: Compensation, index: int, sign: float) -> tuple[float, float, float]:

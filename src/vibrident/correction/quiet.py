@@ -151,6 +151,29 @@ def _departs(values: FloatArray) -> bool:
     return bool(abs(means[-1] - means[:-1].mean()) > DEPARTS * means[:-1].std(ddof=1))
 
 
+def rest_to_borrow(record: Record) -> int:
+    """Samples at the end of a shock's record, at rest, that stand for the rest before it; zero where none may.
+
+    A motion may begin with the first sample, as a recorder triggers. Where that sample lies at the level to which the
+    motion returns, the sensor was at rest before.
+    """
+    values = filled(record)
+    if record.excitation != "shock" or _rest(values) > 0:
+        return 0
+    count = _block(values)
+    if count < 8:
+        return 0
+    last = values[-count:]
+    level, swing = float(np.mean(last)), float(np.std(last))
+    away = np.abs(values - level)
+    largest = float(np.max(away))
+    if swing > STILL * largest or away[0] > max(LEAVES * swing, 0.5 * STILL * largest):
+        return 0
+    moving = np.flatnonzero(away > max(LEAVES * swing, 1.5 * _resolution(values), 1e-9 * largest))
+    still = values.size - 1 - int(moving[-1]) if moving.size else 0
+    return min(int(USED * still), values.size // 3)
+
+
 def _returns(values: FloatArray, rest: int) -> bool:
     """Whether the last part lies where the first part did, and as still."""
     first, last = values[:rest], values[-_block(values) :]

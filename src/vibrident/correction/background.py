@@ -1,0 +1,167 @@
+"""What a corrected record shows where nothing moves: hum, drift, a zero that shifted.
+
+A record that begins at rest and ends still should end with no acceleration. What is there all the same, beyond the
+uncertainty found so far, stands in the rest of the record as well, and is an uncertainty of every sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.correction.band import Band
+from vibrident.correction.quiet import Surroundings
+from vibrident.measure.quality import Finding
+from vibrident.records import BoolArray, FloatArray, Record
+
+#: A record is looked at in so many parts, of at least so many samples.
+PARTS, FEWEST = 16, 16
+#: So many of them, from the end.
+LAST_PARTS = 2
+#: A part is still where the response's standard deviation about a line is below this part of its largest deviation.
+STILL = 0.05
+#: A part shows more than expected beyond so many standard deviations of a mean square.
+BEYOND = 6.0
+#: A mean is a shift where it makes this part of the mean square.
+SHIFTED = 0.5
+#: Motion is cut off where the last swing is above this part of the largest deviation, and so many times the noise.
+CUT_OFF, ABOVE_NOISE = 0.01, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """What is there beside the motion.
+
+    Attributes:
+        deviation: its standard uncertainty at every sample, shape (samples,).
+        findings: what a person should know of it.
+    """
+
+    deviation: FloatArray
+    findings: tuple[Finding, ...]
+
+
+def background(
+    record: Record,
+    values: FloatArray,
+    acceleration: FloatArray,
+    components: Mapping[str, FloatArray],
+    band: Band,
+    around: Surroundings,
+    unit: str,
+) -> Background:
+    """Compare the acceleration at the record's still parts with its uncertainty.
+
+    Args:
+        record: the record.
+        values: its response less the offset, shape (samples,).
+        acceleration: shape (samples,).
+        components: its standard uncertainty by origin, each of shape (samples,).
+        band: restored.
+        around: rest, offset and noise.
+        unit: of the acceleration.
+    """
+    noise = components["noise"]
+    u = np.sqrt(sum(series**2 for series in components.values()))
+    nothing = Background(np.zeros(values.size), ())
+    if around.rest_samples == 0:
+        return nothing
+    worst, at = 0.0, slice(0, 0)
+    parts = _still_parts(values, around.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
+    for part in parts:
+        there, expected = float(np.mean(acceleration[part] ** 2)), float(np.mean(u[part] ** 2))
+        independent = max(1.0, 2.0 * acceleration[part].size * band.high_hz / record.sampling_rate_hz)
+        excess = there - expected
+        if excess > expected * BEYOND * np.sqrt(2.0 / independent) and excess > worst:
+            worst, at = excess, part
+    if worst == 0.0:
+        return nothing
+    level = float(np.sqrt(np.mean(noise[at] ** 2)))
+    profile = noise / level if level > 0 else np.ones(values.size)
+    after = [acceleration[part] for part in parts if part.start > 0]
+    together = np.concatenate(after) if after else np.zeros(1)
+    mean = float(np.mean(together))
+    shifted = mean**2 > SHIFTED * float(np.mean(together**2))  # a tone of the mains has no mean
+    findings = (_shift(record.name, mean, unit),) if shifted else ()
+    return Background(np.sqrt(worst) * profile, findings)
+
+
+def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]:
+    """The rest before the motion, and the last parts in which the response has come to rest, off zero or not.
+
+    Only the last: what moves after a shock dies away, what is no motion stays.
+
+    Args:
+        values: response, shape (samples,).
+        rest: samples at rest before the motion.
+        inner: where the record's ends do not govern the uncertainty, shape (samples,).
+    """
+    count = max(FEWEST, values.size // PARTS)
+    largest, index = float(np.max(np.abs(values))), np.arange(count)
+    before = [slice(0, rest)] if rest >= FEWEST else []
+    after: list[slice] = []
+    for last in range(values.size, rest + count, -count):
+        part = values[last - count : last]
+        line = np.polyval(np.polyfit(index, part, 1), index)
+        if np.std(part - line) > STILL * largest or len(after) == LAST_PARTS:
+            break
+        if inner[last - count : last].all():
+            after.append(slice(last - count, last))
+    return before + after
+
+
+def _shift(name: str, mean: float, unit: str) -> Finding:
+    text = (
+        f"{name}: the acceleration comes to {mean:.3g} {unit} on average where nothing moves any more: the "
+        "response's zero has drifted or shifted since the beginning. The uncertainty of every sample holds that."
+    )
+    return Finding("drift", text)
+
+
+def at_the_ends(record: Record, values: FloatArray, around: Surroundings) -> list[Finding]:
+    """Motion at a record's first or last sample, of a record that should begin and end at rest."""
+    findings = []
+    if record.excitation != "shock":
+        return findings
+    if around.rest_samples == 0:
+        text = (
+            f"{record.name}: the record begins in the middle of the motion. What came before is not known; near the "
+            "beginning the uncertainty is a guess from the rest of the record. Record some rest before the motion."
+        )
+        findings.append(Finding("short_record", text))
+    block = max(FEWEST, values.size // 50)
+    index = np.arange(block)
+    last = values[-block:] - np.polyval(np.polyfit(index, values[-block:], 1), index)
+    swing = float(np.std(last))
+    if swing > max(CUT_OFF * float(np.max(np.abs(values))), ABOVE_NOISE * around.noise_deviation):
+        text = (
+            f"{record.name}: the record ends in the middle of the motion; near its end the uncertainty is a guess from "
+            "the rest of the record. Record longer."
+        )
+        findings.append(Finding("short_record", text))
+    return findings
+
+
+def begins_at_once(name: str) -> Finding:
+    """What is said of a motion that begins with the record."""
+    text = (
+        f"{name}: the motion begins at the record's first sample. The sensor is taken to have been at rest "
+        "before, as it is at the end. Record some rest before the motion."
+    )
+    return Finding("short_record", text)
+
+
+def preceded(record: Record, samples: int) -> Record:
+    """The record with its last samples, which are at rest, before the first, in reverse."""
+
+    def longer(values: FloatArray) -> FloatArray:
+        return np.concatenate([values[: -samples - 1 : -1], values])
+
+    return replace(
+        record,
+        response=longer(record.response),
+        reference=None if record.reference is None else longer(record.reference),
+        valid=np.concatenate([record.mask[: -samples - 1 : -1], record.mask]),
+    )
