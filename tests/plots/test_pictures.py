@@ -66,6 +66,7 @@ def test_sensitivity_names_sensor_model_and_warnings():
     text = " ".join([*(t.get_text() for t in figure.texts), figure.get_supxlabel()])
     for word in ("accelerometer+delay", "MSV 3000", "4711", "k = 2"):
         assert word in text
+    text = " ".join(text.split())
     assert all(code.replace("_", " ") in text for code in troubled().warning_codes)
 
 

@@ -28,9 +28,18 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
         f"magnitude_standard_uncertainty ({per})",
         "phase_standard_uncertainty_deg",
     )
-    further = ("model_deviation_percent", "model_deviation_phase_deg", "record")
+    further = (
+        "model_deviation_percent",
+        "model_deviation_phase_deg",
+        "record",
+        f"magnitude_noise ({per})",
+        "phase_noise_deg",
+        "model_deviation_standard_uncertainty_percent",
+        "model_deviation_phase_standard_uncertainty_deg",
+    )
     fields = ("frequency_hz", "magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
-    own = ("deviation_percent", "deviation_phase_deg", "record")
+    own = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
+    own += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
     return [
         _table(
             folder / f"{options.name}_parameters.csv",

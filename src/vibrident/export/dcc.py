@@ -19,7 +19,8 @@ from vibrident.export.dcc_schema import validate
 from vibrident.export.dcc_tree import DCC, LANGUAGE, SI, Tree, cleaned, identified
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
-from vibrident.report.coverage import coverage
+from vibrident.report.coverage import coverage, interval_text
+from vibrident.report.words import SMALL_SIGNALS
 from vibrident.result import Result
 
 VERSION = "3.2.1"
@@ -202,7 +203,10 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
         ),
     )
     covered = result.settings.get("uncertainty_covers")
-    yield "uncertainty", ours(coverage(result).text, *([f"Uncertainties cover: {covered}."] if covered else []))
+    said = [coverage(result).text, f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
+    yield "uncertainty", ours(*(line for line in said if line))
+    if "cubic" in result.model.split("+"):
+        yield "small signals", ours(SMALL_SIGNALS)
     verdict = "describes" if result.fit.adequate else "does not describe"
     yield "adequacy", ours(f"The model {verdict} the data within their uncertainties.")
     for warning in result.warnings:

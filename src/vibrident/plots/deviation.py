@@ -8,7 +8,7 @@ import numpy as np
 
 from vibrident.plots import curves, style
 from vibrident.plots.style import FloatArray, K
-from vibrident.result import Curve, Result
+from vibrident.result import Curve, MeasuredCurve, Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,11 +19,9 @@ def figure(result: Result) -> Figure:
     """Draw model − measured at each excited frequency with U (k = 2), and around zero the model's own U."""
     measured = result.measured
     frequency = style.numbers(measured.frequency_hz)
-    magnitude = style.numbers(measured.magnitude)
     relative = fitted(style.numbers(measured.deviation_percent), frequency)
-    relative_bars = K * 100 * fitted(style.numbers(measured.magnitude_uncertainty), frequency) / magnitude
+    relative_bars, phase_bars = bars_of_deviation(measured)
     phase = (fitted(style.numbers(measured.deviation_phase_deg), frequency) + 180.0) % 360.0 - 180.0
-    phase_bars = K * fitted(style.numbers(measured.phase_deg_uncertainty), frequency)
     has_phase = bool(np.isfinite(phase).any())
 
     with style.styled():
@@ -76,6 +74,18 @@ def _panel(
         for sign, label in ((1, "measured, U (k = 2)"), (-1, None)):
             axes.plot(x[order], sign * bars[order], color=style.VERMILION, ls="--", lw=0.9, zorder=4, label=label)
     style.balanced_axis(axes, y, bars, floor)
+
+
+def bars_of_deviation(measured: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
+    """U (k = 2) of the deviations, percent and degrees: their own where the result has it, else that of the points."""
+    frequency = style.numbers(measured.frequency_hz)
+    percent = fitted(style.numbers(measured.deviation_uncertainty_percent), frequency)
+    degrees = fitted(style.numbers(measured.deviation_phase_uncertainty_deg), frequency)
+    if not np.isfinite(percent).any():
+        magnitude = style.numbers(measured.magnitude)
+        percent = 100.0 * fitted(style.numbers(measured.magnitude_uncertainty), frequency) / magnitude
+        degrees = fitted(style.numbers(measured.phase_deg_uncertainty), frequency)
+    return K * percent, K * degrees
 
 
 def fitted(values: FloatArray, like: FloatArray) -> FloatArray:

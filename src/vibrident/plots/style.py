@@ -148,7 +148,7 @@ def title(figure: Figure, subject: str, model: str, sensor: Any) -> None:
 def note(figure: Figure, *lines: str) -> None:
     """Write small print under the picture, wrapped to its width; empty lines are left out."""
     width = int(15.5 * figure.get_figwidth())
-    text = "\n".join(part for line in lines if line for part in _wrapped(line, width, 3))
+    text = "\n".join(part for line in lines if line for part in _wrapped(line, width, 4))
     if text:
         figure.supxlabel(text, x=0.012, ha="left", fontsize=7.5, color="#404040")
 

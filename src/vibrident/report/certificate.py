@@ -13,7 +13,7 @@ from vibrident.naming import Scale, pretty, scaled
 from vibrident.nominal import same
 from vibrident.plots.units import reference_unit, sensitivity_unit, sensor_name
 from vibrident.report import tables, words
-from vibrident.report.coverage import coverage
+from vibrident.report.coverage import coverage, interval_text
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, plain
 from vibrident.report.points import Point, measured_band, nominal_points, reference_point
 from vibrident.report.tables import Table
@@ -277,7 +277,18 @@ def _statements(result: Result) -> tuple[str, ...]:
     verdict = (
         f"The model {'describes' if result.fit.adequate else 'does not describe'} the data within their uncertainties."
     )
-    return (" ".join(part for part in parts if part), " ".join((verdict, tables.worst(result.measured))).strip())
+    parts.append(interval_text(result))
+    more = (tables.small_signals(result), *((tables.UNSTATED,) if _unstated(result) else ()))
+    return (
+        " ".join(part for part in parts if part),
+        " ".join((verdict, tables.worst(result.measured))).strip(),
+        *(part for part in more if part),
+    )
+
+
+def _unstated(result: Result) -> bool:
+    known = [*result.response.magnitude_uncertainty, *(p.standard_uncertainty for p in result.parameters.values())]
+    return any(u is None for u in known)
 
 
 def _doubts(result: Result) -> tuple[tuple[str, tuple[str, ...]], ...]:

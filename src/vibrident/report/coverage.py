@@ -11,6 +11,8 @@ from vibrident.report.numbers import COVERAGE_FACTOR, plain
 from vibrident.result import Result
 
 _KEY = "effective_degrees_of_freedom"
+#: Effective degrees of freedom from which k = 2 covers 95 %.
+_NEARLY_NORMAL = 60.0
 #: Of Simpson's rule; an even number.
 _INTERVALS = 400
 
@@ -50,6 +52,15 @@ def coverage(result: Result) -> Coverage:
     if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
         return Coverage(k, math.inf, math.erf(k / math.sqrt(2.0)))
     return Coverage(k, float(freedom), _student(k, freedom))
+
+
+def interval_text(result: Result) -> str:
+    """What the 95 % intervals are made with, where that is not the k of a normal distribution; else empty."""
+    k, found = result.settings.get("coverage_factor"), coverage(result)
+    freedom = found.degrees_of_freedom
+    if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
+        return ""
+    return f"The 95 % intervals are u times k = {plain(k, 3)} (Student's t with ν_eff = {plain(freedom, 3)})."
 
 
 def _student(k: float, freedom: float) -> float:

@@ -11,7 +11,7 @@ from vibrident.escaping import plotly
 from vibrident.naming import scaled
 from vibrident.plots.choose import record_frequencies, spread
 from vibrident.plots.curves import continuous, nearest_turn
-from vibrident.plots.deviation import fitted
+from vibrident.plots.deviation import bars_of_deviation, fitted
 from vibrident.plots.style import BLUE, ORANGE, VERMILION, K, numbers, shortened
 from vibrident.plots.units import frequency_text
 from vibrident.records import FloatArray
@@ -220,11 +220,11 @@ def deviation(result: Result) -> Figure | None:
     if not np.isfinite(percent).any():
         return None
     turned = (fitted(numbers(measured.deviation_phase_deg), frequency) + 180.0) % 360.0 - 180.0
-    relative = 100.0 * _u(measured, "magnitude") / numbers(measured.magnitude)
+    relative, turned_bars = bars_of_deviation(measured)
     own = 100.0 * _u(model, "magnitude") / numbers(model.magnitude)
     panels = [("y", percent, relative, own, "%")]
     if np.isfinite(turned).any():
-        panels.append(("y2", turned, _u(measured, "phase_deg"), _u(model, "phase_deg"), "°"))
+        panels.append(("y2", turned, turned_bars, _u(model, "phase_deg"), "°"))
     data: list[Any] = []
     for place, values, half, band, unit in panels:
         first = place == "y"

@@ -137,8 +137,8 @@ def _sensitivity(made: Page, result: Result) -> list[str]:
 
 def _deviation(made: Page, result: Result) -> list[str]:
     caption = (
-        "Model − measured, of the magnitude relative to the measured one; bars: U of the points, band: U of the model, "
-        f"both k = {COVERAGE_FACTOR:g}."
+        "Model − measured, of the magnitude relative to the measured one; bars: U of the deviation, band: U of the "
+        f"model, both k = {COVERAGE_FACTOR:g}."
     )
     return [
         made.figure("deviation", figures.deviation(result), caption + _thinned(result)),

@@ -7,11 +7,12 @@ probability of 1 %. The verdict on the model is the result's own; these show whe
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.plots.deviation import fitted
+from vibrident.plots.deviation import bars_of_deviation, fitted
 from vibrident.plots.style import numbers
 from vibrident.records import FloatArray
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, plain
@@ -37,8 +38,15 @@ class Outcome:
 
 def residual_tests(result: Result) -> Table:
     """Every test of the magnitude and, where there is one, of the phase."""
-    outcomes = [_chi_squared(result), *_pattern_tests("magnitude", _magnitude(result))]
-    outcomes += _pattern_tests("phase", _phase(result))
+    measured = result.measured
+    like = numbers(measured.magnitude)
+    relative = 100.0 * fitted(numbers(measured.magnitude_noise), like) / like
+    common = (
+        _in_common(measured.deviation_uncertainty_percent, relative),
+        _in_common(measured.deviation_phase_uncertainty_deg, fitted(numbers(measured.phase_deg_noise), like)),
+    )
+    outcomes = [_chi_squared(result), *_pattern_tests("magnitude", _magnitude(result), common[0])]
+    outcomes += _pattern_tests("phase", _phase(result), common[1])
     verdicts = {True: "passed", False: "failed", None: NONE}
     rows = tuple((o.name, o.found, o.usual, verdicts[o.passed], o.meaning) for o in outcomes)
     note = (
@@ -46,6 +54,12 @@ def residual_tests(result: Result) -> Table:
         f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
     )
     return Table(("test", "found", "usual", "outcome", "what a failure means"), rows, (), notes=(note,))
+
+
+def _in_common(whole: Sequence[float | None], noise: FloatArray) -> bool:
+    """Whether stated systematic effects, which make a pattern, are as large as the noise of the deviations."""
+    ratio = fitted(numbers(whole), noise) / noise
+    return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
 
 
 def _chi_squared(result: Result) -> Outcome:
@@ -63,16 +77,17 @@ def _chi_squared(result: Result) -> Outcome:
 
 def _magnitude(result: Result) -> FloatArray:
     measured = result.measured
-    magnitude = numbers(measured.magnitude)
-    relative = 100.0 * fitted(numbers(measured.magnitude_uncertainty), magnitude) / magnitude
-    return _ordered(result, fitted(numbers(measured.deviation_percent), magnitude), relative)
+    like = numbers(measured.magnitude)
+    half, _ = bars_of_deviation(measured)
+    return _ordered(result, fitted(numbers(measured.deviation_percent), like), half / COVERAGE_FACTOR)
 
 
 def _phase(result: Result) -> FloatArray:
     measured = result.measured
     like = numbers(measured.magnitude)
     turned = (fitted(numbers(measured.deviation_phase_deg), like) + 180.0) % 360.0 - 180.0
-    return _ordered(result, turned, fitted(numbers(measured.phase_deg_uncertainty), like))
+    _, half = bars_of_deviation(measured)
+    return _ordered(result, turned, half / COVERAGE_FACTOR)
 
 
 def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:
@@ -81,7 +96,7 @@ def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray
     return (deviation[usable] / u[usable])[order]
 
 
-def _pattern_tests(name: str, z: FloatArray) -> list[Outcome]:
+def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
     if z.size < FEWEST:
         return []
     from scipy.special import bdtr, ndtri
@@ -93,7 +108,7 @@ def _pattern_tests(name: str, z: FloatArray) -> list[Outcome]:
     largest = float(np.max(np.abs(z)))
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
     limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
-    return [
+    sizes = [
         Outcome(
             f"{name}: points within U",
             f"{inside} of {n}",
@@ -108,6 +123,11 @@ def _pattern_tests(name: str, z: FloatArray) -> list[Outcome]:
             largest <= far,
             "one point is an outlier",
         ),
+    ]
+    if common:  # a pattern along frequency is what these effects make
+        return sizes
+    return [
+        *sizes,
         _runs(name, z),
         Outcome(
             f"{name}: correlation of neighbours",

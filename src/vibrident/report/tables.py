@@ -11,7 +11,7 @@ from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.plots.units import nominal_frequency, reference_unit, sensitivity_unit
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.report import words
-from vibrident.report.coverage import coverage
+from vibrident.report.coverage import coverage, interval_text
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, pair, percent, plain, stated
 from vibrident.report.weights import weight_rows
 from vibrident.result import MeasuredCurve, Parameter, Result
@@ -87,8 +87,13 @@ def parameters(result: Result) -> Table:
             )
         )
     header = ("parameter", "symbol", "value", "u", "k", "U", "unit", "95 % interval", "remark")
-    notes = (per_g(result), words.COVERAGE, coverage(result).text)
+    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text, interval_text(result))
     return Table(header, tuple(rows), (2, 3, 4, 5), notes=tuple(note for note in notes if note))
+
+
+def small_signals(result: Result) -> str:
+    """What a sensitivity means where the spring is not linear; empty for a linear sensor."""
+    return words.SMALL_SIGNALS if "cubic" in result.model.split("+") else ""
 
 
 def per_g(result: Result) -> str:
@@ -153,9 +158,13 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     unit = sensitivity_unit(result.response_unit, reference_unit(result))
     scale = scaled(unit, magnitudes[len(magnitudes) // 2] if magnitudes else 0.0)
     phases = any(phase is not None for phase in points.phase_deg)
-    header = ["frequency / Hz", "nominal / Hz", f"magnitude / ({scale.unit})", f"U / ({scale.unit})", "deviation"]
+    apart = any(u is not None for u in points.magnitude_noise)
+    header = ["frequency / Hz", "nominal / Hz", f"magnitude / ({scale.unit})", f"U / ({scale.unit})"]
+    header += [f"noise / ({scale.unit})"] if apart else []
+    header += ["deviation", *(["E_n"] if apart else [])]
     if phases:
-        header += ["phase / °", "U / °", "deviation / °"]
+        header += ["phase / °", "U / °", *(["noise / °"] if apart else []), "deviation / °"]
+        header += ["E_n of phase"] if apart else []
     header.append("record")
     step = max(1, -(-total // most_rows))
     rows = []
@@ -166,23 +175,44 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
             nominal_frequency(points.frequency_hz[i]) or "",
             magnitude,
             expanded,
-            percent(at(points.deviation_percent, i)),
         ]
+        row += [_expanded(at(points.magnitude_noise, i), scale.factor)] if apart else []
+        row.append(percent(at(points.deviation_percent, i)))
+        row += [_en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i))] if apart else []
         if phases:
             phase, phase_u = with_u(points.phase_deg[i], at(points.phase_deg_uncertainty, i), 1.0)
             shift = at(points.deviation_phase_deg, i)
-            row += [phase, phase_u, NONE if shift is None else f"{(shift + 180) % 360 - 180:+.3f}"]
+            shift = None if shift is None else (shift + 180) % 360 - 180
+            row += [phase, phase_u, *([_expanded(at(points.phase_deg_noise, i), 1.0)] if apart else [])]
+            row.append(NONE if shift is None else f"{shift:+.3f}")
+            row += [_en(shift, at(points.deviation_phase_uncertainty_deg, i))] if apart else []
         rows.append([*row, at(points.record, i) or ""])
     used = [j for j in range(len(header)) if j != 1 or any(row[1] for row in rows)]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
     lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
+    lead += f" {_APART}" if apart else ""
     return Table(
         tuple(header[j] for j in used),
         tuple(tuple(row[j] for j in used) for row in rows),
         tuple(range(len(used) - 1)),
         tuple(text for text in (lead, worst(points)) if text),
-        (words.PHASE,) if phases else (),
+        (*((words.PHASE,) if phases else ()), *((UNSTATED,) if None in points.magnitude_uncertainty else ())),
     )
+
+
+UNSTATED = f"{NONE} in the place of an uncertainty: not stated, the data do not tell it."
+_APART = (
+    "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
+    "deviation over its own U, which is not that of the point: the model follows what is common to all points."
+)
+
+
+def _expanded(u: float | None, factor: float) -> str:
+    return NONE if u is None else plain(COVERAGE_FACTOR * u * factor, 2)
+
+
+def _en(deviation: float | None, u: float | None) -> str:
+    return NONE if deviation is None or not u else f"{deviation / (COVERAGE_FACTOR * u):+.2f}"
 
 
 def at(values: Sequence[Any], index: int) -> Any:

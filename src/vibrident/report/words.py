@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -134,8 +135,13 @@ def explain(code: str) -> Words:
 
 
 def remark(parameter: Parameter) -> str:
-    """``derived``, ``not identifiable``, both or nothing."""
-    marks = (("derived", parameter.derived), ("not identifiable", not parameter.identifiable))
+    """``derived``, ``not identifiable``, ``u not stated``, several or nothing."""
+    u = parameter.standard_uncertainty
+    marks = (
+        ("derived", parameter.derived),
+        ("not identifiable", not parameter.identifiable),
+        ("u not stated", u is None or not math.isfinite(u)),
+    )
     return ", ".join(mark for mark, applies in marks if applies)
 
 
@@ -169,5 +175,10 @@ COVERAGE = (
     "u is the standard uncertainty (GUM), k the coverage factor and U = k·u the expanded uncertainty with k = 2, which "
     "for a normal distribution has a coverage probability of about 95 %. The 95 % interval is stated as computed and "
     "need not be symmetric. Uncertainties are rounded to two significant digits, values to the place of u (GUM 7.2.6)."
+)
+SMALL_SIGNALS = (
+    "The spring is not linear: its force is V + k3 V³ with the response V and the cubic stiffness k3. Sensitivity and "
+    "curve are those for small signals; with an amplitude V of the response the stiffness is larger by the part "
+    "¾ k3 V²."
 )
 PHASE = "Phase is φ(response) − φ(reference) for e^{jωt}: lag is negative. A positive delay means a later response."

@@ -11,6 +11,7 @@ from vibrident.escaping import terminal
 from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.plots.units import sensor_name
 from vibrident.report import words
+from vibrident.report.coverage import interval_text
 from vibrident.report.numbers import plain, stated
 from vibrident.report.weights import weight_rows
 from vibrident.result import Result
@@ -66,9 +67,11 @@ def _parameters(result: Result, interval: bool) -> Table:
             derived = True
         number = stated(parameter)
         label = parameter_name(key).words + ("" if parameter.identifiable else " (not identifiable)")
+        label += " (u not stated)" if parameter.standard_uncertainty is None else ""
         row = (label, number.value, number.standard, number.expanded, number.unit, number.interval)
         cells = row if interval else row[:-1]
         table.add_row(*(literal(cell) for cell in cells), style=None if parameter.identifiable else "yellow")
+    table.caption = literal(interval_text(result)) if interval and interval_text(result) else None
     return table
 
 
