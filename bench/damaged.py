@@ -12,6 +12,7 @@ import sys
 from collections import Counter, defaultdict
 from typing import Any
 
+from bench.damaged_bombs import GROUPS
 from bench.damaged_files import DAMAGES
 from bench.damaged_runs import CELLS, FILES, MEMORY_BYTES, block
 from bench.study import Study
@@ -47,12 +48,12 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     peak = max((run["peak_bytes"] for run in runs), default=0)
     rescued = Counter(run["first"].split(" ")[0] for run in runs if run.get("first", "as a command") != "as a command")
     verdict = (
-        f"{len(runs) - len(wrong)} of {len(runs)} met; largest memory {peak / 1e6:.0f} MB. In a process without "
-        f"the guard of the command line, {sum(rescued.values())} of them would not have been"
+        f"{len(runs) - len(wrong)} of {len(runs)} met; largest memory {peak / 1e6:.0f} MB.\nWithout the process in which "
+        f"the command line reads binary files, {sum(rescued.values())} of them would not have been"
         + (f" ({', '.join(f'{count} {name}' for name, count in rescued.items())})." if rescued else ".")
     )
     rows = [f"| `{file}` | " + " | ".join(_counts(found[file, damage]) for damage in DAMAGES) + " |" for file in FILES]
-    bombs = found["all", "bombs"]
+    bombs = [run for group in GROUPS for run in found[group, "bombs"]]
     rows.append(f"| bombs | {_counts(bombs)} |" + " |" * (len(DAMAGES) - 1))
     page = HEAD.format(
         commit=commit,

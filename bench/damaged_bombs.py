@@ -121,6 +121,14 @@ BOMBS: Mapping[str, tuple[str, Callable[[Path], None]]] = {
 }
 
 
+_TEXT = ("CSV", "TOML", "JSON", "a ")
+#: The same in two groups.
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "binary": tuple(name for name in BOMBS if not name.startswith(_TEXT)),
+    "text": tuple(name for name in BOMBS if name.startswith(_TEXT)),
+}
+
+
 def write_bomb(folder: Path, name: str) -> Path:
     """Write one of them, and what a command needs beside it; returns what the command is given."""
     file, write = BOMBS[name]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.damaged_bombs import BOMBS, write_bomb
+from bench.damaged_bombs import GROUPS, write_bomb
 from bench.damaged_files import DAMAGES, ROOT, WRITERS, whole_files, whole_result, write_damaged
 
 FILES = (*WRITERS, "c.toml", "result.json")
@@ -31,7 +31,7 @@ _SERVE = "from bench.damaged_runs import serve; serve()"
 
 @dataclass(frozen=True)
 class Cell:
-    """One kind of file and one kind of damage; or all bombs."""
+    """One kind of file and one kind of damage; or a group of bombs."""
 
     file: str
     damage: str
@@ -43,10 +43,10 @@ class Cell:
 
     def runs(self, asked: int) -> int:
         """As many as asked for; of the bombs, each once."""
-        return len(BOMBS) if self.damage == "bombs" else asked
+        return len(GROUPS[self.file]) if self.damage == "bombs" else asked
 
 
-CELLS = (*(Cell(file, damage) for file in FILES for damage in DAMAGES), Cell("all", "bombs"))
+CELLS = (*(Cell(file, damage) for file in FILES for damage in DAMAGES), *(Cell(group, "bombs") for group in GROUPS))
 
 
 def block(name: str, first: int, count: int) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def run(cell: Cell, number: int) -> dict[str, Any]:
         folder.mkdir()
         bomb = cell.damage == "bombs"
         if bomb:
-            target = write_bomb(folder, list(BOMBS)[number])
+            target = write_bomb(folder, GROUPS[cell.file][number])
         else:
             target = write_damaged(folder, cell.file, cell.damage, number, _whole(result=cell.file == "result.json"))
         before = _seen(folder)

@@ -1,7 +1,7 @@
 """Damaged files of every format are read or refused; the full thousand is ``python -m bench.damaged``."""
 
 import pytest
-from bench.damaged_bombs import BOMBS
+from bench.damaged_bombs import GROUPS
 from bench.damaged_files import DAMAGES, WRITERS
 from bench.damaged_runs import CELLS, WORKER, Cell, run
 
@@ -20,9 +20,9 @@ def test_a_damaged_file_is_read_or_refused(file, damage):
     assert found["outcome"] in ("read", "refused"), found
 
 
-@pytest.mark.parametrize("bomb", ["HDF5, fill value", "a pipe"])
-def test_a_bomb_is_refused(bomb):
-    found = run(CELLS[-1], list(BOMBS).index(bomb))
+@pytest.mark.parametrize(("group", "bomb"), [("binary", "HDF5, fill value"), ("text", "a pipe")])
+def test_a_bomb_is_refused(group, bomb):
+    found = run(Cell(group, "bombs"), GROUPS[group].index(bomb))
     assert found["outcome"] == "refused", found
 
 

@@ -147,6 +147,12 @@ def test_a_rate_that_contradicts_the_times_is_noted(tmp_path, name, seconds, rat
     assert record.contradicting_rate_hz == (None if other is None else pytest.approx(other, rel=1e-6))
 
 
+@pytest.mark.parametrize("name", ["(" * 200_000, " " * 200_000 + "x", "a" + "_" * 200_000, "a/" * 100_000])
+def test_a_name_without_end_takes_no_time(name):
+    assert unit_in_name(name) == ""
+    assert not is_time(name)
+
+
 def test_what_stands_last_in_a_name_is_its_unit():
     assert unit_in_name("Sensitivity [mV/(m/s²)]") == "mV/(m/s²)"
     assert unit_in_name("a in mm/s²") == "mm/s²"

@@ -11,6 +11,7 @@ from vibrident.records import FloatArray
 
 #: How many names a message lists before it says how many more there are.
 _NAMES_IN_MESSAGE = 12
+_LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class ColumnFile(ABC):
         named = [name for name in self.names if name]
         if not named:
             return f"a column number from 1 to {len(self.names)} (the file has no header)"
-        listed = ", ".join(repr(name) for name in named[:_NAMES_IN_MESSAGE])
+        listed = ", ".join(repr(name[:_LONGEST_NAME]) for name in named[:_NAMES_IN_MESSAGE])
         more = len(named) - _NAMES_IN_MESSAGE
         return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
 

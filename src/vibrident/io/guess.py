@@ -27,6 +27,7 @@ _REFERENCES = (
 )
 _RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(]([^\])]+)[\])]")
+_LONGEST_NAME = 200
 _EXCITATIONS = (
     ("multisine", re.compile(r"multi", re.IGNORECASE)),
     ("sweep", re.compile(r"sweep|chirp", re.IGNORECASE)),
@@ -163,7 +164,7 @@ def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | No
 
 
 def _unit(names: Sequence[str], position: int | None) -> str:
-    found = None if position is None else _BRACKETS.search(names[position])
+    found = None if position is None else _BRACKETS.search(names[position][:_LONGEST_NAME])
     return found.group(1).strip() if found else ""
 
 

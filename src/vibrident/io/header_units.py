@@ -44,13 +44,14 @@ _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", r
 _TIMES = frozenset(
     {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time", "relative time"}
 )
+_LONGEST_NAME = 200
 #: A scale this close to a conversion is that conversion.
 _SAME = 1e-3
 
 
 def unit_in_name(name: str) -> str:
     """Return the unit that a column's name ends with, as it is written; "" where it ends with none."""
-    name = name.strip()
+    name = _short(name)
     for pattern in (_BRACKETS, _AFTER_WORD, _AFTER_SLASH):
         if found := pattern.search(name):
             return found.group(1).strip()
@@ -92,7 +93,8 @@ def states_a_time_unit(name: str) -> bool:
 
 def is_time(name: str) -> bool:
     """Whether a column's name is that of times, with a unit of time or without one."""
-    plain = name.strip().lower()
+    name = _short(name)
+    plain = name.lower()
     base = re.split(r"[\[(<{/_,]|\s+in\s", plain, maxsplit=1)[0].strip()
     if plain == base:
         return base in _TIMES or _RUN_ON.match(plain) is not None
@@ -195,6 +197,7 @@ def _own_unit(
 
 def _spelling(name: str, known: dict[str, float]) -> str:
     """The unit in a name, in plain lower case; "" where there is none, or a word that is no unit at all."""
+    name = _short(name)
     found = unit_in_name(name).translate(_PLAIN)
     plain = found.strip("[]()").lower()
     if plain == "mhz" and found.startswith("M"):
@@ -207,6 +210,11 @@ def _spelling(name: str, known: dict[str, float]) -> str:
     suffix = _RUN_ON.match(name.strip()) or _SUFFIX.match(name.strip())
     plain = suffix.group(1).translate(_PLAIN).lower() if suffix else ""
     return plain if plain in known else ""
+
+
+def _short(name: str) -> str:
+    """The name without blanks around it; "" for one so long that it is no name: patterns would take minutes."""
+    return name.strip() if len(name) <= _LONGEST_NAME else ""
 
 
 def _known_elsewhere(found: str) -> bool:
