@@ -48,8 +48,8 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     peak = max((run["peak_bytes"] for run in runs), default=0)
     rescued = Counter(run["first"].split(" ")[0] for run in runs if run.get("first", "as a command") != "as a command")
     verdict = (
-        f"{len(runs) - len(wrong)} of {len(runs)} met; largest memory {peak / 1e6:.0f} MB.\nWithout the process in which "
-        f"the command line reads binary files, {sum(rescued.values())} of them would not have been"
+        f"{len(runs) - len(wrong)} of {len(runs)} met; most memory {peak / 1e6:.0f} MB.\nWithout the process that "
+        f"the command line reads binary files in, {sum(rescued.values())} of them would not have been"
         + (f" ({', '.join(f'{count} {name}' for name, count in rescued.items())})." if rescued else ".")
     )
     rows = [f"| `{file}` | " + " | ".join(_counts(found[file, damage]) for damage in DAMAGES) + " |" for file in FILES]
