@@ -141,6 +141,7 @@ class FitStep:
         user.start(chosen)
         self._renew()
         self.timer.activate()
+        self.section.client.run_javascript("vibrident.see('status')")
 
     async def _follow(self) -> None:
         """One look at the identification."""

@@ -17,6 +17,9 @@ window.vibrident = {
     document.getElementById(name)?.scrollIntoView({ behavior: calm ? 'auto' : 'smooth', block: 'start' });
     document.getElementById(name + '-title')?.focus({ preventScroll: true });
   },
+  see(name) {
+    document.getElementById(name)?.scrollIntoView({ block: 'nearest' });
+  },
   async draw(id, text) {
     const place = document.getElementById(id), { data, layout } = JSON.parse(text);
     const { Plotly } = await import('nicegui-plotly');
