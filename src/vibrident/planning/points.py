@@ -4,7 +4,10 @@ The residual is the one that the estimator `ml` minimises, so a plan and a calib
 noise is foreseen. A tone of amplitude X in N samples of white noise has real and imaginary part with variance 2 σ²/N
 each; that of Y − H X follows from both channels,
 
-    σ² = (2/N) (σ_response² + |H|² σ_reference²).
+    σ² = (2/N) (c σ_response² + |H|² σ_reference²).
+
+c is one, but near a sharp resonance: there the sensor's own free motion, of unknown initial state, is hardly told from
+the tone within the record.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.backend import jax, jnp
+from vibrident.decay.motion import free_motion
 from vibrident.errors import InputError
 from vibrident.measure.tones import measure_tones
 from vibrident.models import SensorModel
@@ -28,6 +32,8 @@ from vibrident.records import FloatArray, Quantity, Record
 FEWEST_PERIODS = 5.0
 #: Highest frequency as a part of the sampling rate.
 HIGHEST = 0.45
+#: The free motion matters beyond this factor on a tone's variance.
+RINGS = 1.1
 
 
 @dataclass(frozen=True)
@@ -134,16 +140,18 @@ def of_records(
     response = np.abs(gain) * reference
     noise_y = (recording.response_noise * response) ** 2 / 2.0 + recording.response_noise_rms**2
     noise_x = (recording.reference_noise * reference) ** 2 / 2.0 + recording.reference_noise_rms**2
-    deviation = np.sqrt(2.0 / recording.samples * (noise_y + np.abs(gain) ** 2 * noise_x))
+    beside = np.array([_beside_free_motion(f, values, recording) for f in frequency_hz])
+    deviation = np.sqrt(2.0 / recording.samples * (beside * noise_y + np.abs(gain) ** 2 * noise_x))
     freedom = np.array([_freedom(f, recording) for f in frequency_hz])
     duration = recording.samples / recording.sampling_rate_hz
     few = frequency_hz[frequency_hz * duration < FEWEST_PERIODS]
-    findings = ()
+    findings: tuple[str, ...] = ()
     if few.size:
         findings = (
             f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
             "and the sensor's own decay will take more of them than is planned for here.",
         )
+    findings += _sharp(values, frequency_hz, beside)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
     return _points(model, values, quantity, data, False, True, deviation / response, freedom, findings)
 
@@ -205,6 +213,36 @@ def _points(
     parts = rows.reshape(-1, frequency.size, z.size)
     information = np.einsum("rki,rkj->kij", parts, parts)
     return Points(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)
+
+
+def _sharp(values: Mapping[str, float], frequency_hz: FloatArray, beside: FloatArray) -> tuple[str, ...]:
+    """What a sharp resonance does that a plan does not hold."""
+    natural, width = values["natural_frequency"], 2.0 * values["damping_ratio"] * values["natural_frequency"]
+    lasts = 1.0 / (np.pi * width) if width > 0 else np.inf
+    findings = []
+    if np.any(beside > RINGS):
+        findings.append(
+            f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near {natural:.4g} Hz is "
+            "hardly told from the tone: estimates may scatter up to twice as much as planned. Record for longer."
+        )
+    if frequency_hz.min() < natural < frequency_hz.max() and np.min(np.abs(frequency_hz - natural)) > width:
+        findings.append(
+            f"No point lies within the resonance, {width:.3g} Hz wide at {natural:.5g} Hz: the identification may "
+            "settle on another optimum, and what is planned holds for the right one alone. Plan points within it."
+        )
+    return tuple(findings)
+
+
+def _beside_free_motion(frequency: float, values: Mapping[str, float], recording: Recording) -> float:
+    """Variance of a tone beside the free motion and an offset over that of a tone alone, mean of its two parts."""
+    time = np.arange(recording.samples) / recording.sampling_rate_hz
+    angle = 2.0 * np.pi * frequency * time
+    tone = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    motion = free_motion(values["natural_frequency"], max(values["damping_ratio"], 0.0), time)
+    free, _ = np.linalg.qr(np.concatenate([motion, np.ones((time.size, 1))], axis=1))
+    left = tone - free @ (free.T @ tone)
+    inverse = np.linalg.inv(left.T @ left)
+    return float(np.trace(inverse) / 2.0 * recording.samples / 2.0)
 
 
 def _freedom(frequency: float, recording: Recording) -> float:
