@@ -54,3 +54,16 @@ def test_the_files_own_times_are_heard():
     (finding,) = judge_clocks([record, record])[1]
     assert finding.code == "clock_suspect"
     assert "9765.62" in finding.message
+
+
+def test_a_wrong_clock_reaches_the_result_of_an_identification():
+    from vibrident.models import parse
+    from vibrident.problem.evidence import Evidence
+    from vibrident.records import Calibration
+
+    found = np.array([160.0, 20.0, 80.0, 40.0, 120.0])
+    for stated, codes in ((found / 2, ["clock_suspect"]), (found, [])):
+        records = tuple(sines(found, stated, np.random.default_rng(1)))
+        evidence = Evidence.gather(Calibration(records=records), parse("accelerometer"))
+        assert [finding.code for finding in evidence.findings] == codes
+        np.testing.assert_allclose(evidence.tones.frequency_hz, found, rtol=1e-3)
