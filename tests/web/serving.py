@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import re
@@ -9,11 +10,14 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, TypeVar
 
 import pytest
 
+_T = TypeVar("_T")
 VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
 
 
@@ -73,6 +77,12 @@ def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path
         except OSError:
             time.sleep(0.05)
     raise AssertionError("the page does not answer")
+
+
+def alone(coroutine: Coroutine[Any, Any, _T]) -> _T:
+    """Run a coroutine in a thread: the browser of other tests has a loop in this one."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asyncio.run, coroutine).result()
 
 
 def upload(page, *files: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
+from serving import alone
 
 from vibrident.errors import InputError
 from vibrident.web.guard import Guard, policy
@@ -51,7 +52,7 @@ def ask(
 
     pairs = [(key.replace("_", "-").encode(), value.encode("latin-1")) for key, value in headers.items()]
     scope = {"type": kind, "method": "GET", "path": "/", "server": (at, 8080), "headers": [*pairs, *more]}
-    asyncio.run(Guard(count, LIMIT, names)(scope, receive, send))
+    alone(Guard(count, LIMIT, names)(scope, receive, send))
     return said
 
 
@@ -155,7 +156,7 @@ def test_uploads_under_way_are_bounded_in_all():
         held.set()
         await asyncio.gather(*tasks)
 
-    asyncio.run(all_at_once())
+    alone(all_at_once())
     assert sorted(said) == [200, 200, 200, 200, 503]
 
 

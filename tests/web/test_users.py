@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("nicegui")
+
+from serving import alone
 
 from vibrident.errors import InputError
 from vibrident.io.guess import guess_columns
@@ -151,8 +151,7 @@ def worked(one: worker.Worker, folder) -> list[tuple[int, int, float]]:
     async def all_of_it() -> list[tuple[int, int, float]]:
         return [step async for step in one.run({"task": "identify"}, folder)]
 
-    with ThreadPoolExecutor(1) as thread:  # the browser of other tests has a loop in this one
-        return thread.submit(lambda: asyncio.run(all_of_it())).result()
+    return alone(all_of_it())
 
 
 @pytest.mark.parametrize(
