@@ -87,7 +87,7 @@ def test_an_uncertainty_that_is_not_stated_is_said_in_words():
 def test_the_k_that_covers_is_stated_where_it_is_not_two():
     few = {"coverage_factor": 3.182, "effective_degrees_of_freedom": 3.0}
     result = replace(table2(), settings={**table2().settings, **few})
-    text = "u times k = 3.18 (Student's t with ν_eff = 3)"
+    text = "k = 3.18 (Student's t with ν_eff = 3)"
     for said in (" ".join(tables.parameters(result).notes), " ".join(certificate(result).statements), shown(result)):
         assert text in " ".join(said.split())
     assert "Student" not in shown(table2())

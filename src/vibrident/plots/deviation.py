@@ -50,7 +50,7 @@ def figure(result: Result) -> Figure:
         style.note(
             picture,
             "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = 2: "
-            f"{'dashed lines' if len(frequency) > style.CROWD else 'bars'} measured, band model.",
+            f"{'dashed lines' if len(frequency) > style.CROWD else 'bars'} deviation, band model.",
         )
         return picture
 

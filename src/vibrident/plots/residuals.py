@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.plots import style
 from vibrident.plots.choose import record_frequencies
-from vibrident.plots.deviation import fitted
+from vibrident.plots.deviation import bars_of_deviation, fitted
 from vibrident.plots.style import FloatArray
 from vibrident.result import Result
 
@@ -95,8 +95,7 @@ def _deviations(result: Result) -> tuple[FloatArray, str]:
     measured = result.measured
     magnitude = style.numbers(measured.magnitude)
     percent = fitted(style.numbers(measured.deviation_percent), magnitude)
-    u = fitted(style.numbers(measured.magnitude_uncertainty), magnitude)
-    relative_u = 100 * u / magnitude
+    relative_u = bars_of_deviation(measured)[0] / style.K
     known = np.isfinite(percent) & np.isfinite(relative_u) & (relative_u > 0)
     if known.any():
         return percent[known] / relative_u[known], "Magnitude deviation / its u\n(dimensionless)"

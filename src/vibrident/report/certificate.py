@@ -13,7 +13,7 @@ from vibrident.naming import Scale, pretty, scaled
 from vibrident.nominal import same
 from vibrident.plots.units import reference_unit, sensitivity_unit, sensor_name
 from vibrident.report import tables, words
-from vibrident.report.coverage import coverage, interval_text
+from vibrident.report.coverage import coverage, interval_text, parameter_factor
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, plain
 from vibrident.report.points import Point, measured_band, nominal_points, reference_point
 from vibrident.report.tables import Table
@@ -256,11 +256,15 @@ def _row(point: Point, factor: float, phases: bool) -> tuple[str, ...]:
 def _parameters(result: Result) -> Table:
     """The parameter table without the columns that a certificate does not need."""
     whole = tables.parameters(result)
-    keep = [whole.header.index(name) for name in ("parameter", "symbol", "value", "u", "U", "unit", "remark")]
+    few = parameter_factor(result) != COVERAGE_FACTOR
+    names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
+    keep = [whole.header.index(name) for name in names]
     keep = keep if any(row[-1] for row in whole.rows) else keep[:-1]
     rows = tuple(tuple(row[j] for j in keep) for row in whole.rows)
     per_g = tables.per_g(result)
-    return Table(tuple(whole.header[j] for j in keep), rows, (2, 3, 4), notes=(per_g,) if per_g else ())
+    return Table(
+        tuple(whole.header[j] for j in keep), rows, (2, 3, 4, 5) if few else (2, 3, 4), notes=(per_g,) if per_g else ()
+    )
 
 
 def _statements(result: Result) -> tuple[str, ...]:
@@ -307,7 +311,8 @@ def _remarks(stated: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _files(result: Result) -> Table:
     entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
-    rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in entries)
+    known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
+    rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known)
     return Table(("Data file", "SHA-256"), rows)
 
 

@@ -54,13 +54,21 @@ def coverage(result: Result) -> Coverage:
     return Coverage(k, float(freedom), _student(k, freedom))
 
 
-def interval_text(result: Result) -> str:
-    """What the 95 % intervals are made with, where that is not the k of a normal distribution; else empty."""
-    k, found = result.settings.get("coverage_factor"), coverage(result)
-    freedom = found.degrees_of_freedom
+def parameter_factor(result: Result) -> float:
+    """K of the parameters' U: 2, and where few degrees of freedom would make that cover less, that of Student's t."""
+    k, freedom = result.settings.get("coverage_factor"), coverage(result).degrees_of_freedom
     if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
+        return COVERAGE_FACTOR
+    return max(float(k), COVERAGE_FACTOR)
+
+
+def interval_text(result: Result) -> str:
+    """Which k the parameters' U and intervals have, where that is not 2; else empty."""
+    k = parameter_factor(result)
+    if k == COVERAGE_FACTOR:
         return ""
-    return f"The 95 % intervals are u times k = {plain(k, 3)} (Student's t with ν_eff = {plain(freedom, 3)})."
+    freedom = plain(coverage(result).degrees_of_freedom, 3)
+    return f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
 
 
 def _student(k: float, freedom: float) -> float:

@@ -321,7 +321,7 @@ def residuals(result: Result) -> Figure | None:
         values, label = np.concatenate(parts), "residual / rmse of its record"
     else:
         magnitude = numbers(result.measured.magnitude)
-        u = 100.0 * fitted(numbers(result.measured.magnitude_uncertainty), magnitude) / magnitude
+        u = bars_of_deviation(result.measured)[0] / K
         values = fitted(numbers(result.measured.deviation_percent), magnitude) / np.where(u > 0, u, np.nan)
         values, label = values[np.isfinite(values)], "magnitude deviation / its u"
     if values.size < 8:

@@ -9,8 +9,9 @@ from vibrident.plots.units import sensor_name
 from vibrident.report import figures, figures_beside, page, tables, words
 from vibrident.report.budget import budget
 from vibrident.report.certificate import certificate
+from vibrident.report.coverage import parameter_factor
 from vibrident.report.history import drift_table, histories
-from vibrident.report.numbers import COVERAGE_FACTOR, NONE, stated
+from vibrident.report.numbers import COVERAGE_FACTOR, NONE, plain, stated
 from vibrident.report.page import Page
 from vibrident.report.residual_tests import residual_tests
 from vibrident.report.side_by_side import comparison_tables
@@ -86,12 +87,13 @@ def _cards(result: Result) -> str:
     if len(content) > 1 and content[0].text:
         frequency = content[0].text.split(";")[0]
         found += [(f"{field.label} at {frequency}", field.text or NONE) for field in content[1:]]
+    k = parameter_factor(result)
     for name, parameter in result.parameters.items():
         if not parameter.derived:
-            number = stated(parameter)
+            number = stated(parameter, k)
             value = f"{number.value} {number.unit}".strip()
             bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
-            found.append((parameter_name(name).words, f"{value}{bar}{' (k = 2)' if bar else ''}"))
+            found.append((parameter_name(name).words, f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}"))
     cards = []
     for label, content_text in found:
         value, _, rest = content_text.partition(", U = ")

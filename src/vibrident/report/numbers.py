@@ -27,7 +27,7 @@ class Stated:
     Attributes:
         value: to the place of the standard uncertainty's second digit.
         standard: standard uncertainty u, two significant digits.
-        expanded: expanded uncertainty U = 2 u, two significant digits.
+        expanded: expanded uncertainty U = k u, two significant digits.
         interval: the 95 % interval in words, open ends as ≤ and ≥.
         unit: with the SI prefix that reads well; empty for the unit one.
     """
@@ -122,14 +122,14 @@ def concise(value: float | None, uncertainty: float | None) -> str:
     return f"{head}({digits}){'e' + power if power else ''}"
 
 
-def stated(parameter: Parameter) -> Stated:
-    """All numbers of a parameter in one unit with a natural prefix, rounded as GUM 7.2.6 asks."""
+def stated(parameter: Parameter, k: float = COVERAGE_FACTOR) -> Stated:
+    """All numbers of a parameter in one unit with a natural prefix, rounded as GUM 7.2.6 asks; U = k u."""
     u = parameter.standard_uncertainty
     sizes = [abs(x) for x in (parameter.value, u) if x is not None and math.isfinite(x)]
     scale = scaled(parameter.unit, max(sizes, default=0.0))
     value = _times(parameter.value, scale.factor)
     u = _times(u, scale.factor)
-    expanded = _times(u, COVERAGE_FACTOR)
+    expanded = _times(u, k)
     texts = _aligned(value, u, [u, expanded])
     low, high = (_times(limit, scale.factor) for limit in parameter.interval_95)
     return Stated(

@@ -11,7 +11,7 @@ from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.plots.units import nominal_frequency, reference_unit, sensitivity_unit
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.report import words
-from vibrident.report.coverage import coverage, interval_text
+from vibrident.report.coverage import coverage, interval_text, parameter_factor
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, pair, percent, plain, stated
 from vibrident.report.weights import weight_rows
 from vibrident.result import MeasuredCurve, Parameter, Result
@@ -68,9 +68,9 @@ def _band(measured: MeasuredCurve) -> str:
 
 def parameters(result: Result) -> Table:
     """Value, u, k, U, unit and interval of each parameter, derived ones last."""
-    rows = []
+    rows, k = [], parameter_factor(result)
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
-        number = stated(parameter)
+        number = stated(parameter, k)
         full = parameter_name(name)
         known = parameter.standard_uncertainty is not None
         rows.append(
@@ -79,7 +79,7 @@ def parameters(result: Result) -> Table:
                 full.symbol,
                 number.value,
                 number.standard,
-                f"{COVERAGE_FACTOR:g}" if known else NONE,
+                plain(k, 3) if known else NONE,
                 number.expanded,
                 number.unit or "1",
                 number.interval,
@@ -101,12 +101,15 @@ def per_g(result: Result) -> str:
     sensitivity = result.parameters.get("sensitivity")
     if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
         return ""
-    u = sensitivity.standard_uncertainty
+    u, k = sensitivity.standard_uncertainty, parameter_factor(result)
     unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
     number = stated(
-        Parameter(sensitivity.value * STANDARD_GRAVITY, unit, None if u is None else u * STANDARD_GRAVITY, (None, None))
+        Parameter(
+            sensitivity.value * STANDARD_GRAVITY, unit, None if u is None else u * STANDARD_GRAVITY, (None, None)
+        ),
+        k,
     )
-    bar = f", U = {number.expanded} {number.unit} (k = 2)" if u else ""
+    bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
     return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²): S0 = {number.value} {number.unit}{bar}."
 
 

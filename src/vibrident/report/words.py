@@ -172,9 +172,10 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 )
 
 COVERAGE = (
-    "u is the standard uncertainty (GUM), k the coverage factor and U = k·u the expanded uncertainty with k = 2, which "
-    "for a normal distribution has a coverage probability of about 95 %. The 95 % interval is stated as computed and "
-    "need not be symmetric. Uncertainties are rounded to two significant digits, values to the place of u (GUM 7.2.6)."
+    "u is the standard uncertainty (GUM), k the coverage factor and U = k·u the expanded uncertainty, with k = 2 "
+    "unless another is stated, which for a normal distribution has a coverage probability of about 95 %. The 95 % "
+    "interval is stated as computed and need not be symmetric. Uncertainties are rounded to two significant "
+    "digits, values to the place of u (GUM 7.2.6)."
 )
 SMALL_SIGNALS = (
     "The spring is not linear: its force is V + k3 V³ with the response V and the cubic stiffness k3. Sensitivity and "

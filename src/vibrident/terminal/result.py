@@ -11,7 +11,7 @@ from vibrident.escaping import terminal
 from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.plots.units import sensor_name
 from vibrident.report import words
-from vibrident.report.coverage import interval_text
+from vibrident.report.coverage import interval_text, parameter_factor
 from vibrident.report.numbers import plain, stated
 from vibrident.report.weights import weight_rows
 from vibrident.result import Result
@@ -39,7 +39,7 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> G
 
 @dataclass(frozen=True)
 class ParameterTable:
-    """Name, value, u, U (k = 2), unit and 95 % interval of each parameter, derived ones last.
+    """Name, value, u, U (k = 2, or what covers), unit and 95 % interval of each parameter, derived ones last.
 
     A console of fewer than ``WIDE`` columns gets the table without the interval, which u and U say as well.
     """
@@ -53,7 +53,8 @@ class ParameterTable:
 def _parameters(result: Result, interval: bool) -> Table:
     name = sensor_name(result.sensor)
     table = titled(f"{result.model}, estimator {result.estimator}{f' · {name}' if name else ''}")
-    for header in ("value", "u", "U (k = 2)"):
+    k = parameter_factor(result)
+    for header in ("value", "u", f"U (k = {plain(k, 3)})"):
         table.add_column(header, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     if interval:
@@ -65,13 +66,13 @@ def _parameters(result: Result, interval: bool) -> Table:
             table.add_section()
             table.add_row("derived from these:", style="dim")
             derived = True
-        number = stated(parameter)
+        number = stated(parameter, k)
         label = parameter_name(key).words + ("" if parameter.identifiable else " (not identifiable)")
         label += " (u not stated)" if parameter.standard_uncertainty is None else ""
         row = (label, number.value, number.standard, number.expanded, number.unit, number.interval)
         cells = row if interval else row[:-1]
         table.add_row(*(literal(cell) for cell in cells), style=None if parameter.identifiable else "yellow")
-    table.caption = literal(interval_text(result)) if interval and interval_text(result) else None
+    table.caption = literal(interval_text(result)) if interval_text(result) else None
     return table
 
 
