@@ -12,8 +12,22 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 
 from __future__ import annotations
 
-from vibrident.lines.normal import Batch, LineNormal, normal_equations
-from vibrident.lines.runs import Run, runs_of
+from vibrident.lines.normal import Batch, LineNormal, columns_of, normal_equations
+from vibrident.lines.record import RunLines
+from vibrident.lines.runs import Run, run_of, seen_by_network, unbroken
 from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
 
-__all__ = ["Batch", "LineNormal", "Run", "StepTransfer", "Trained", "normal_equations", "runs_of", "transfer_of"]
+__all__ = [
+    "Batch",
+    "LineNormal",
+    "Run",
+    "RunLines",
+    "StepTransfer",
+    "Trained",
+    "columns_of",
+    "normal_equations",
+    "run_of",
+    "seen_by_network",
+    "transfer_of",
+    "unbroken",
+]

@@ -134,6 +134,18 @@ def _of_batch(
     return whole[:p, :p], whole[:p, p], freed[:, p, p]
 
 
+def columns_of(
+    batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Residual, (R, L), and slopes, (R, P, L), not weighted, with the states that ``root`` makes best; and 1/a."""
+    weighted = _forced(batch, transfer, root, slice(None))
+    states = _inverse(_products(weighted.free, weighted.free)) @ _products(weighted.free, weighted.residual[:, None])
+    plain = _forced(batch, transfer, np.ones_like(root), slice(None))
+    plain.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], plain.free)
+    columns = _slopes(batch, slope, plain, np.ones_like(root))
+    return plain.residual, columns[:, :-1], plain.over
+
+
 def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
     """Residual of the forced response, and the free responses."""
     w, root = batch.shifted[:, lines], root[:, lines]

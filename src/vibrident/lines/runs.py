@@ -10,7 +10,6 @@ end of the run put in,
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from vibrident.discretize.inputs import StepFilters
-from vibrident.lines.transfer import Trained
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray, Record
 
@@ -58,55 +56,34 @@ class Run:
         return twice / self.samples**2
 
 
-def runs_of(
-    records: Sequence[Record], trained: Trained, delay_s: float, highest: float, fewest: int
-) -> tuple[Run, ...]:
-    """The transforms of all unbroken runs, in order.
+def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
+    """The transforms of a run at all lines from 0 to half the sampling rate.
 
     Args:
-        records: the records; one without reference is a free decay.
-        trained: the network, for the number of its inputs and their filters.
-        delay_s: delay of the response for which the inputs are made, s.
-        highest: lines up to this frequency over the sampling rate; line 0 is left out, an offset with it.
-        fewest: runs of fewer samples are left out.
+        number: of the record.
+        record: the record; both channels are valid all over the run.
+        span: the run, in samples of the response.
+        step: what makes the inputs of its steps.
     """
-    found = []
-    for number, record in enumerate(records):
-        reference, valid = seen_by_network(record)
-        filters = trained.method.filters(valid, trained.terms, delay_s * record.sampling_rate_hz)
-        for span in unbroken(filters.usable & record.mask):
-            samples = int(fft.prev_fast_len(span.stop - span.start, real=True) or 0)
-            if samples >= fewest:
-                cut = slice(span.start, span.start + samples)
-                lines = np.arange(1, min(int(highest * samples), samples // 2) + 1)
-                found.append(_run(number, cut, lines, reference, record.response, filters))
-    return tuple(found)
+    lines = np.arange((span.stop - span.start) // 2 + 1)
+    reference, _ = seen_by_network(record, centred=True)
+    inputs = input_lines(reference, span, step, lines)
+    return Run(number, span, lines, inputs, np.asarray(fft.rfft(record.response[span])))
 
 
-def seen_by_network(record: Record) -> tuple[FloatArray, BoolArray]:
-    """Reference less its mean, zero for a free decay and where it is not valid; and where it is valid."""
+def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:
+    """Reference as the network takes it, zero for a free decay and where it is not valid, and where it is valid."""
     if record.reference is None:
         return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
-    mean = record.reference[record.mask].mean() if record.mask.any() else 0.0
-    return np.where(record.mask, record.reference - mean, 0.0), record.mask
+    used = record.reference_mask
+    mean = record.reference[used].mean() if centred and used.any() else 0.0
+    return np.where(used, record.reference - mean, 0.0), used
 
 
 def unbroken(usable: BoolArray) -> list[slice]:
     """Runs of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _run(
-    record: int,
-    span: slice,
-    lines: NDArray[np.int_],
-    reference: FloatArray,
-    response: FloatArray,
-    step: StepFilters,
-) -> Run:
-    inputs = input_lines(reference, span, step, lines)
-    return Run(record, span, lines, inputs, np.asarray(fft.rfft(response[span]))[lines])
 
 
 def input_lines(reference: FloatArray, span: slice, step: StepFilters, lines: NDArray[np.int_]) -> ComplexArray:

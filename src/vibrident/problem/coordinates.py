@@ -118,6 +118,31 @@ class Coordinates:
         """Name to physical value, as plain floats."""
         return {name: float(value) for name, value in self.physical(np.asarray(z, dtype=float), np).items()}
 
+    def place(self, values: Mapping[str, float]) -> FloatArray:
+        """Coordinates of physical values, shape (parameters,)."""
+        size, unit = float(self.response_size), float(self.time_unit_s)
+        scale = {"time": 1.0 / unit, "inverse": size, "inverse_square": size**2}
+        found = []
+        for spec, start in zip(self.model.parameters, np.asarray(self.start), strict=True):
+            value = float(values[spec.name])
+            if spec.kind in ("log", "duration"):
+                found.append(np.log(max(value / start, np.finfo(float).tiny)))
+            else:
+                found.append(value / start if spec.kind == "gain" else value * scale.get(spec.kind, 1.0))
+        return np.array(found)
+
+    def slopes(self, z: FloatArray) -> FloatArray:
+        """Derivative of every physical value by its coordinate at ``z``, shape (parameters,)."""
+        values = self.values(z)
+        size, unit = float(self.response_size), float(self.time_unit_s)
+        scale = {"time": unit, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
+        found = []
+        for index, (spec, start) in enumerate(zip(self.model.parameters, np.asarray(self.start), strict=True)):
+            own = {"gain": start, "log": values[spec.name], "duration": values[spec.name]}
+            own["positive"] = -1.0 if z[index] < 0 else 1.0
+            found.append(own.get(spec.kind, scale.get(spec.kind, 1.0)))
+        return np.array(found, dtype=float)
+
     def vector(self, z: Any) -> Any:
         """Physical values in the model's order, shape (parameters,)."""
         return jnp.stack([jnp.asarray(value) for value in self.physical(z).values()])

@@ -10,9 +10,10 @@ import numpy as np
 
 from vibrident.discretize import Method
 from vibrident.discretize.inputs import StepFilters, StepInputs
+from vibrident.lines.runs import seen_by_network, unbroken
 from vibrident.network.blocks import Windows
 from vibrident.network.unroll import Lanes
-from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.records import FloatArray, Record
 
 #: Records of more samples than this, in all, are run in blocks of so many lanes, their inputs made when needed, …
 MOST_AT_ONCE, LANES_IN_BLOCK = 1 << 19, 256
@@ -43,15 +44,6 @@ class Piece:
         return int(self.run.stop - self.run.start)
 
 
-def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:
-    """Reference as the network takes it, zero for a free decay and where it is not valid, and where it is valid."""
-    if record.reference is None:
-        return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
-    used = record.reference_mask
-    mean = record.reference[used].mean() if centred and used.any() else 0.0
-    return np.where(used, record.reference - mean, 0.0), used
-
-
 def steps_of(
     records: Sequence[Record], method: Method, terms: int, delay_s: float, *, linear: bool
 ) -> Sequence[StepInputs | StepFilters]:
@@ -79,14 +71,9 @@ def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs | StepFilter
     return [
         Piece(index, run, step)
         for index, (record, step) in enumerate(zip(records, steps, strict=True))
-        for run in _runs(step.usable)
+        for run in unbroken(step.usable)
         if np.sum(record.mask[run]) > fewest
     ]
-
-
-def _runs(usable: BoolArray) -> list[slice]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _distinct(filters: Sequence[FloatArray]) -> list[FloatArray]:

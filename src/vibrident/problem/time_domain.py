@@ -20,6 +20,7 @@ from vibrident.backend import jax, jnp, lax
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.errors import InputError, ModelError
+from vibrident.lines import Trained, run_of, seen_by_network, unbroken
 from vibrident.memory import give_back
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
@@ -35,6 +36,7 @@ from vibrident.network.unroll import (
 )
 from vibrident.problem.coordinates import Coordinates
 from vibrident.problem.cutting import blocks_for, bucket, cut, pieces_of, steps_of
+from vibrident.problem.line_problem import LineProblem
 from vibrident.records import FloatArray, Quantity, Record
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
@@ -172,6 +174,24 @@ class TimeProblem:
 
     def _arrays(self) -> tuple[Any, ...]:
         return self.lanes, self.intervals_s, self.fractions, self.delay_s
+
+    @functools.cached_property
+    def at_lines(self) -> LineProblem:
+        """The steps of a linear sensor at the lines of their transforms; runs end where a sample is missing."""
+        layout = self.layout
+        trained = Trained(layout.model, layout.method, layout.quantity, layout.terms)
+        steps = [
+            layout.method.filters(seen_by_network(r, centred=True)[1], layout.terms, self.delay_s * r.sampling_rate_hz)
+            for r in self.records
+        ]
+        runs = tuple(
+            run_of(number, record, span, step)
+            for number, (record, step) in enumerate(zip(self.records, steps, strict=True))
+            for span in unbroken(step.usable & record.mask)
+            if span.stop - span.start > 2 * (layout.order + 1)
+        )
+        fractions = np.array([step.fraction for step in steps])
+        return LineProblem(self.records, trained, runs, fractions, self.delay_s)
 
     def by_lane(self, per_record: np.ndarray, fill: float = 1.0) -> np.ndarray:
         """Spread one value a record over its lanes, shape (M,); ``fill`` for padding lanes."""
