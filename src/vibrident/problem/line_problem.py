@@ -149,7 +149,7 @@ class LineProblem:
             nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
             residual, _, _ = columns_of(batch, transfer, nothing, np.sqrt(every)[None, :])
             residual[:, 0] = 0.0
-            found[run.record][run.span] = record.response[run.span] - fft.irfft(residual[0], run.samples)
+            found[run.record][run.span] = record.response[run.span] - np.asarray(fft.irfft(residual[0], run.samples))
         return found
 
 
