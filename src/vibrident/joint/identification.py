@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.decay import decays_alone
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Estimate, Estimator, ResidualIpnn
 from vibrident.estimators.covariance import inverse_normal
@@ -73,6 +74,7 @@ def identify_together(
             where="estimator",
             remedy="leave the residual out, or identify one calibration at a time",
         )
+    _require_references(calibrations)
     fitted = [
         fit(one, name, estimator, uncertainty=uncertainty, progress=progress)
         for one, name in zip(calibrations, names, strict=True)
@@ -82,6 +84,20 @@ def identify_together(
     results = _documents(descent, uncertainty)
     spent = time.perf_counter() - begin
     return tuple(replace(result, settings={**result.settings, "time_s": spent}) for result in results)
+
+
+def _require_references(calibrations: Sequence[Calibration]) -> None:
+    """Free decays join other data as records of one calibration; by themselves they have no gain to share."""
+    for one in calibrations:
+        if decays_alone(one):
+            raise InputError(
+                "Free decays alone take part in no joint fit of several files.",
+                expected="calibrations that hold records with a reference, or a table",
+                found="excitation 'decay' in every record",
+                where=one.source or "calibrations",
+                remedy="list the decays under [[records]] of a calibration that has a reference (they need none "
+                "themselves and share its natural frequency and damping), or identify this file by itself",
+            )
 
 
 def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | None]:
