@@ -34,7 +34,7 @@ def most_bytes(file_bytes: int) -> float:
     stated = os.environ.get(VARIABLE)
     if stated is not None:
         limit = float(stated) * _MEGABYTE
-        if not limit > 0:
+        if not 0 < limit < math.inf:
             raise ValueError(f"{VARIABLE} is {stated!r}")
         return limit
     return min(max(ALWAYS_BYTES, EXPANSION * file_bytes), _SHARE_OF_FREE * free_bytes())

@@ -174,8 +174,9 @@ def test_the_limit_can_be_set(tmp_path, monkeypatch):
     assert open_columns(tmp_path / "x.h5").load([0])[0].size == 1000
     monkeypatch.setenv(memory.VARIABLE, "0.001")
     refused(tmp_path / "x.h5", memory.VARIABLE)
-    monkeypatch.setenv(memory.VARIABLE, "many")
-    refused(tmp_path / "x.h5", "megabytes")
+    for text in ("many", "inf", "nan", "-1"):
+        monkeypatch.setenv(memory.VARIABLE, text)
+        refused(tmp_path / "x.h5", "megabytes")
 
 
 def test_a_long_recording_is_within_the_limit():
