@@ -133,6 +133,19 @@ def test_drift_and_hum_beside_a_decay():
     assert result.settings["decays"][0]["tones_hz"][0] == pytest.approx(0.1137 * RATE, rel=1e-4)
 
 
+@pytest.mark.parametrize("bits", [8, 12])
+def test_a_coarse_recorder_is_no_misfit(bits):
+    """At rest it shows a constant, which is no noise to weigh by."""
+    clean = swing(50.0, 0.05, 1500)
+    step = 2.0 / 2**bits
+    result = vibrident.identify(decays(step * np.round(clean / step)))
+    assert result.fit.adequate
+    assert result.warnings == ()
+    for name, truth in (("natural_frequency", 50.0), ("damping_ratio", 0.05)):
+        p = result.parameters[name]
+        assert abs(p.value - truth) < 4.0 * p.standard_uncertainty
+
+
 def test_a_spring_that_stiffens_is_named_with_its_change():
     series = swing(50.0, 0.01, 600, stiffening=0.02) + 1e-4 * np.random.default_rng(7).normal(size=600)
     result = vibrident.identify(decays(series))

@@ -30,7 +30,9 @@ ROUNDS = 2
 #: A motion that lasts for less than this part of the record leaves the rest of it to show tones.
 TAIL = 0.6
 #: A straight line is among the unknowns beyond so many standard deviations.
-DRIFTS = 5.0
+DRIFTS = 8.0
+#: A coarse recorder shows a motion of at least so many of its steps; the rounding of a smaller one follows it.
+STEPS_OF_MOTION = 6.0
 #: Beginning and end of a decay differ below this probability.
 DIFFER = 1e-4
 #: Largest standard uncertainty of ln fn and of δ with which beginning and end are compared.
@@ -148,6 +150,12 @@ def _weighed(found: DecayFit) -> Stretch:
         tones = tones_of(rest, stretch.rate_hz, (max(0.0, frequency - 3.0 / alive), frequency + 3.0 / alive), known)
     rest = _without_tones(rest, replace(stretch, noise=Noise(WHITE.whitening, tones)))
     quiet = rest[after:] if after < TAIL * rest.size else rest
+    coarse = resolution(stretch.response[stretch.valid]) / np.sqrt(12.0)
+    if np.std(quiet) < 1.5 * coarse:  # what a coarse recorder shows of a rest is a constant, not its noise
+        shown = _while_larger(found, STEPS_OF_MOTION * np.sqrt(12.0) * coarse)
+        again = replace(shown, noise=Noise(WHITE.whitening, tones))
+        spread = float(np.sqrt(np.mean(rest[: shown.response.size][shown.valid] ** 2)))
+        return replace(again, scale=max(coarse, spread))
     noise = Noise(autoregression(quiet), tones)
     again = replace(stretch, noise=noise, scale=1.0)
     counted = again.rows[rest.size - quiet.size :]
@@ -156,6 +164,20 @@ def _weighed(found: DecayFit) -> Stretch:
     scale = float(np.sqrt(np.sum(coloured**2) / max(coloured.size - taken, 1)))
     least = np.finfo(float).eps * float(np.max(np.abs(stretch.response)))
     return replace(again, scale=max(scale, least, np.finfo(float).tiny))
+
+
+def _while_larger(found: DecayFit, level: float) -> Stretch:
+    """The stretch as long as its motion swings beyond a level."""
+    stretch = found.stretches[0]
+    beyond = np.flatnonzero(np.abs(_free(found)) > level)
+    last = int(beyond[-1]) + 1 if beyond.size else stretch.response.size
+    return shortened(stretch, 0, last) if last > 4 * FEWEST_SAMPLES else stretch
+
+
+def resolution(values: FloatArray) -> float:
+    """Smallest step between values that occur: the quantisation, where there is one."""
+    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
+    return float(np.min(steps)) if steps.size else 0.0
 
 
 def _without_tones(residual: FloatArray, stretch: Stretch) -> FloatArray:
