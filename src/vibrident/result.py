@@ -34,6 +34,7 @@ WarningCode = Literal[
     "estimators_disagree",
     "units_suspect",
     "clock_suspect",
+    "regimes",
 ]
 WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 

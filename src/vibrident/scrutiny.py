@@ -12,6 +12,7 @@ from vibrident.assemble import Judgement
 from vibrident.errors import VibridentError
 from vibrident.estimators import Estimate
 from vibrident.estimators.start import find_start
+from vibrident.measure.regimes import changes, findings, odd_record
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.naming import in_words
@@ -48,6 +49,7 @@ def second_thoughts(
     warnings = list(_nonlinear(evidence, estimate, judgement))
     warnings += _moving(evidence, estimate, judgement, covariance, total)
     warnings += _reference_noise(estimate)
+    warnings += _regimes(evidence, estimate, judgement)
     if not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0:
         warnings += _misread(evidence)
     return warnings
@@ -158,6 +160,22 @@ def _moving(
         spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
         warnings += estimators_disagree(alone, coordinates, estimate.z, spread, units, estimate.estimator)
     return warnings
+
+
+def _regimes(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> list[ResultWarning]:
+    """A sensor that changed within a record, or a record of another sensor."""
+    if not evidence.records:
+        return []
+    frequency: list[float | None] = [None] * len(evidence.records)
+    if judgement.tones is not None:
+        for index, tone_hz in zip(judgement.tones.record.tolist(), judgement.tones.frequency_hz.tolist(), strict=True):
+            frequency[index] = tone_hz
+    odd, points = None, judgement.adequacy
+    if not points.adequate and points.degrees_of_freedom > 0 and evidence.model.is_linear:
+        linear = _of_points(evidence, estimate, points)
+        odd = odd_record(linear.matrix, linear.rest, points.record, points.relative_deviation)
+    within = changes(evidence.records, judgement.predicted, frequency)
+    return [ResultWarning(found.code, found.message) for found in findings(within, odd)]
 
 
 def _reference_noise(estimate: Estimate) -> list[ResultWarning]:

@@ -114,6 +114,13 @@ _WORDS: dict[WarningCode, Words] = {
         "9.80665 (g and m/s²).",
         "Check scale, unit and quantity of both channels in the calibration file.",
     ),
+    "regimes": Words(
+        "the sensor or the chain changed",
+        "Parts of a record, or one record among the others, follow another sensitivity than the rest. The fit is a "
+        "mean of both, and the stated uncertainties say nothing of the change.",
+        "Identify the parts before and after the time named by themselves (start_s and stop_s), or leave out the "
+        "record named; look for a changed range, a loose cable or mount, or another sensor.",
+    ),
     "clock_suspect": Words(
         "the sampling rate looks wrong",
         "The sampling rate in use contradicts the file's own times, or the frequencies that are stated of the tones. "

@@ -1,0 +1,82 @@
+"""A sensor that changes within a record, or a record of another sensor, is named; noise of any colour is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vibrident.measure.regimes import changes, odd_record
+from vibrident.records import FloatArray, Record
+
+N, RATE = 4000, 1e3
+T = np.arange(N)
+
+
+def prediction(kind: str, rng: np.random.Generator) -> tuple[FloatArray, float | None]:
+    if kind == "sine":
+        hz = rng.uniform(4.0, 300.0)
+        return np.sin(2.0 * np.pi * hz * T / RATE + rng.uniform(0.0, 6.3)), hz
+    if kind == "multisine":
+        tones = rng.uniform(5.0, 200.0, 12)
+        return sum(np.cos(2.0 * np.pi * hz * T / RATE + rng.uniform(0.0, 6.3)) for hz in tones) / 3.5, None
+    spectrum = np.fft.rfft(rng.standard_normal(N))
+    spectrum[800:] = 0.0
+    return np.fft.irfft(spectrum, N) * 1.5, None
+
+
+def noise(kind: str, rng: np.random.Generator) -> FloatArray:
+    white = rng.standard_normal(N)
+    if kind == "growing":
+        return white * np.linspace(0.3, 3.0, N)
+    if kind == "1/f":
+        spectrum = np.fft.rfft(white) / np.sqrt(np.maximum(np.arange(N // 2 + 1), 1.0))
+        return np.fft.irfft(spectrum, N) * 20.0
+    if kind == "hum":
+        return white + np.cos(2.0 * np.pi * 50.0 * T / RATE)
+    return white
+
+
+def found(kind: str, colour: str, change: float, rng: np.random.Generator, size: float = 1e-2) -> list:
+    series, hz = prediction(kind, rng)
+    gain = np.where(T < 2200, 1.0, 1.0 + change)
+    response = gain * series + size * noise(colour, rng)
+    mean = 1.0 + change * (N - 2200) / N
+    record = Record("r", series, response, RATE, kind)  # type: ignore[arg-type]
+    return changes([record], [mean * series], [hz])
+
+
+@pytest.mark.parametrize("kind", ["sine", "multisine", "random"])
+@pytest.mark.parametrize("colour", ["white", "growing", "1/f", "hum"])
+def test_noise_of_any_colour_is_no_change(kind: str, colour: str, rng: np.random.Generator) -> None:
+    """100 of each of 12 kinds; the level is 10⁻⁴ a calibration."""
+    assert sum(len(found(kind, colour, 0.0, rng)) for _ in range(100)) == 0
+
+
+@pytest.mark.parametrize("kind", ["sine", "multisine", "random"])
+@pytest.mark.parametrize(("change", "size"), [(0.5, 1e-2), (0.1, 1e-2), (0.01, 1e-2), (1e-3, 1e-3)])
+def test_a_step_of_gain_is_found_with_its_time_and_size(
+    kind: str, change: float, size: float, rng: np.random.Generator
+) -> None:
+    """A step of ten standard uncertainties of the gain and more, in every one of ten records."""
+    for _ in range(10):
+        (one,) = found(kind, "white", change, rng, size)
+        assert abs(one.gain - change / (1.0 + change * 1800.0 / N)) < 0.2 * change + 4.0 * size / np.sqrt(N)
+        assert abs(one.time_s - 2.2) < 0.5
+
+
+def test_one_record_of_another_sensor_is_named(rng: np.random.Generator) -> None:
+    """12 sines of a straight line's model; one of them 30 deviations off."""
+    frequency = np.linspace(-1.0, 1.0, 12)
+    matrix = 1e3 * np.block([[np.ones((12, 1)), frequency[:, None]], [np.zeros((12, 1)), frequency[:, None] ** 2]])
+    names = [f"r{k}" for k in range(12)]
+    deviation = np.full(12, 1e-3)
+    alarms = 0
+    for trial in range(200):
+        rest = rng.standard_normal(24)
+        alarms += odd_record(matrix, rest, names, deviation) is not None
+        rest[5] += 30.0
+        odd = odd_record(matrix, rest, names, deviation)
+        assert odd is not None, trial
+        assert odd.record == "r5"
+        assert abs(odd.gain / 0.03 - 1.0) < 0.4
+    assert alarms == 0
