@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from realdata import calibration_beside_data
 from vibrident import identify
 from vibrident.errors import InputError
+from vibrident.io import read
 from vibrident.measure import screen
 from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
@@ -185,3 +188,11 @@ def test_a_reference_that_is_nowhere_whole_is_refused(rng: np.random.Generator) 
     record = Record("r", np.clip(motion, -0.8, 0.8), motion, 1e3, "random")
     with pytest.raises(InputError, match="too little is left"):
         screen([record])
+
+
+def test_a_generator_of_coarse_stairs_is_not_overdriven(tmp_path: Path) -> None:
+    """The drive of the real seismometer: stairs with noise on them, the top one the widest; its laser is at a rail."""
+    calibration = read(calibration_beside_data("sm3-laser.toml", "sm3", tmp_path))
+    _, findings = screen(calibration.records)
+    (said,) = [f.message for f in findings if f.code == "clipped"]
+    assert said.startswith("0_2Hz.csv: the response channel")

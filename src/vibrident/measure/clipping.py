@@ -35,6 +35,9 @@ REST, SQUARE, MOSTLY = 0.12, 0.9, 0.45
 #: Visits of so few samples are doubted in a signal that so many neighbours on either side tell to this part of its
 #: standard deviation, unless they tell the samples at the level so many times worse than the others.
 SHORT, NEIGHBOURS, FORETOLD, STRANGE = 6.0, 3, 0.1, 1.6
+#: Visits looked at; how far the samples beside one lead past it, in spreads of its samples, and in parts of the
+#: signal's range: less is the flat step of a coarse generator.
+MOST_VISITS, PASSES, LEAST_CUT = 15, 1.0, 2.5e-3
 #: The smallest difference of values that occur is at most so many steps; values lie on the grid to this part of one.
 MOST_PARTS, ON_GRID = 24, 0.05
 #: Values closer than this part of the range are the same.
@@ -98,12 +101,18 @@ def _rail(values: FloatArray, valid: BoolArray) -> float | None:
         limit = float(top[0]) - width + 0.5 * step
         edges = limit - width * np.arange(BINS + 1)
         counts = np.diff(np.searchsorted(-top, -edges), prepend=0).astype(float)
-        if not _piled(counts, FEWEST_NEAR):
+        if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, width):
             continue
         inside = valid & (values > limit)
         if _visits(inside) >= VISITS and not _at_rest(inside, valid) and _confirmed(values, inside, valid):
             return limit
     return None
+
+
+def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
+    """Most samples in a bin between the first and the middle: a generator's staircase fills others too."""
+    below = top[(top <= limit) & (top > 0.5 * (top[0] + top[-1]))]
+    return float(np.max(np.bincount(((limit - below) / width).astype(int)), initial=0))
 
 
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
@@ -183,12 +192,13 @@ def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
 
 
 def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
-    """Whether short visits to the level are unlike the rest of a signal whose neighbours tell each sample.
+    """Whether the samples beside the visits lead past the level, or short visits are unlike the rest of the signal.
 
-    Few samples a period, in step with it, leave most values out, and the law of the bins with them.
+    A generator's stairs, and few samples a period in step with it, leave most values out, and the law of the bins with
+    them; but the signal turns where its neighbours foretell.
     """
     if np.median(_runs(inside)) > SHORT:
-        return True
+        return _leads_past(values, inside)
     n, reach = values.size, NEIGHBOURS
     middle = slice(reach, n - reach)
     used = valid[middle].copy()
@@ -209,6 +219,26 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     if far > FORETOLD * float(np.std(values[valid])):
         return True
     return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(far, _step(values[valid]))
+
+
+def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
+    """Whether a parabola through the samples on both sides of the longest visits passes beyond most of them."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    visits = sorted(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True), key=lambda run: run[0] - run[1])
+    past, span = [], float(np.ptp(values))
+    for first, end in visits[:MOST_VISITS]:
+        length, stretch = end - first, max(3, (end - first) // 2)
+        if first < stretch or end + stretch > values.size:
+            continue
+        times = np.concatenate([np.arange(-stretch, 0), length + np.arange(stretch)]) / length - 0.5
+        sides = np.concatenate([values[first - stretch : first], values[end : end + stretch]])
+        basis = np.stack([np.ones_like(times), times, times**2], axis=1)
+        amounts, *_ = np.linalg.lstsq(basis, sides, rcond=None)
+        misfit = float(np.sqrt(np.mean((sides - basis @ amounts) ** 2)))
+        # Thrown to the level from far below it is no way for a free signal either.
+        beyond = abs(float(amounts[0] - np.median(values[first:end])))
+        past.append(beyond > max(PASSES * float(np.ptp(values[first:end])), misfit, LEAST_CUT * span))
+    return not past or sum(past) > 0.5 * len(past)
 
 
 def _guarded(found: BoolArray) -> BoolArray:
