@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeVar, get_args
 
 import numpy as np
+from scipy.special import fdtri
 
 from vibrident.assemble import Judgement
 from vibrident.errors import VibridentError
-from vibrident.estimators import Estimate
+from vibrident.estimators import Estimate, MaximumLikelihood
 from vibrident.estimators.start import find_start
 from vibrident.measure.regimes import changes, findings, odd_record
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.naming import in_words
+from vibrident.nominal import nominal_value
 from vibrident.problem import Evidence, FrequencyProblem
-from vibrident.records import FloatArray, Quantity
+from vibrident.records import FloatArray, Quantity, ResponseTable
 from vibrident.result import ResultWarning
 from vibrident.uncertainty.adequacy import Adequacy, Points
 from vibrident.uncertainty.agreement import estimators_disagree
@@ -29,6 +32,12 @@ from vibrident.uncertainty.parameters import parameter_units
 
 #: Another reading of the data is proposed where it fits this many times better, and well.
 BETTER, WELL = 10.0, 4.0
+#: … and by more than one of so many wrong readings would by chance.
+CHANCE = 1e-4
+#: A reading whose phases are uncertain by more than this (rad) says nothing; nor is a level above this one (dB).
+MOST_PHASE, MOST_DECIBELS = 0.5, 400.0
+#: So many frequencies are of a series by no chance, each within this part, as they may be rounded.
+FEWEST_NOMINAL, ROUNDED = 5, 2e-3
 #: Correction of a bias by noise of the reference that is itself in doubt by more than this many standard
 #: uncertainties.
 DOUBTED_BIAS = 1.5
@@ -50,7 +59,11 @@ def second_thoughts(
     warnings += _moving(evidence, estimate, judgement, covariance, total)
     warnings += _reference_noise(estimate)
     warnings += _regimes(evidence, estimate, judgement)
-    if not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0:
+    # Without stated uncertainties a table that is misread is one that scatters.
+    doubted = not judgement.adequacy.adequate or judgement.scatter is not None
+    if (text := _angular_frequencies(evidence)) is not None:
+        warnings.append(ResultWarning("units_suspect", text))
+    elif doubted and judgement.adequacy.degrees_of_freedom > 0:
         warnings += _misread(evidence)
     return warnings
 
@@ -158,7 +171,8 @@ def _moving(
         alone = _of_points(evidence, estimate, judgement.points[0])
         largest = max((abs(size) for _, size in judgement.effects), default=1.0)
         spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
-        warnings += estimators_disagree(alone, coordinates, estimate.z, spread, units, estimate.estimator)
+        fitted = functools.partial(MaximumLikelihood().fit, evidence) if evidence.bands is None else None
+        warnings += estimators_disagree(alone, coordinates, estimate.z, spread, units, estimate.estimator, fitted)
     return warnings
 
 
@@ -192,40 +206,77 @@ def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
 
 
 def _misread(evidence: Evidence) -> list[ResultWarning]:
-    """A reading of the same data in other units, where it fits far better."""
+    """A reading of the same data in other units, where it fits far better than chance would have it."""
     problem = evidence.first_look
     if problem is None:
         return []
-    declared = _cost(problem, evidence.model)
-    for text, other in _readings(problem):
-        cost = _cost(other, evidence.model)
-        if cost * BETTER < declared and cost < WELL:
+    declared, freedom = _cost(problem, evidence.model)
+    better = max(BETTER, float(fdtri(freedom, freedom, 1.0 - CHANCE))) if freedom > 0 else np.inf
+    for text, other in _readings(problem, evidence.calibration.table):
+        cost, _ = _cost(other, evidence.model)
+        if cost * better < declared and cost < WELL:
             return [ResultWarning("units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g}).")]
     return []
 
 
-def _cost(problem: FrequencyProblem, model: SensorModel) -> float:
-    """Cost of the best start for each degree of freedom, deviations below one per cent not believed."""
+def _cost(problem: FrequencyProblem, model: SensorModel) -> tuple[float, int]:
+    """Cost of the best start for each degree of freedom, deviations below one per cent not believed; and those."""
     try:
         start = find_start(problem, model)
     except VibridentError:
-        return float("inf")
-    return start.costs[-1] / max(start.equations - len(start.values), 1)
+        return float("inf"), 0
+    freedom = int(start.equations - len(start.values))
+    return start.costs[-1] / max(freedom, 1), freedom
 
 
-def _readings(problem: FrequencyProblem) -> Iterator[tuple[str, FrequencyProblem]]:
-    """The same data with phase in the other unit, of the other sign, or of another reference quantity."""
-    if problem.polar and problem.has_phase:
-        frequency, magnitude, phase, magnitude_u, phase_u = problem.data
-        for text, factor in (
-            ('The phases fit far better as degrees: is phase_unit "rad" right?', np.pi / 180.0),
-            ('The phases fit far better as radians: is phase_unit "deg" right?', 180.0 / np.pi),
-        ):
-            yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, factor * phase_u))
-        text = "The phases fit far better with the other sign: here a lag is negative"
-        yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
+def _angular_frequencies(evidence: Evidence) -> str | None:
+    """Frequencies that are 2π times those of the one-third-octave series are angular ones."""
+    table = evidence.calibration.table
+    if table is None:
+        return None
+    frequencies = np.unique(table.frequency_hz)
+    if len(frequencies) < FEWEST_NOMINAL or _nominal(frequencies) or not _nominal(frequencies / (2.0 * np.pi)):
+        return None
+    return (
+        "The frequencies are 2π times those of the one-third-octave series: are they in rad/s? "
+        "The column wants Hz, and the natural frequency is in the unit of the column."
+    )
+
+
+def _nominal(frequency_hz: FloatArray) -> bool:
+    """Whether all frequencies are of the one-third-octave series, exact or as they are printed (ISO 266)."""
+    steps = np.round(10.0 * np.log10(frequency_hz)).astype(int)
+    exact, printed = 10.0 ** (steps / 10.0), np.array([nominal_value(int(n)) for n in steps])
+    off = np.minimum(np.abs(exact / frequency_hz - 1.0), np.abs(printed / frequency_hz - 1.0))
+    return bool(np.all(off < ROUNDED))
+
+
+def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[tuple[str, FrequencyProblem]]:
+    """The same data with phase in the other unit, of the other sign, as decibels, or of another reference quantity."""
+    if table is not None:
+        yield from _readings_of_table(problem, table)
     if problem.quantity != "drive":
         for quantity in get_args(Quantity):
             if quantity not in (problem.quantity, "drive"):
                 text = f"The data fit far better with a reference in {quantity}: is its quantity right?"
                 yield text, replace(problem, quantity=quantity)
+
+
+def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Iterator[tuple[str, FrequencyProblem]]:
+    frequency, magnitude, phase, magnitude_u, phase_u = problem.data
+    if problem.has_phase:
+        for text, factor in (
+            ('The phases fit far better as degrees: is phase_unit "rad" right?', np.pi / 180.0),
+            ('The phases fit far better as radians: is phase_unit "deg" right?', 180.0 / np.pi),
+        ):
+            # What no uncertainty was stated of keeps its weight.
+            other_u = phase_u if table.phase_uncertainty_rad is None else factor * phase_u
+            if np.median(other_u) < MOST_PHASE:  # any phase fits within an uncertainty of a turn
+                yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))
+        text = "The phases fit far better with the other sign: here a lag is negative"
+        yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
+    if np.max(magnitude) < MOST_DECIBELS:
+        ratio = 10.0 ** (magnitude / 20.0)
+        text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"
+        relative = magnitude_u / magnitude if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
+        yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative, phase_u))

@@ -188,10 +188,9 @@ class _Trained:
         if end is None:
             return self.with_equal_weights()
         names = self.coordinates.model.parameter_names
-        doubt = end.doubt / np.sqrt(np.maximum(np.diag(end.covariance), np.finfo(float).tiny))
         more: dict[str, Any] = {
             "noise_weights": "spectrum",
-            "reference_noise_doubt": dict(zip(names, doubt.tolist(), strict=True)),
+            "reference_noise_doubt": dict(zip(names, end.doubt.tolist(), strict=True)),
         }
         if np.any(end.reference_noise > 0):
             more["reference_noise"] = end.reference_noise.tolist()

@@ -26,6 +26,12 @@ BINS, HIGHEST = 160, 0.4
 ROUNDS = 150
 #: σx² is believed beyond this many standard deviations; the doubt left is this many.
 SIGNIFICANT, DOUBT = 4.0, 2.0
+#: A line is without motion where the prediction is less than so many times what noise makes there; so many must be.
+QUIET, FEWEST_QUIET = 4.0, 48
+#: So many lines tell a level.
+MANY = 16
+#: Lines count where the prediction is more than so many times the residual's level.
+FAINT = 2.0
 #: Levels below this part of the mean are not believed.
 LEAST_LEVEL = 1e-12
 #: Lines averaged on either side of each for the weights, a part of the spectrum and fewest; the nearest are left out.
@@ -46,19 +52,22 @@ class NoiseSpectrum:
         level: shape (samples // 2 + 1,).
         passed: σx², where it is believed, in squares of what the residual is measured in per |H|²; zero elsewhere.
         passed_at: the same at each line: its share of the level there, shape (samples // 2 + 1,).
-        doubt: σx² that may be left beside it.
+        doubt: σx² that may be left beside it (95 %) at each line, shape (samples // 2 + 1,).
+        excited: part of what a line says that is let count, shape (samples // 2 + 1,): none where the prediction is no
+            more than noise of the reference could make it.
         tones: where a tone stands in the residual (mains hum), in lines and parts of one.
     """
 
     level: FloatArray
     passed: float
     passed_at: FloatArray
-    doubt: float
+    doubt: FloatArray
+    excited: FloatArray
     tones: tuple[float, ...] = ()
 
 
 def noise_spectrum(
-    lines: ComplexArray, count: float, through: FloatArray | None, predicted: FloatArray, floor: float
+    lines: ComplexArray, count: float, through: FloatArray | None, predicted: ComplexArray, floor: float
 ) -> NoiseSpectrum:
     """Read the spectrum of a residual.
 
@@ -66,12 +75,13 @@ def noise_spectrum(
         lines: the residual's real transform, shape (samples // 2 + 1,).
         count: number of samples that are used.
         through: |H|² at the lines; None without a reference.
-        predicted: power of the response that the model predicts, at the lines: where that has a line of its own, a
-            remainder is the model's and no hum.
+        predicted: the response that the model predicts, at the lines: where that has a line of its own, a remainder is
+            the model's and no hum.
         floor: level that no residual is believed to be below.
     """
     power = np.abs(lines) ** 2 / count
-    passed, doubt = 0.0, 0.0
+    passed, doubt = 0.0, np.zeros_like(power)
+    unfelt: FloatArray | float = 0.0
     if through is None:
         shape = np.ones_like(power)
     else:
@@ -86,10 +96,20 @@ def noise_spectrum(
         scale = float(np.max(seen))
         variance, spread = amounts[2] / scale, spread / scale
         sure = variance > SIGNIFICANT * spread
-        passed = variance if sure else 0.0
-        doubt = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(level / seen)))
+        passed = unfelt = variance if sure else 0.0
+        # All of the level at most; a bin of a few lines is low by chance.
+        whole = (level / seen * (1.0 + DOUBT / np.sqrt(wide)))[wide >= min(MANY, np.max(wide))]
+        most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
+        doubt = np.full_like(power, most)
+        told = _unfelt(lines, predicted, through, power, count, edges)
+        by_reference = amounts[2] / scale * through
+        if told.passed > 0.0:
+            passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
+            amounts = _beside(shapes[:2], level, wide, _means(by_reference, edges))
+        elif not sure and told.spread < spread:
+            doubt = told.doubt
         all_lines = np.maximum(np.arange(len(power)), 1.0)
-        shape = amounts[0] + amounts[1] * order[0] / all_lines + variance * through
+        shape = amounts[0] + amounts[1] * order[0] / all_lines + by_reference
         shape = np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)))
     around = max(int(len(power) * SHARE), FEWEST)
     relative = power / shape
@@ -97,11 +117,111 @@ def noise_spectrum(
     smooth = mean_around(capped, around, NEAREST)
     ordinary = np.where(relative < FAR * smooth, relative, smooth)
     smooth = mean_around(ordinary, around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
-    alone = predicted > OUTSTANDING * mean_around(predicted, around, NEAREST)
+    expected = np.abs(predicted) ** 2
+    alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
     hum = (relative > OUTSTANDING * smooth) & ~alone
     level = shape * np.where(hum, relative, smooth)
     tones = _tones(lines, TONE * shape * smooth * count, alone)
-    return NoiseSpectrum(np.maximum(level, floor), passed, passed * smooth, doubt, tones)
+    level = np.maximum(level, floor)
+    excited = np.ones_like(level) if through is None else _excited(expected / count, around, level)
+    return NoiseSpectrum(level, passed, unfelt * smooth, doubt, excited, tones)
+
+
+def _excited(expected: FloatArray, around: int, level: FloatArray) -> FloatArray:
+    """By how much the prediction stands above what the residual's level would be if it were noise of the reference."""
+    own = _typical(expected, around)
+    own = np.where(expected > OUTSTANDING * own, expected, own)
+    return np.maximum(1.0 - FAINT * level / np.maximum(own, 1e-300), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Unfelt:
+    """Noise of the reference as the lines say where there is little else.
+
+    Attributes:
+        variance: mean of σx² over the lines.
+        spread: its standard deviation.
+        passed: the variance, where it is believed; else zero.
+        doubt: σx² that may be left beside it (95 %) at each line, shape (lines,).
+        at_lines: σx² at each line, shape (lines,).
+    """
+
+    variance: float
+    spread: float
+    passed: float
+    doubt: FloatArray
+    at_lines: FloatArray
+
+
+def _unfelt(
+    rest: ComplexArray,
+    predicted: ComplexArray,
+    through: FloatArray,
+    power: FloatArray,
+    count: float,
+    edges: NDArray[np.int_],
+) -> _Unfelt:
+    """Noise of the reference by what residual and prediction have in common.
+
+    Noise n of the reference stands in the prediction as H n and in the residual as −H n, so −Re Ŷ* R has the mean
+    |H|² σx². Lines without excitation say it best, and each line is weighed by what the motion adds to its scatter. An
+    error of the model gives a share of |Ŷ|², which is let have a slope with f². White and 1/f noise are told apart.
+    """
+    last = int(edges[-1])
+    lines = slice(1, last)
+    expected = np.abs(predicted[lines]) ** 2 / count
+    common = -np.real(np.conj(predicted[lines]) * rest[lines]) / count
+    around = max(int(len(power) * SHARE), FEWEST)
+    own, left = (_typical(values, around) for values in (expected, power[lines]))
+    order = np.arange(1, last) / last
+    share = np.asarray(through[lines])
+    columns = np.stack([share, share * order[0] / order, own, own * order**2])
+    variance = 0.5 * own * left
+    for _ in range(2):
+        ordinary = expected < FAR * own
+        weight = np.where(ordinary, 1.0 / np.maximum(variance, 1e-300), 0.0)
+        found, covariance, whole = _amounts(columns, common, weight)
+        noise = found[:2] @ columns[:2]
+        variance = 0.5 * own * left + 0.5 * noise**2
+    mean = np.array([1.0, float(np.mean(order[0] / order))])
+    total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
+    if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
+        spread = np.inf  # motion everywhere: what its error takes or leaves cannot be told from noise
+    sure = total > SIGNIFICANT * spread
+    every = np.maximum(np.arange(len(power)), 1.0) / last
+    flicker = order[0] / every
+    at_lines = found[0] + found[1] * flicker
+    # Flicker noise that is not seen may be there.
+    around_it = whole[0, 0] + 2.0 * whole[0, 1] * flicker + whole[1, 1] * flicker**2
+    doubt = DOUBT * np.sqrt(np.maximum(around_it, 0.0))
+    if sure:
+        return _Unfelt(total, spread, total, doubt, at_lines)
+    return _Unfelt(total, spread, 0.0, at_lines + doubt, np.zeros_like(at_lines))
+
+
+def _typical(values: FloatArray, around: int) -> FloatArray:
+    """Level of exponentially distributed values, from the logarithms around: a few strong ones do not count."""
+    return np.exp(mean_around(np.log(np.maximum(values, 1e-300)), around, NEAREST) + np.euler_gamma)
+
+
+def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weighted least squares, the covariance, and that with all columns.
+
+    The first two are no amounts below zero; the second is left out where it is not seen beyond doubt.
+    """
+    scale = np.sqrt(np.maximum(columns**2 @ weight, 1e-300))
+    scaled = columns / scale[:, None]
+    normal, right = (scaled * weight) @ scaled.T, (scaled * weight) @ values
+    amounts, covariance = np.zeros(len(columns)), np.zeros_like(normal)
+    for free in (np.arange(len(columns)), np.delete(np.arange(len(columns)), 1)):
+        inverse = inverse_normal(normal[np.ix_(free, free)])
+        amounts[:], covariance[:] = 0.0, 0.0
+        amounts[free], covariance[np.ix_(free, free)] = inverse @ right[free], inverse
+        if amounts[0] >= 0.0 and amounts[1] > SIGNIFICANT * np.sqrt(covariance[1, 1]):
+            break
+    amounts[:2] = np.maximum(amounts[:2], 0.0)
+    size = np.outer(scale, scale)
+    return amounts / scale, covariance / size, inverse_normal(normal) / size
 
 
 def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[float, ...]:
@@ -156,8 +276,17 @@ def _levels(shapes: FloatArray, level: FloatArray, count: FloatArray) -> tuple[F
         amounts = amounts * (shapes @ (count * level / fitted**2)) / (shapes @ (count / fitted))
     fitted = amounts @ shapes
     information = (shapes * (count / fitted**2)) @ shapes.T
-    # A level at its bound is no unknown: it cannot hide the others.
+    # 1/f noise at its bound is no unknown: it cannot hide the others. White noise of the response can.
     free = amounts > 1e-6 * np.max(amounts)
-    free[2] = True
+    free[[0, 2]] = True
     spread = float(np.sqrt(inverse_normal(information[np.ix_(free, free)])[-1, -1]))
     return size * amounts, size * spread
+
+
+def _beside(shapes: FloatArray, level: FloatArray, count: FloatArray, known: FloatArray) -> FloatArray:
+    """Amounts of shapes beside what is known, by likelihood; as :func:`_levels`."""
+    amounts = np.full(len(shapes), 0.1 * float(np.average(level, weights=count)))
+    for _ in range(ROUNDS):
+        fitted = amounts @ shapes + known
+        amounts = amounts * (shapes @ (count * level / fitted**2)) / (shapes @ (count / fitted))
+    return amounts

@@ -35,7 +35,7 @@ class RecordLines:
 
     Attributes:
         residual: measured less network, zero where not used, shape (lines,).
-        predicted: power of the network's response, shape (lines,).
+        predicted: the network's response, shape (lines,).
         used: shape (n,).
         twice: how often a line counts in a sum over all, shape (lines,).
         slopes: of the response with z, shape (p, lines).
@@ -46,7 +46,7 @@ class RecordLines:
     """
 
     residual: ComplexArray
-    predicted: FloatArray
+    predicted: ComplexArray
     used: BoolArray
     twice: FloatArray
     slopes: ComplexArray
@@ -150,7 +150,7 @@ def record_lines(
         found.append(
             RecordLines(
                 residual=_lines(np.where(used, misses, 0.0)),
-                predicted=np.abs(_lines(np.where(used, responses[index][span], 0.0))) ** 2,
+                predicted=_lines(np.where(used, responses[index][span], 0.0) / noise[index]),
                 used=used,
                 twice=line_counts(len(used)),
                 slopes=slopes[index],

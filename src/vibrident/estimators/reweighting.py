@@ -26,7 +26,7 @@ from scipy import linalg
 from scipy.stats import chi2
 
 from vibrident.estimators.covariance import SMALLEST, inverse_normal
-from vibrident.estimators.noise_spectrum import NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
+from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
 from vibrident.estimators.record_lines import LONG, RecordLines, record_lines
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back
@@ -64,12 +64,12 @@ class Reweighted:
 
     Attributes:
         z: the optimum, shape (p,).
-        covariance: of z, shape (p, p).
+        covariance: of z, what is not known of noise of the reference included, shape (p, p).
         degrees_of_freedom: behind the noise spectra.
         normal: the network at ``z``.
         reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel, SI
             unit of the reference; zero where it is not seen, shape (records,).
-        doubt: by how much such noise that is not seen may have moved z, shape (p,).
+        doubt: by how much such noise that is not seen may have moved z, in standard deviations by all else, shape (p,).
         hum_hz: tones in each record's response that do not come from the motion.
     """
 
@@ -153,13 +153,14 @@ def reweighted(
     shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
     if not far <= ASTRAY or (not seen and chi2.sf(shift, len(z)) < DIFFERENT):
         return None
+    pulls = [inverse @ _draw(record, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
     return Reweighted(
         z,
-        covariance,
+        covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0) / DOUBT**2,
         sum(4.0 * (_width(record) - NEAREST) for record in lines),
         normal,
         np.sqrt([share.spectrum.passed for share in shares]) * noise,
-        np.abs(inverse @ np.sum(list(map(_draw, lines, spectra)), axis=0)),
+        np.abs(np.sum(pulls, axis=0)) / deviation,
         tuple(
             tuple(place * given.sampling_rate_hz / record.samples for place in share.spectrum.tones)
             for given, record, share in zip(problem.records, lines, shares, strict=True)
@@ -171,7 +172,7 @@ def _spread(normal: Normal, lines: list[RecordLines], spectra: list[NoiseSpectru
     """Covariance of the estimate with equal weights in the noise that is there."""
     inverse, middle = inverse_normal(np.asarray(normal.matrix)), 0.0
     for record, spectrum in zip(lines, spectra, strict=True):
-        weight = record.twice / record.samples * spectrum.level
+        weight = record.twice / max(record.samples, 1) * spectrum.level
         middle = middle + _products(record.slopes.T, record.slopes.T, weight)
     return inverse @ middle @ inverse
 
@@ -188,20 +189,20 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _S
     found = _spectrum(record, record.where_used(rest), through)
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
 
-    weight = record.twice / (n * spectrum.level)
+    weight = record.twice * spectrum.excited / (n * spectrum.level)
     slopes, of_noise = record.slopes, np.zeros((len(step), len(step)))
     if through is not None and spectrum.passed > 0:
         d_through = np.stack(record.slope_of(lambda slope: slope))
         slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
         beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
-        own = record.twice * spectrum.passed_at * beside / spectrum.level**2
+        own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
         of_noise = np.real((d_through * own) @ np.conj(d_through).T)
     power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
     local = np.maximum(mean_around(power, _width(record), NEAREST), record.floor / spectrum.level)
     # The slopes less what the unknowns can imitate, J − N β, in sums alone.
     across = _products(columns, slopes.T, weight)
     share = _inverse_of_unknowns(_products(columns, columns, weight)) @ across
-    loud = weight * local
+    loud = weight * spectrum.excited * local
     both = share.T @ _products(columns, slopes.T, loud)
     residual = record.residual[:, None]
     return _Share(
@@ -214,13 +215,13 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _S
 
 
 def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
-    """Pull of noise of the reference that is not seen at each coordinate, Σ weight Re ∂H* H, shape (p,)."""
+    """Pull of noise of the reference that may be left (95 %) at each coordinate, Σ weight Re ∂H* H σx², shape (p,)."""
     through = record.through
     if through is None:
         return np.zeros(len(record.z))
-    column, weight = through[:, None], record.twice / (record.samples * spectrum.level)
+    column, weight = through[:, None], record.twice * spectrum.excited * spectrum.doubt / spectrum.level
     pulls = record.slope_of(lambda slope: float(_products(slope[:, None], column, weight)[0, 0]))
-    return spectrum.doubt * record.samples * np.array(pulls)
+    return np.array(pulls)
 
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
@@ -238,7 +239,7 @@ def _spectrum(record: RecordLines, residual: ComplexArray, response: ComplexArra
     level = max(power / max(record.count, 1.0), record.floor)
     doubt = 0.0 if through is None else level / float(np.max(through))
     flat = np.full(record.twice.shape, level)
-    return NoiseSpectrum(flat, 0.0, np.zeros_like(flat), doubt)
+    return NoiseSpectrum(flat, 0.0, np.zeros_like(flat), np.full_like(flat, doubt), np.ones_like(flat))
 
 
 def _products(left: ComplexArray, right: ComplexArray, weight: FloatArray) -> FloatArray:

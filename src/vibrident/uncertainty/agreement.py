@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from vibrident.estimators import Estimate
 from vibrident.naming import amount, in_words
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 from vibrident.result import ResultWarning
 from vibrident.uncertainty.linearised import Linearised
+from vibrident.uncertainty.parameters import slopes
 
 #: Estimates of the same data by different estimators differ by less than this many of their joint standard
 #: uncertainties.
@@ -26,6 +28,7 @@ def estimators_disagree(
     covariance: FloatArray,
     units: Mapping[str, str],
     estimator: str,
+    fitted: Callable[[], Estimate] | None,
 ) -> list[ResultWarning]:
     """A warning where the maximum-likelihood estimate from the tones alone lies elsewhere.
 
@@ -36,23 +39,48 @@ def estimators_disagree(
         covariance: of z, shape (p, p).
         units: of the parameters, by name.
         estimator: that made it.
+        fitted: the maximum-likelihood fit of the tones, which decides where the linearised tones say that it lies
+            elsewhere; None where there is none.
     """
     if len(tones.rest) < len(z) + 2:
         return []
     shift, own = tones.solve()
-    spread = np.sqrt(np.diag(own) + np.maximum(np.diag(covariance), 0.0))
-    size = np.abs(shift) / np.maximum(spread, 1e-300)
-    index = int(np.argmax(size))
-    if not (size[index] > SIGNIFICANT and abs(shift[index]) > IRRELEVANT):
+    index, size = _farthest(shift, np.diag(own) + np.diag(covariance))
+    if index is None:
         return []
+    other, about = None, " about"
+    if fitted is not None:
+        other, about = fitted(), ""
+        shift, variance = _from(coordinates, z, other)
+        index, size = _farthest(shift, variance + np.diag(covariance))
+        if index is None:
+            return []
     spec = coordinates.model.parameters[index]
     moved = np.array(z)
     moved[index] += shift[index]
     unit = units[spec.name]
-    before, after = coordinates.values(z)[spec.name], coordinates.values(moved)[spec.name]
+    there = coordinates.values(moved) if other is None else other.coordinates.values(other.z)
+    before, after = coordinates.values(z)[spec.name], there[spec.name]
     text = (
         f"For the {in_words(spec.name)} {estimator} says {amount(before, unit, 6)}, the complex amplitudes of "
-        f"the tones (maximum likelihood) about {amount(after, unit, 6)}: {size[index]:.1f} joint standard "
+        f"the tones (maximum likelihood){about} {amount(after, unit, 6)}: {size:.1f} joint standard "
         "uncertainties apart."
     )
     return [ResultWarning("estimators_disagree", text)]
+
+
+def _farthest(shift: FloatArray, variance: FloatArray) -> tuple[int | None, float]:
+    """The coordinate that differs most, in standard deviations; None where none does beyond doubt."""
+    size = np.abs(shift) / np.sqrt(np.maximum(variance, 1e-300))
+    index = int(np.argmax(size))
+    found = size[index] > SIGNIFICANT and abs(shift[index]) > IRRELEVANT
+    return (index if found else None), float(size[index])
+
+
+def _from(coordinates: Coordinates, z: FloatArray, other: Estimate) -> tuple[FloatArray, FloatArray]:
+    """How far another estimate is from ``z`` in its coordinates, nearly, and the variance of that estimate."""
+    at = other.coordinates.values(other.z)
+    away = np.array([at[name] - value for name, value in coordinates.values(z).items()])
+    slope, its = np.abs(slopes(coordinates, z)), np.abs(slopes(other.coordinates, other.z))
+    slope = np.maximum(slope, 1e-300)
+    return away / slope, np.maximum(np.diag(other.covariance), 0.0) * (its / slope) ** 2
