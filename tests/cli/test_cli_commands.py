@@ -185,7 +185,7 @@ def test_inspect_shows_records_findings_and_a_picture(calibration, run, tmp_path
     monkeypatch.chdir(tmp_path)
     done = run("inspect", calibration)
     assert done.exit_code == 0, done.output
-    for text in ("100 Hz", "12800", "acceleration in m/s²", "(clipped)", "(dead_channel)", "near 1.5", "800 Hz"):
+    for text in ("100 Hz", "12800", "acceleration in m/s²", "(clipped)", "(dead_channel)", "clipped at 1.5", "800 Hz"):
         assert text in done.stdout
     assert "Written: calibration.inspect.png" in done.stdout
     assert (tmp_path / "calibration.inspect.png").read_bytes()[:4] == b"\x89PNG"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ def load_result(path: Path) -> Result:
     """
     from vibrident.result import Result
 
-    if path.suffix.lower() == ".toml" and path.is_file():
+    if path.suffix.lower() == ".toml" and os.path.isfile(path):
         raise InputError(
             "A result is wanted here, not a calibration file.",
             expected="a result.json that `vibrident identify` wrote",

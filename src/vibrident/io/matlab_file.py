@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def open_matlab_file(path: Path) -> ColumnFile:
     """
     import h5py
 
-    return Hdf5File(path) if path.is_file() and h5py.is_hdf5(path) else MatlabFile(path)
+    return Hdf5File(path) if os.path.isfile(path) and h5py.is_hdf5(path) else MatlabFile(path)
 
 
 class MatlabFile(ArrayFile):

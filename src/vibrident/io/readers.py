@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -56,7 +57,7 @@ def open_columns(path: Path) -> ColumnFile:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise unknown_format(path.suffix, str(path))
-    if path.exists() and not (path.is_file() or path.is_dir()):  # of a folder, the system's own words are better
+    if os.path.exists(path) and not (path.is_file() or path.is_dir()):  # of a folder, the system's own words are better
         raise InputError(
             "This is no file.",
             expected="a file on a disk",

@@ -37,7 +37,7 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     names = data_files(read_calibration_file(file), file.parent, str(file))
     if all(Path(name).suffix.lower() in _PLAIN for name in names):
         return read(file)
-    size = sum((file.parent / name).stat().st_size for name in names if (file.parent / name).is_file())
+    size = sum((file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name))
     memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
     seconds = _SECONDS + _SECONDS_PER_BYTE * size
     try:
