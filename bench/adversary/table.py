@@ -16,7 +16,8 @@ CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
 LISTED = 400
 HEAD = """# Sensors, motions and defects from a simulator of its own
 
-Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, code of commit {commit}.
+Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, in an order by chance;
+code of commit {commit}. `python -m bench.adversary` runs the rest, and `--jobs` says in how many processes.
 
 An exact simulator, which shares no code with the package's estimators or its own simulation, makes recordings of a
 sensor: the transfer function tone by tone on a grid of tones below half the sampling rate, free motion from the poles,
