@@ -46,6 +46,7 @@ LAYERS = (
     "assemble",
     "scrutiny",
     "systematic",
+    "attempts",
     "identification",
     "joint",
     "validation",

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from vibrident import __version__
-from vibrident.assemble import Judgement, fit_of_signals, fit_of_table, judge_records, judge_table
+from vibrident.assemble import Judgement, fit_of_signals, fit_of_table
+from vibrident.attempts import fitted_and_judged, judged
 from vibrident.backend import let_go_of_kernels
 from vibrident.decay import decays_alone, identify_decays, require_plain
 from vibrident.errors import ModelError
@@ -29,7 +30,7 @@ from vibrident.problem import Evidence
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
-from vibrident.systematic import allowing_for_effects, covered, measured, seen
+from vibrident.systematic import covered, measured, seen
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
 from vibrident.uncertainty.budget import (
     DATA,
@@ -128,13 +129,13 @@ class Fitted:
 
     def at(self, estimate: Estimate) -> Fitted:
         """The same data judged at another estimate."""
-        judgement = _judged(self.evidence, estimate)
+        judgement = judged(self.evidence, estimate)
         linear = linearised(self.evidence, estimate, judgement)
         return replace(self, estimate=estimate, judgement=judgement, linear=linear)
 
     def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
         """The same data fitted once more, from these values of the parameters."""
-        return self.at(_fitted(replace(self.evidence, start=dict(values)), self.estimator, progress)[0])
+        return self.at(fitted_and_judged(replace(self.evidence, start=dict(values)), self.estimator, progress)[0])
 
 
 def fit(
@@ -150,11 +151,11 @@ def fit(
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    estimate, judgement = _fitted(evidence, chosen, progress)
+    estimate, judgement = fitted_and_judged(evidence, chosen, progress)
     records, drifts = without_drift(evidence.records, judgement.predicted, calibration.response_unit)
     if drifts:
         evidence = evidence.with_records(records)
-        estimate, judgement = _fitted(evidence, chosen, progress)
+        estimate, judgement = fitted_and_judged(evidence, chosen, progress)
     linear = linearised(evidence, estimate, judgement)
     return Fitted(evidence, estimate, judgement, linear, chosen, reason, tuple(drifts))
 
@@ -253,21 +254,6 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
     )
-
-
-def _fitted(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
-    estimate = estimator.fit(evidence, progress)
-    judgement = _judged(evidence, estimate)
-    if not judgement.adequacy.adequate and estimate.if_rejected is not None:
-        estimate = estimate.if_rejected()
-        judgement = _judged(evidence, estimate)
-    return estimate, judgement
-
-
-def _judged(evidence: Evidence, estimate: Estimate) -> Judgement:
-    judge = judge_table if evidence.calibration.table else judge_records
-    judgement = judge(evidence, estimate)
-    return allowing_for_effects(evidence, estimate, judgement)
 
 
 def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:

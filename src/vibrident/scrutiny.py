@@ -13,7 +13,9 @@ from scipy.special import fdtri
 from vibrident.assemble import Judgement
 from vibrident.errors import VibridentError
 from vibrident.estimators import Estimate, MaximumLikelihood
-from vibrident.estimators.start import find_start
+from vibrident.estimators.search import Sought
+from vibrident.estimators.start import find_start, sought_response
+from vibrident.measure.nonlinearity import distortion
 from vibrident.measure.regimes import changes, findings, odd_record
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
@@ -24,6 +26,7 @@ from vibrident.records import FloatArray, Quantity, ResponseTable
 from vibrident.result import ResultWarning
 from vibrident.uncertainty.adequacy import Adequacy, Points
 from vibrident.uncertainty.agreement import estimators_disagree
+from vibrident.uncertainty.alternatives import Solution, other_solutions
 from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.band import band_sensitive
 from vibrident.uncertainty.bend import bend
@@ -46,7 +49,8 @@ DOUBTED_BIAS = 1.5
 def second_thoughts(
     evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, total: FloatArray
 ) -> list[ResultWarning]:
-    """Warnings ``nonlinear``, ``band_sensitive``, ``estimators_disagree``, ``reference_noise``, ``units_suspect``.
+    """Warnings ``nonlinear``, ``band_sensitive``, ``estimators_disagree``, ``reference_noise``, ``units_suspect``,
+    and ``weakly_determined`` where another solution fits as well.
 
     Args:
         evidence: the data.
@@ -55,10 +59,11 @@ def second_thoughts(
         covariance: of the coordinates, by the data alone, shape (p, p).
         total: with the stated systematic effects, shape (p, p).
     """
-    warnings = list(_nonlinear(evidence, estimate, judgement))
+    warnings = list(_nonlinear(evidence, estimate, judgement, covariance))
     warnings += _moving(evidence, estimate, judgement, covariance, total)
     warnings += _reference_noise(estimate)
     warnings += _regimes(evidence, estimate, judgement)
+    warnings += _others(evidence, estimate, judgement, covariance)
     # Without stated uncertainties a table that is misread is one that scatters.
     doubted = not judgement.adequacy.adequate or judgement.scatter is not None
     if (text := _angular_frequencies(evidence)) is not None:
@@ -68,7 +73,9 @@ def second_thoughts(
     return warnings
 
 
-def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
+def _nonlinear(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+) -> Iterator[ResultWarning]:
     if judgement.overtones:
         worst = judgement.overtones[0]
         others = len(judgement.overtones) - 1
@@ -79,6 +86,10 @@ def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
         )
         yield ResultWarning("nonlinear", text)
     if not evidence.model.is_linear:
+        return
+    bent = _distorted(evidence, estimate, judgement, covariance)
+    if bent is not None:
+        yield bent
         return
     yield from _bent(evidence, estimate, judgement)
     tones = judgement.tones
@@ -95,6 +106,36 @@ def _nonlinear(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
             f"{100 * found.largest:.2g} % at the tones ({found.sigma:.1f} standard deviations)."
         )
         yield ResultWarning("nonlinear", text)
+
+
+def _distorted(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+) -> ResultWarning | None:
+    """A bent characteristic that stands out of the residual, and is larger than the uncertainty of the gain."""
+    coordinates, model = estimate.coordinates, evidence.model
+    if estimate.settings.get("discretisation", "bandlimited") != "bandlimited":
+        return None
+    values, gain = coordinates.values(estimate.z), model.gain_name
+    tones: dict[int, float] = {}
+    if judgement.tones is not None:
+        owners = (int(i) for i in judgement.tones.record)
+        tones = dict(zip(owners, judgement.tones.frequency_hz.tolist(), strict=True))
+    alone = SensorModel(model.core.name, model.core)
+
+    def over_gain(frequency: FloatArray) -> ComplexArray:
+        return np.asarray(alone.frequency_response(values, frequency) / values[gain], dtype=complex)
+
+    found = distortion(
+        evidence.records,
+        judgement.predicted,
+        [tones.get(index) for index in range(len(evidence.records))],
+        over_gain if model.core.name == "accelerometer" else None,
+    )
+    index = model.parameter_names.index(gain)
+    u = float(np.sqrt(max(covariance[index, index], 0.0)) / max(abs(float(estimate.z[index])), np.finfo(float).tiny))
+    if found is None or max(abs(found.peak), abs(found.gain)) < u:
+        return None
+    return ResultWarning("nonlinear", found.sentence(in_words(gain)))
 
 
 def _bent(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
@@ -190,6 +231,25 @@ def _regimes(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> li
         odd = odd_record(linear.matrix, linear.rest, points.record, points.relative_deviation)
     within = changes(evidence.records, judgement.predicted, frequency)
     return [ResultWarning(found.code, found.message) for found in findings(within, odd)]
+
+
+def _others(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
+) -> list[ResultWarning]:
+    """Other solutions that fit as well."""
+    coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
+    if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
+        return []
+    problem = evidence.first_look
+    if evidence.calibration.table is not None and problem is not None:
+        sought = sought_response(problem).scaled(judgement.scatter or 1.0)
+    else:
+        deviation = points.relative_deviation
+        sought = Sought(points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False)
+    spread = np.abs(coordinates.slopes(z)) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    found = Solution(coordinates.values(z), dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True)))
+    units = parameter_units(evidence.model, evidence.calibration)
+    return list(other_solutions(coordinates.model, evidence.quantity, sought, found, estimate.begin, units))
 
 
 def _reference_noise(estimate: Estimate) -> list[ResultWarning]:

@@ -9,7 +9,7 @@ from vibrident.estimators import MaximumLikelihood
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import levenberg_marquardt
-from vibrident.estimators.start import start_values
+from vibrident.estimators.start import find_start, start_values
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.records import Calibration, ResponseTable
@@ -61,6 +61,67 @@ def test_every_sensor_is_found(name, sign, rng):
         found = cost_from(problem, model, start_values(problem, model))
         if found > best * 1.001 + 0.01:
             missed.append((natural, damping, p.get("delay"), best, found))
+    assert missed == []
+
+
+def clean_response(name, p, frequency_hz, noise, rng):
+    """The problem of complex responses with noise in both parts, as sine records give it."""
+    model = parse(name)
+    h = model.frequency_response(p, frequency_hz)
+    deviation = noise * np.abs(h)
+    y = h + deviation * (rng.standard_normal(frequency_hz.size) + 1j * rng.standard_normal(frequency_hz.size))
+    data = (frequency_hz, np.ones(frequency_hz.size, complex), y, deviation)
+    return FrequencyProblem(model, "acceleration", False, True, data), model
+
+
+TONES = np.geomspace(10.0, 15e3, 15)
+THIRDS = 10.0 * 10.0 ** (np.arange(32) / 10)
+CORE = {"sensitivity": -0.1, "natural_frequency": 900.0, "damping_ratio": 0.05}
+HARD = {
+    "resonance above the band": ("accelerometer", TONES, [{"natural_frequency": 15360.0, "damping_ratio": 0.01}]),
+    "sharp between tones": (
+        "accelerometer",
+        TONES,
+        [{"natural_frequency": f, "damping_ratio": 0.003} for f in np.geomspace(210.0, 14e3, 12).tolist()],
+    ),
+    "second mode": (
+        "accelerometer+mode2",
+        THIRDS,
+        [
+            {"natural_frequency": f, "mode2_frequency": f * apart, "mode2_damping": d, "mode2_gain": g}
+            for f, d in ((900.0, 0.05), (2210.0, 0.01))
+            for apart in (0.3, 0.93, 1.1, 4.3)
+            for g in (-0.1, 0.1, 0.3)
+        ],
+    ),
+    "delays of up to 800 samples of 1/51200 s": (
+        "accelerometer+delay",
+        THIRDS,
+        [
+            {"natural_frequency": f, "damping_ratio": d, "delay": n / 51200.0}
+            for f, d in ((800.0, 0.1), (30e3, 0.5))
+            for n in (-30, 100, 300, 800)
+        ],
+    ),
+    "high-pass before an overdamped sensor": (
+        "accelerometer+highpass",
+        THIRDS,
+        [{"damping_ratio": 3.0, "highpass_frequency": f} for f in (0.5, 5.0, 20.0)],
+    ),
+}
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-3])
+@pytest.mark.parametrize("kind", HARD)
+def test_the_right_model_is_found_where_the_search_is_hard(kind, noise, rng):
+    """Right model, clean data: χ²/ν of the start is that of the noise, whatever the way there looks like."""
+    name, frequency_hz, sensors = HARD[kind]
+    missed = []
+    for own in sensors:
+        problem, model = clean_response(name, CORE | own, frequency_hz, noise, rng)
+        start = find_start(problem, model)
+        if start.costs[-1] > 3.0 * problem.equations:
+            missed.append((own, start.costs[-1] / problem.equations))
     assert missed == []
 
 

@@ -63,3 +63,18 @@ def test_samples_without_a_prediction_are_left_out(rng):
     assert np.mean(coherent_remainder(record, predicted)[1].real) == pytest.approx(0.05, abs=0.02)
     predicted[20:] = np.nan
     assert coherent_remainder(record, predicted) is None
+
+
+@pytest.mark.parametrize("samples_late", [-30, 30, 800])
+@pytest.mark.parametrize("motion", ["random", "sweep"])
+def test_a_response_that_comes_late_is_moved_back_before_bands_are_taken(motion, samples_late):
+    """Late by a tenth of the record, phases turn by whole turns within a band; the response is measured still."""
+    p = {"sensitivity": 0.1, "natural_frequency": 2000.0, "damping_ratio": 0.3, "delay": (samples_late + 0.3) / 51200.0}
+    made = simulate(
+        ("accelerometer+delay", p), motion, frequencies_hz=(50.0, 8000.0), sampling_rate_hz=51200.0, samples=8000,
+        amplitude=10.0, response_noise=1e-3, seed=5,
+    )  # fmt: skip
+    found = measure_bands(made.records)
+    expected = parse("accelerometer+delay").frequency_response(p, found.frequency_hz)
+    assert found.points > 20
+    assert np.median(np.abs(found.ratio / expected - 1.0)) < 0.03

@@ -247,6 +247,18 @@ def test_units_do_not_matter():
         assert other.standard_uncertainty == pytest.approx(10.0 ** (3 * power) * one.standard_uncertainty, rel=1e-3)
 
 
+@pytest.mark.parametrize("offset", [0.2, -20.0])
+def test_an_offset_of_the_reference_is_no_acceleration(offset):
+    """A recorder's offset, up to twice the motion's peak: the same values, to a thousandth of their uncertainty."""
+    noisy = with_noise(clean(), response_noise=0.01, seed=0)
+    records = tuple(r.__class__(**{**vars(r), "reference": r.reference + offset}) for r in noisy.records)
+    moved = vibrident.identify(Calibration(**{**vars(noisy), "records": records}), model="accelerometer+cubic")
+    for name, parameter in identified(0).parameters.items():
+        other = moved.parameters[name]
+        assert other.value == pytest.approx(parameter.value, abs=1e-3 * parameter.standard_uncertainty)
+        assert other.standard_uncertainty == pytest.approx(parameter.standard_uncertainty, rel=1e-3)
+
+
 def test_prediction_of_other_records():
     """Sines that the identification never saw, one stronger than all of those: what is left is their noise."""
     others = (31.5, 80.0, 200.0, 400.0, 630.0)

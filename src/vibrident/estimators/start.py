@@ -1,7 +1,10 @@
 """Start values from the nonparametric response alone: no user ever gives one.
 
-A grid over natural frequency and damping, compared by magnitude; the gain's size from the mean ratio; its sign and
-the delay from the phase; then a few Levenberg–Marquardt runs from the best and most different candidates.
+A grid over natural frequency and damping, with every combination of what the add-ons guess, compared by magnitude,
+which neither delay nor sign can spoil. The best and most different go down the logarithm of the magnitude side by side
+(:mod:`vibrident.estimators.search`), fewer of them further. The phases then say sign and delay, over hundreds of
+periods of the highest frequency, and what is left goes down the residual that the estimators make small. Nothing is
+compiled.
 """
 
 from __future__ import annotations
@@ -11,24 +14,38 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.errors import NotConverged
-from vibrident.estimators.objectives import response_objective
-from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.estimators.rational import two_modes
+from vibrident.estimators.search import Chart, Front, Sought, descend, differences, logarithms, magnitudes
 from vibrident.models import SensorModel
-from vibrident.problem import Coordinates, FrequencyProblem
+from vibrident.problem import FrequencyProblem
 from vibrident.records import FloatArray
 
-DAMPING_GRID = (0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
+DAMPING_GRID = (0.0005, 0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
 FREQUENCIES_PER_DECADE = 24
 DECADES_OUTSIDE = 1.5
-CANDIDATES = 4
-#: No other candidate is tried once the cost per residual is below this: no better optimum can hide.
-GOOD_ENOUGH = 2.0
-MOST_POINTS, MOST_SCORED = 200, 400
-#: No point counts for more than this relative deviation would allow: the grid is coarse.
+#: Points of the search, of the grid of add-ons, and of the last step.
+MOST_POINTS, MOST_SCORED_POINTS, MOST_FINAL_POINTS = 200, 80, 800
+#: Cores from the grid, combinations with add-ons that go down some steps, and those of them that go on.
+CORES, FIRST, SECOND, LAST = 6, 64, 12, 6
+#: Combinations of the grid that go down the phases without the magnitudes' way.
+BESIDE = 32
+#: Candidates whose delays two modes are fitted with by linear algebra.
+BY_ALGEBRA = 3
+#: Steps of each stage.
+FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
+#: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
 LEAST_DEVIATION = 0.01
+#: Candidates that differ by less in every coordinate are one.
+APART, SAME = 0.15, 1e-3
+#: A delay is looked for over so many periods of the highest frequency either way, so many times a period; the best of
+#: them go on.
+PERIODS, PER_PERIOD, DELAYS = 400, 8, 3
+#: Of alignments of the phases that differ by less than this part for each doubling, the shorter delay is likelier.
+LIKELIER = 2e-3
+#: Optima whose costs differ by less fit alike: then the shorter delay is taken.
+ALIKE = 9.0
 
 
 @dataclass(frozen=True)
@@ -40,12 +57,14 @@ class Start:
         costs: cost at each iterate of the way.
         equations: number of residuals.
         path: parameters at each iterate.
+        others: other optima, by cost, with their costs.
     """
 
     values: dict[str, float]
     costs: tuple[float, ...]
     equations: int
     path: tuple[dict[str, float], ...]
+    others: tuple[tuple[dict[str, float], float], ...] = ()
 
 
 def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, float]:
@@ -54,7 +73,7 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
 
 
 def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
-    """The best fit of the nonparametric response from the grid's candidates.
+    """The best fit of the nonparametric response from all candidates.
 
     What makes a model nonlinear has no part in the response to small signals, and starts at zero. A start that the
     problem knows is taken as it is.
@@ -62,119 +81,223 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     Raises:
         NotConverged: no candidate leads to a finite fit.
     """
+    whole, linear = model, model.linear
+    sought = sought_response(problem)
+    final = sought.at(_spread(sought.frequency_hz, MOST_FINAL_POINTS))
+    chart = Chart(linear, problem.quantity, final.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    scale = problem.points / max(final.frequency_hz.size, 1)
     if problem.start is not None:
-        return _known(problem, model, problem.start)
-    whole, model = model, model.linear
-    candidates = _with_guesses(_grid_candidates(problem, model), problem, model)
-    best: Start | None = None
-    kind = (problem.polar, problem.has_phase, problem.quantity)
-    for candidate in candidates:
-        coordinates = Coordinates.at(model, candidate, problem.band_hz)
-        try:
-            trace = levenberg_marquardt(
-                response_objective, coordinates.first, (coordinates, kind, problem.padded), tolerance=1e-2
-            )
-        except NotConverged:
-            continue
-        cost = trace.costs[-1]
-        if np.isfinite(cost) and (best is None or cost < best.costs[-1]):
-            path = tuple(
-                {name: coordinates.values(z).get(name, 0.0) for name in whole.parameter_names}
-                for z in trace.coordinates
-            )
-            best = Start(path[-1], trace.costs, problem.equations, path)
-        if best is not None and best.costs[-1] < GOOD_ENOUGH * problem.equations:
-            break
-    if best is None:
+        u, sign = chart.place(dict(problem.start))
+        known = descend(chart, u[None], np.array([sign]), differences(final), 0)
+        return Start(dict(problem.start), (scale * float(known.cost[0]),), problem.equations, (dict(problem.start),))
+    front = optima(sought, final, chart, problem.band_hz)
+    rows = front.best(LAST, SAME)
+    if not rows.size:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
-    return best
+
+    def named(u: FloatArray, row: int) -> dict[str, float]:
+        found = chart.named(u, front.sign, row)
+        return {name: found.get(name, 0.0) for name in whole.parameter_names}
+
+    first, *others = _shortest_delay_first(rows, front, linear)
+    places, costs = front.path[0][:, first : first + 1], front.path[1][:, first] * scale
+    path = tuple(_whole(chart.named(p, front.sign[first : first + 1], 0), whole) for p in places)
+    return Start(
+        named(front.u, first),
+        tuple(costs.tolist()),
+        problem.equations,
+        path,
+        tuple((named(front.u, row), scale * float(front.cost[row])) for row in others),
+    )
 
 
-def _known(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float]) -> Start:
-    coordinates = Coordinates.at(model, values, problem.band_hz)
-    kind = (problem.polar, problem.has_phase, problem.quantity)
-    local = response_objective(coordinates.first, (coordinates, kind, problem.padded))
-    return Start(dict(values), (float(local.cost),), problem.equations, (dict(values),))
+def _whole(values: Mapping[str, float], model: SensorModel) -> dict[str, float]:
+    return {name: values.get(name, 0.0) for name in model.parameter_names}
 
 
-def _grid_candidates(problem: FrequencyProblem, model: SensorModel) -> list[dict[str, float]]:
-    frequency, response, deviation = _thinned(problem)
-    log_measured = np.log(np.abs(response))
-    weight = 1.0 / np.maximum(deviation, LEAST_DEVIATION) ** 2
-    low, high = np.log10(problem.band_hz[0]) - DECADES_OUTSIDE, np.log10(problem.band_hz[1]) + DECADES_OUTSIDE
-    naturals = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
+def _shortest_delay_first(rows: np.ndarray, front: Front, model: SensorModel) -> list[int]:
+    """The rows in order of cost; among those that fit as well as the best, the shortest delay comes first."""
+    if not model.has_delay:
+        return rows.tolist()
+    index = [spec.kind for spec in model.parameters].index("time")
+    alike = [row for row in rows.tolist() if front.cost[row] < front.cost[rows[0]] + ALIKE]
+    first = min(alike, key=lambda row: round(abs(float(front.u[row, index])), 1))
+    return [first, *(row for row in rows.tolist() if row != first)]
+
+
+def sought_response(problem: FrequencyProblem) -> Sought:
+    """What the search needs of a problem; points without response are left out."""
+    usable = np.abs(problem.response) > 0
+    phase = np.asarray(problem.data[4]) if problem.polar else problem.relative_deviation
+    tiny = np.finfo(float).tiny
+    found = Sought(
+        np.asarray(problem.data[0]),
+        problem.response,
+        np.maximum(problem.relative_deviation, tiny),
+        np.maximum(phase, tiny),
+        problem.has_phase,
+        problem.polar,
+    )
+    return found.at(np.flatnonzero(usable))
+
+
+def _spread(frequency_hz: FloatArray, most: int) -> np.ndarray:
+    """At most so many of the points, evenly through their order by frequency."""
+    if frequency_hz.size <= most:
+        return np.arange(frequency_hz.size)
+    return np.argsort(frequency_hz, kind="stable")[np.linspace(0, frequency_hz.size - 1, most).astype(int)]
+
+
+def optima(sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, float]) -> Front:
+    """Where the candidates end.
+
+    Args:
+        sought: the response.
+        final: those of its points by which the end is judged.
+        chart: coordinates, at the frequencies of ``final``.
+        band_hz: lowest and highest frequency of the data.
+    """
+    some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
+    near = Chart(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
+    u = _candidates(some, near, band_hz)
+    sign = np.ones(len(u))
+    coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
+    rows = coarse.best(SECOND, APART)
+    fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
+    # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
+    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
+    if not sought.has_phase:
+        return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
+    turned, sign = _with_sign_and_delay(kept, near, some)
+    begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
+    rows = begun.best(SECOND, APART)
+    turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
+    aligned = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), STEPS)
+    rows = aligned.best(LAST, SAME)
+    closer = descend(near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS)
+    rows = np.argsort(closer.cost, kind="stable")
+    return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
+
+
+def _with_two_modes(u: FloatArray, sign: FloatArray, chart: Chart, sought: Sought) -> tuple[FloatArray, FloatArray]:
+    """The candidates, and for a model with a second mode what linear algebra makes of the first ones' delays."""
+    if "mode2_gain" not in chart.model.parameter_names:
+        return u, sign
+    found = [
+        chart.place(v)
+        for row in range(min(BY_ALGEBRA, len(u)))
+        for v in two_modes(sought, chart.model, chart.quantity, chart.named(u, sign, row))
+    ]
+    places, signs = [p for p, _ in found], [s for _, s in found]
+    return np.concatenate([u, *(p[None] for p in places)]), np.concatenate([sign, np.array(signs)])
+
+
+def _candidates(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> FloatArray:
+    """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
+    cores = _cores(sought, chart, band_hz)
+    combined = _with_guesses(cores, chart.model, band_hz)
+    if len(combined) <= FIRST:
+        return combined
+    few = _spread(sought.frequency_hz, MOST_SCORED_POINTS)
+    goal, weight = np.log(np.abs(sought.response[few])), 1.0 / np.maximum(sought.deviation[few], LEAST_DEVIATION) ** 2
+    at = Chart(chart.model, chart.quantity, sought.frequency_hz[few], chart.time_unit_s)
+    off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
+    mean = off @ weight / np.sum(weight)
+    score = (off - mean[:, None]) ** 2 @ weight
+    gain = [spec.kind for spec in chart.model.parameters].index("gain")
+    combined[:, gain] += np.where(np.isfinite(mean), mean, 0.0)
+    score = np.where(np.isfinite(score), score, np.inf)
+    # Of those that differ in the later guesses alone, the best: the first one says where, and all places shall be seen.
+    places = next(len(spec.guesses) for spec in chart.model.parameters if spec.guesses) * len(cores)
+    alike = score.reshape(places, -1)
+    rows = np.arange(places) * alike.shape[1] + np.argmin(alike, axis=1)
+    return combined[rows[np.argsort(score[rows], kind="stable")[:FIRST]]]
+
+
+def _cores(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> FloatArray:
+    """The best and most different natural frequencies and damping ratios by magnitude, add-ons as if not there."""
+    log_measured = np.log(np.abs(sought.response))
+    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
+    naturals = _naturals(sought.frequency_hz, band_hz)
+    model = chart.model
     grid = {"natural_frequency": naturals[:, None, None], "damping_ratio": np.array(DAMPING_GRID)[None, :, None]}
     trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in model.parameter_names}
-    unit = model.frequency_response(trial, frequency, problem.quantity)  # (naturals, dampings, points)
+    unit = model.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (naturals, dampings, points)
     difference = log_measured - np.log(np.abs(unit))
     mean = difference @ weight / np.sum(weight)
     score = (difference - mean[..., None]) ** 2 @ weight
-    order = np.argsort(score, axis=None)[:MOST_SCORED]
-    scored = [
-        {**_trial(model, naturals[i], DAMPING_GRID[j]), model.gain_name: float(np.exp(mean[i, j]))}
-        for i, j in zip(*np.unravel_index(order, score.shape), strict=True)
-    ]
-    chosen: list[dict[str, float]] = []
-    for trial in scored:
-        if all(_different(trial, other) for other in chosen):
-            chosen.append(trial)
-        if len(chosen) == CANDIDATES:
+    chosen: list[FloatArray] = []
+    for flat in np.argsort(score, axis=None):
+        i, j = np.unravel_index(flat, score.shape)
+        own = {"natural_frequency": naturals[i], "damping_ratio": DAMPING_GRID[j], model.gain_name: np.exp(mean[i, j])}
+        u, _ = chart.place({name: float(own.get(name, 0.0)) for name in model.parameter_names})
+        if all(np.any(np.abs(u - other)[1:3] > (0.2, 1.0)) for other in chosen):
+            chosen.append(u)
+        if len(chosen) == CORES:
             break
-    return [_with_sign_and_delay(trial, problem, model, frequency, response, weight) for trial in chosen]
+    return np.array(chosen)
 
 
-def _trial(model: SensorModel, natural: float, damping: float) -> dict[str, float]:
-    values = {"natural_frequency": float(natural), "damping_ratio": float(damping)}  # add-ons as if they were not there
-    return {name: values.get(name, 1.0 if name == model.gain_name else 0.0) for name in model.parameter_names}
+def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatArray:
+    """Natural frequencies to try: evenly over the band and beyond, and between neighbours of few points."""
+    low, high = np.log10(band_hz[0]) - DECADES_OUTSIDE, np.log10(band_hz[1]) + DECADES_OUTSIDE
+    even = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
+    points = np.unique(frequency_hz)
+    if points.size > MOST_SCORED_POINTS:
+        return even
+    log = np.log(points)
+    between = [np.exp(log[:-1] + part * np.diff(log)) for part in (0.25, 0.5, 0.75)]
+    return np.unique(np.concatenate([even, *between]))
 
 
-def _with_guesses(
-    candidates: list[dict[str, float]], problem: FrequencyProblem, model: SensorModel
-) -> list[dict[str, float]]:
-    """Every candidate with every combination of the add-ons' guesses; the best core first."""
-    low, high = problem.band_hz
+def _with_guesses(cores: FloatArray, model: SensorModel, band_hz: tuple[float, float]) -> FloatArray:
+    """Every core with every combination of the add-ons' guesses; the best core first."""
+    low, high = band_hz
     unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}
-    guessed = [spec for spec in model.parameters if spec.guesses]
+    guessed = [i for i, spec in enumerate(model.parameters) if spec.guesses]
     if not guessed:
-        return candidates
-    choices = [[guess * unit[spec.guess_at] for guess in spec.guesses] for spec in guessed]
-    names = [spec.name for spec in guessed]
-    return [{**c, **dict(zip(names, combo, strict=True))} for c in candidates for combo in itertools.product(*choices)]
+        return cores
+    choices = []
+    for spec in (model.parameters[i] for i in guessed):
+        guesses = np.array(spec.guesses)
+        physical = low * (high / low) ** guesses if spec.guess_at == "band" else guesses * unit[spec.guess_at]
+        choices.append((physical if spec.kind == "ratio" else np.log(physical)).tolist())
+    combos = np.array(list(itertools.product(*choices)))
+    found = np.repeat(cores, len(combos), axis=0)
+    found[:, guessed] = np.tile(combos, (len(cores), 1))
+    return found
 
 
-def _different(one: dict[str, float], other: dict[str, float]) -> bool:
-    ratio = abs(np.log(one["natural_frequency"] / other["natural_frequency"]))
-    return ratio > 0.2 or abs(np.log(one["damping_ratio"] / other["damping_ratio"])) > 1.0
-
-
-def _with_sign_and_delay(
-    trial: dict[str, float],
-    problem: FrequencyProblem,
-    model: SensorModel,
-    frequency: FloatArray,
-    response: NDArray[np.complex128],
-    weight: FloatArray,
-) -> dict[str, float]:
-    if not problem.has_phase:
-        return trial
-    turn = response / model.frequency_response(trial, frequency, problem.quantity)
+def _with_sign_and_delay(u: FloatArray, chart: Chart, sought: Sought) -> tuple[FloatArray, FloatArray]:
+    """The candidates with the signs, and the delays, that line their phases up."""
+    model = chart.model
+    response = chart.response(u, np.ones(len(u)))
+    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
+    turn = sought.response / response
     turn = weight * turn / np.abs(turn)
     if not model.has_delay:
-        sign = 1.0 if np.sum(turn).real >= 0 else -1.0
-        return {**trial, model.gain_name: sign * trial[model.gain_name]}
-    # The delay that lines all phases up, searched over some periods of the highest frequency either way.
-    delays = np.linspace(-6.0, 6.0, 481) / problem.band_hz[1]
-    sums = np.real(np.exp(2j * np.pi * delays[:, None] * frequency[None, :]) @ turn)
-    # Of nearly equal alignments the shortest delay is the likely one.
-    preference = np.abs(sums) * (1.0 - 1e-3 * np.abs(delays) * problem.band_hz[1])
-    best = int(np.argmax(preference))
-    sign = 1.0 if sums[best] >= 0 else -1.0
-    return {**trial, model.gain_name: sign * trial[model.gain_name], "delay": float(delays[best])}
+        sign = np.where(np.sum(turn, axis=1).real >= 0, 1.0, -1.0)
+        return u, sign
+    index = [spec.kind for spec in model.parameters].index("time")
+    periods = np.arange(-PERIODS * PER_PERIOD, PERIODS * PER_PERIOD + 1) / PER_PERIOD
+    highest = float(np.max(sought.frequency_hz))
+    sums = np.real(np.exp(2j * np.pi * np.outer(periods, sought.frequency_hz / highest)) @ turn.T)  # (delays, C)
+    preferred = np.abs(sums) * (1.0 - LIKELIER * np.log2(1.0 + np.abs(periods)))[:, None]
+    places, signs = [], []
+    for row in range(len(u)):
+        peaks = _peaks(preferred[:, row])
+        for delay in peaks:
+            moved = u[row].copy()
+            moved[index] += periods[delay] / highest / chart.time_unit_s
+            places.append(moved)
+            signs.append(1.0 if sums[delay, row] >= 0 else -1.0)
+    return np.array(places), np.array(signs)
 
 
-def _thinned(problem: FrequencyProblem) -> tuple[FloatArray, NDArray[np.complex128], FloatArray]:
-    usable = np.flatnonzero(np.abs(problem.response) > 0)
-    if usable.size > MOST_POINTS:
-        order = usable[np.argsort(np.asarray(problem.data[0])[usable])]
-        usable = order[np.linspace(0, order.size - 1, MOST_POINTS).astype(int)]
-    return np.asarray(problem.data[0])[usable], problem.response[usable], problem.relative_deviation[usable]
+def _peaks(values: FloatArray) -> list[int]:
+    """The highest of the local maxima."""
+    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])
+    peaks = np.flatnonzero(inner) + 1
+    if not peaks.size:
+        return [int(np.argmax(values))]
+    return peaks[np.argsort(-values[peaks], kind="stable")[:DELAYS]].tolist()

@@ -18,6 +18,7 @@ from scipy import fft
 
 from vibrident.discretize.inputs import StepFilters
 from vibrident.measure.response import ComplexArray
+from vibrident.measure.rest import offset_of_reference
 from vibrident.records import BoolArray, FloatArray, Record
 
 #: Fewer lines than this part of the samples are computed one by one.
@@ -76,8 +77,11 @@ def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolA
     if record.reference is None:
         return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
     used = record.reference_mask
-    mean = record.reference[used].mean() if centred and used.any() else 0.0
-    return np.where(used, record.reference - mean, 0.0), used
+    if not used.any():
+        return np.zeros(record.samples), used
+    # A spring that is not linear is taken from rest, where it is in its middle.
+    offset = record.reference[used].mean() if centred else offset_of_reference(record)
+    return np.where(used, record.reference - offset, 0.0), used
 
 
 def unbroken(usable: BoolArray) -> list[slice]:

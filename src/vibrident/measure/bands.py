@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,10 @@ LEAST_COHERENCE, FEWEST_BANDS = 0.4, 6
 OWN_POWER, TAPER, LEAKED = 0.5, 1.0 / 64.0, 0.1
 #: A band of which noise of the reference makes up more than this part of the prediction says nothing of the model.
 MOST_SHARED = 0.3
+#: A response that comes so many samples late turns its phase within a band, and is moved back first. Frequencies below
+#: this part of the largest power hardly count in the impulse response, of whose peaks of about one height the first is
+#: taken: a motion that repeats has several.
+LATE, WHITENED, FIRST_PEAK = 4, 1e-3, 0.9
 
 
 def measure_bands(records: Sequence[Record]) -> MeasuredResponse | None:
@@ -50,7 +55,10 @@ def band_edges(samples: int, rate: float) -> FloatArray:
 def _measure(index: int, record: Record) -> MeasuredResponse | None:
     if record.reference is None:
         return None
+    late = bulk_delay(record)
+    record, whole = _aligned(record, late), record
     n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
+    assert record.reference is not None
     window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
     window *= mask
     spectrum = (_spectrum(record.reference, mask, window), _spectrum(record.response, mask, window))
@@ -79,9 +87,50 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
         bins = np.arange(lines.start, lines.stop)[some]
         hz[row, : bins.size], weight[row, : bins.size] = bins * rate / n, 1.0
         x[row, : bins.size], y[row, : bins.size] = bx[some] / np.sqrt(2), by[some] / np.sqrt(2)
+    back = np.exp(-2j * np.pi * frequency * (late / whole.sampling_rate_hz))
+    response *= back  # the lines turn with their band, as if all of it had the phase of its centre
+    y *= back[:, None]
     freedom = np.maximum(2.0 * counts - 2.0, 1.0)
     owner = np.full(keep.size, index)
     return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
+
+
+def bulk_delay(record: Record) -> int:
+    """Samples by which the response comes later than the reference: the peak of the impulse response.
+
+    Zero where it is too small to matter: the phase then hardly turns within a band.
+    """
+    assert record.reference is not None
+    n = record.samples
+    size = fft.next_fast_len(2 * n, real=True)
+    if not record.mask.any() or not record.reference_mask.any():
+        return 0
+    channels = (record.reference, record.reference_mask), (record.response, record.mask)
+    x, y = (np.asarray(fft.rfft(np.where(m, v - v[m].mean(), 0.0), size), dtype=complex) for v, m in channels)
+    power = np.abs(x) ** 2
+    whitened = y * np.conj(x) / (power + WHITENED * np.max(power) + np.finfo(float).tiny)
+    impulse = np.abs(np.asarray(fft.irfft(whitened, size)))
+    lags = np.arange(size)
+    lags = np.where(lags < size // 2, lags, lags - size)
+    high = (impulse >= FIRST_PEAK * np.max(impulse)) & (np.abs(lags) <= n // 2)
+    lag = int(lags[high][np.argmin(np.abs(lags[high]))]) if np.any(high) else 0
+    return lag if abs(lag) >= LATE else 0
+
+
+def _aligned(record: Record, late: int) -> Record:
+    """The record with its response moved back by so many samples; what then has no counterpart is cut off."""
+    if late == 0:
+        return record
+    assert record.reference is not None
+    n = record.samples - abs(late)
+    first, second = slice(max(-late, 0), max(-late, 0) + n), slice(max(late, 0), max(late, 0) + n)
+    return replace(
+        record,
+        reference=record.reference[first],
+        response=record.response[second],
+        valid=record.mask[second] & record.reference_mask[first],
+        reference_valid=None,
+    )
 
 
 def _spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> ComplexArray:

@@ -37,14 +37,15 @@ class ParameterSpec:
             zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear;
             ``inverse``, ``inverse_square``: linear, in units of one over the response's size, or over its square.
         guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
-        guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``.
+        guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``; ``band``: the
+            guesses are places in the logarithm of frequency, from zero at the lowest to one at the highest.
     """
 
     name: str
     unit: str
     kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse", "inverse_square"]
     guesses: tuple[float, ...] = ()
-    guess_at: Literal["lowest", "highest", "period", "one"] = "one"
+    guess_at: Literal["lowest", "highest", "period", "one", "band"] = "one"
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@
 
 There is no transfer function: a sine comes out with harmonics, and with a gain that depends on its amplitude (third
 harmonic k3 A²/4 of the fundamental A well below resonance, resonance higher by 3/8 k3 A²). The unrolled network runs
-the equation; what is called frequency response is that of the linear part, reached for small signals.
+the equation from rest: an offset of the reference is no acceleration. What is called frequency response is that of
+the linear part, reached for small signals.
 """
 
 from __future__ import annotations

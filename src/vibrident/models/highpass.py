@@ -18,6 +18,6 @@ def _rational(parameters: Parameters, system: Rational) -> Rational:
 HIGHPASS = AddOn(
     name="highpass",
     title="first-order high-pass",
-    parameters=(ParameterSpec("highpass_frequency", "Hz", "log", guesses=(0.03, 0.3, 3.0), guess_at="lowest"),),
+    parameters=(ParameterSpec("highpass_frequency", "Hz", "log", guesses=(0.03, 0.3, 3.0, 30.0), guess_at="lowest"),),
     rational=_rational,
 )

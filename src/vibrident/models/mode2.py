@@ -42,10 +42,10 @@ MODE2 = AddOn(
     title="second mode",
     parameters=(
         ParameterSpec(
-            "mode2_frequency", "Hz", "log", guesses=tuple(np.geomspace(0.02, 2.0, 12).tolist()), guess_at="highest"
+            "mode2_frequency", "Hz", "log", guesses=tuple(np.linspace(-0.1, 1.2, 53).tolist()), guess_at="band"
         ),
-        ParameterSpec("mode2_damping", "1", "positive", guesses=(0.03,), guess_at="one"),
-        ParameterSpec("mode2_gain", "1", "ratio", guesses=(0.01,), guess_at="one"),
+        ParameterSpec("mode2_damping", "1", "positive", guesses=(0.01, 0.05), guess_at="one"),
+        ParameterSpec("mode2_gain", "1", "ratio", guesses=(-0.2, -0.02, 0.02, 0.2), guess_at="one"),
     ),
     rational=_rational,
 )

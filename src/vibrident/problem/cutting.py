@@ -54,7 +54,8 @@ def steps_of(
         method: the discretisation.
         terms: inputs a step.
         delay_s: at which the inputs are taken.
-        linear: a spring that is not linear says where on its curve it works: its reference keeps its mean.
+        linear: a spring that is not linear needs to know where it rests: its reference loses the offset, not the mean
+            of a motion that ends within a period.
     """
     late = [delay_s * record.sampling_rate_hz for record in records]
     if linear and sum(record.samples for record in records) > MOST_AT_ONCE:

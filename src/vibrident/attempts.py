@@ -1,0 +1,55 @@
+"""Fit and judge; where that explains nothing, once more from elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.assemble import Judgement, judge_records, judge_table
+from vibrident.errors import NotConverged
+from vibrident.estimators import Estimate, Estimator
+from vibrident.estimators.canonical import in_one_form
+from vibrident.estimators.optimise import Progress
+from vibrident.problem import Evidence
+from vibrident.systematic import allowing_for_effects
+
+#: Other starts tried where the fit explains nothing, of those whose cost was at most so many times the best's; a fit
+#: from there is taken where its χ² is this part of the first one's, or less.
+MORE_STARTS, COMPARABLE, CLEARLY_LESS = 2, 10.0, 0.8
+
+
+def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
+    """The fit from the start values; where it explains nothing, the best from the other optima that their search met.
+
+    Raises:
+        NotConverged: the start values lead to no finite fit.
+    """
+    best = _once(evidence, estimator, progress)
+    begin = best[0].begin
+    if best[1].adequacy.adequate or begin is None or evidence.bands is None:
+        return best  # tones are searched with the residual that is fitted: no other start is better
+    for start, cost in begin.others[:MORE_STARTS]:
+        if cost > COMPARABLE * begin.costs[-1] or best[1].adequacy.adequate:
+            break
+        with contextlib.suppress(NotConverged):
+            other = _once(replace(evidence, start=start), estimator, progress)
+            if (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0):
+                best = other
+    return best
+
+
+def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """What the estimate says of the data."""
+    judge = judge_table if evidence.calibration.table else judge_records
+    return allowing_for_effects(evidence, estimate, judge(evidence, estimate))
+
+
+def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
+    estimate = in_one_form(estimator.fit(evidence, progress))
+    judgement = judged(evidence, estimate)
+    if not judgement.adequacy.adequate and estimate.if_rejected is not None:
+        estimate = in_one_form(estimate.if_rejected())
+        judgement = judged(evidence, estimate)
+    return estimate, judgement

@@ -1,0 +1,67 @@
+"""An estimate in the one form of its model: the rule of :mod:`vibrident.models.labels`, with the covariance along."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.estimators.base import Estimate
+from vibrident.models.labels import canonical, rule, slopes, upright
+from vibrident.problem import Coordinates
+from vibrident.records import FloatArray
+
+
+def in_one_form(estimate: Estimate) -> Estimate:
+    """The estimate with the labels that the rule gives; itself where it has them.
+
+    The response is the same to rounding, and so is all that was predicted from it.
+    """
+    old, model = estimate.coordinates, estimate.coordinates.model
+    values = upright(model, old.values(estimate.z))
+    change = rule(model, values)
+    if change is None:
+        return estimate
+    new = Coordinates.at(
+        model,
+        {name: float(value) for name, value in change(values).items()},
+        (float(old.band_hz[0]), float(old.band_hz[1])),
+        float(old.response_size),
+    )
+    z = new.first
+    turn = slopes(model, change, values) * old.slopes(estimate.z) / new.slopes(z)[:, None]
+    covariance = turn @ estimate.covariance @ turn.T
+    path = np.array([new.place(canonical(model, old.values(at))) for at in estimate.trace.coordinates])
+    path[-1] = z
+    begin = estimate.begin
+    if begin is not None:
+        begin = replace(
+            begin,
+            values=canonical(model, begin.values),
+            path=tuple(canonical(model, at) for at in begin.path),
+            others=tuple((canonical(model, at), cost) for at, cost in begin.others),
+        )
+    return replace(
+        estimate,
+        coordinates=new,
+        z=z,
+        covariance=covariance,
+        trace=replace(estimate.trace, coordinates=path),
+        settings=_turned(estimate.settings, turn, estimate.covariance, covariance, model.parameter_names),
+        begin=begin,
+    )
+
+
+def _turned(
+    settings: Mapping[str, Any], turn: FloatArray, before: FloatArray, after: FloatArray, names: tuple[str, ...]
+) -> dict[str, Any]:
+    """Settings in which what is said of each parameter, in its standard uncertainties, is said of the new ones."""
+    found = dict(settings)
+    if "reference_noise_doubt" in found:
+        doubt = np.array([found["reference_noise_doubt"][name] for name in names])
+        shift = np.abs(turn) @ (doubt * np.sqrt(np.maximum(np.diag(before), 0.0)))
+        size = np.sqrt(np.maximum(np.diag(after), np.finfo(float).tiny))
+        found["reference_noise_doubt"] = dict(zip(names, (shift / size).tolist(), strict=True))
+    return found

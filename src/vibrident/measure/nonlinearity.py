@@ -1,0 +1,324 @@
+"""Is the sensor nonlinear? A score test of the residual against what nonlinear sensors add, for any motion.
+
+To first order a bent characteristic adds its shape of the linear response v to the record: v² (square), v³ (compression
+where negative), the sign of v (a dead band), or the same behind the spring (v³ through the sensor once more). What of a
+shape is coherent with the motion, the linear parameters take (Bussgang 1952): in every narrow band any complex factor
+with a slope over frequency is therefore taken out of residual and shape alike. What is left of the shape is looked for
+in what is left of the residual, line by line in the noise found around it:
+
+    a = Σ W* E/S / Σ |W|²/S,    T = |Σ W* E/S|² / Σ |W|²/S.
+
+For noise alone T is distributed as an exponential of mean one, whatever the delay of the shape. Noise of the response
+is in the residual, noise of the reference also in the prediction, with opposite signs; each would draw a shape that is
+made of the noisy signal. So the shape is made of both, prediction and measured response, and the lesser counts.
+
+Score tests: Rao 1948; Volterra's kernels at weak nonlinearity: Schetzen 1980.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vibrident.measure.bands import band_edges
+from vibrident.measure.lines import line_frequencies
+from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
+from vibrident.records import FloatArray, Record
+
+#: T that noise alone exceeds less often than once in 10⁵ times, for a shape and a record; the noise of a line is read
+#: from a few tens of others, so it is more than ln 10⁵ = 11.5.
+CERTAIN = 20.0
+#: Lines around one that tell its noise: at least so many on either side for the median, beyond a part of the line's own
+#: number; and so many for the mean.
+MEDIAN_LINES, MEDIAN_SHARE, MEAN_LINES = 12, 1 / 6, 4
+#: Of an exponential distribution, median over mean.
+MEDIAN_OF_POWER = float(np.log(2.0))
+#: What is left of a shape in a band must be this part of it, or the parameters can imitate it.
+LEFT = 1e-4
+#: Lines of the residual that stand out so far, at one frequency in several records, are no harmonics.
+STANDS_OUT = 15.0
+#: A line this near to a harmonic, in lines, is the harmonic; a residual with more lines that stand out has no hum.
+NEAR, MOST_LOUD = 4.0, 60
+#: A kind is named in place of one before it where it stands out so many times as far.
+PREFERRED = 1.1
+#: Fewest samples of a record.
+SHORTEST = 256
+#: A distortion below so many steps of a digitiser is its own.
+STEPS = 2.0
+#: The first lines of a transform hold drift and what a record's ends leave.
+LOWEST = 8
+
+SQUARE, CUBE, DEAD, SPRING = "square", "cube", "dead band", "spring"
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """A nonlinearity found.
+
+    Attributes:
+        kind: ``square``, ``cube``, ``dead band`` or ``spring``.
+        record: name of the record that shows it most.
+        peak: what it adds at the largest response, over that response; negative: the response is compressed; without
+            sign for ``spring``.
+        gain: what it adds to a linear gain fitted to that record, relative.
+        sigma: its size in standard deviations.
+    """
+
+    kind: str
+    record: str
+    peak: float
+    gain: float
+    sigma: float
+
+    def sentence(self, gain: str) -> str:
+        """The finding for a person; ``gain`` is the gain's name."""
+        bent = "compresses" if self.peak < 0 else "expands"
+        seen = {
+            SQUARE: "The response holds a square of the motion: one direction answers stronger than the other",
+            CUBE: f"The response {bent} with the size of the motion",
+            DEAD: "The response has a dead band, or a step, around its zero",
+            SPRING: "The response is bent as by a spring that is not linear",
+        }[self.kind]
+        return (
+            f"{seen}, {100 * abs(self.peak):.2g} % at the peak of {self.record} (about {100 * abs(self.gain):.2g} % in "
+            f"the {gain}); it stands out of the residual by {self.sigma:.1f} standard deviations."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """One record, prediction and residual.
+
+    Attributes:
+        record: as measured.
+        used: samples that count.
+        residual: zero elsewhere.
+        motions: linear response by the prediction and as measured, about the mean, zero elsewhere.
+        error: lines of the residual, shape (samples // 2 + 1,).
+        level: noise power at each line by the median of the lines around, shape (samples // 2 + 1,).
+        quiet: lines that count, shape (samples // 2 + 1,).
+    """
+
+    record: Record
+    used: np.ndarray
+    residual: FloatArray
+    motions: tuple[FloatArray, FloatArray]
+    error: ComplexArray
+    level: FloatArray
+    quiet: np.ndarray
+
+
+def distortion(
+    records: Sequence[Record],
+    predicted: Sequence[FloatArray],
+    tones_hz: Sequence[float | None],
+    over_gain: Callable[[FloatArray], ComplexArray] | None = None,
+) -> Distortion | None:
+    """The strongest nonlinearity that noise does not explain; None where there is none.
+
+    Args:
+        records: with a reference.
+        predicted: response of each by the linear model, NaN where there is none.
+        tones_hz: frequency of each record's sine; None for other motion.
+        over_gain: function from frequencies (Hz) to the sensor's response over its gain, where it has a spring.
+    """
+    series = _series(records, predicted, tones_hz)
+    kinds = (CUBE, SQUARE, DEAD) if over_gain is None else (CUBE, SQUARE, DEAD, SPRING)
+    best: Distortion | None = None
+    each = [_sums(one, kinds, over_gain) for one in series]
+    for kind in kinds:
+        sums = [one[kind] for one in each]
+        # A harmonic of one sine does not tell a spring from another bend: that takes several.
+        alone = [[s] for s in sums] if kind != SPRING and len(sums) > 1 else []
+        for own in [sums, *alone]:
+            found = _judged(kind, own, max(len(series), 1) * len(kinds)) if own else None
+            if found is not None and (best is None or found.sigma > PREFERRED * best.sigma):
+                best = found
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """Σ W* E/S, Σ |W|²/S and W's amplitude for one record; W made of the prediction, and of the measured response."""
+
+    one: _Series
+    product: tuple[complex, complex]
+    power: tuple[float, float]
+    left: tuple[float, float]
+
+
+def _series(
+    records: Sequence[Record], predicted: Sequence[FloatArray], tones_hz: Sequence[float | None]
+) -> list[_Series]:
+    found: list[_Series] = []
+    tones: list[float | None] = []
+    for record, series, tone in zip(records, predicted, tones_hz, strict=True):
+        used = record.mask & np.isfinite(series)
+        if used.sum() < SHORTEST or record.reference is None:
+            continue
+        residual = np.where(used, record.response - series, 0.0)
+        residual = np.where(used, residual - np.mean(residual[used]), 0.0)
+        motions = tuple(np.where(used, v - np.mean(v[used]), 0.0) for v in (series, record.response))
+        if not np.any(motions[0]):
+            continue
+        quiet = np.ones(record.samples // 2 + 1, dtype=bool)
+        quiet[:LOWEST] = False
+        error = np.asarray(fft.rfft(residual), dtype=complex)
+        level = _median_level(np.abs(error) ** 2)
+        found.append(_Series(record, used, residual, (motions[0], motions[1]), error, level, quiet))
+        tones.append(tone)
+    loud = [_loud(one, tone) for one, tone in zip(found, tones, strict=True)]
+    for index, (one, tone) in enumerate(zip(found, tones, strict=True)):
+        if tone is not None:
+            _leave_out(one, np.concatenate([np.zeros(0), *(hz for j, hz in enumerate(loud) if j != index)]))
+    return found
+
+
+def _loud(one: _Series, tone: float | None) -> FloatArray:
+    """Frequencies that stand out of a residual and are no harmonics of the record's own tone: hum, for one."""
+    lines = line_frequencies(one.record.samples, one.record.sampling_rate_hz)
+    power = np.abs(np.asarray(fft.rfft(one.residual * np.hanning(one.residual.size)))) ** 2
+    loud = lines[power > STANDS_OUT * _median_level(power)]
+    if tone is not None:
+        loud = loud[np.abs(loud - np.maximum(np.round(loud / tone), 1.0) * tone) > NEAR * lines[1]]
+    return loud if loud.size <= MOST_LOUD else np.zeros(0)
+
+
+def _leave_out(one: _Series, frequencies_hz: FloatArray) -> None:
+    """Leave out the lines next to these frequencies."""
+    step = one.record.sampling_rate_hz / one.record.samples
+    places = np.unique(np.round(frequencies_hz / step).astype(int))
+    for offset in range(-2, 3):
+        beside = places + offset
+        one.quiet[beside[(beside >= 0) & (beside < one.quiet.size)]] = False
+
+
+def _shape(kind: str, motion: FloatArray) -> FloatArray:
+    if kind == SQUARE:
+        return motion * motion
+    if kind == DEAD:
+        return -np.sign(motion)
+    return motion * motion * motion
+
+
+def _sums(
+    one: _Series, kinds: Sequence[str], over_gain: Callable[[FloatArray], ComplexArray] | None
+) -> dict[str, _Sum]:
+    """What one record says of each kind."""
+    record = one.record
+    edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
+    found = []
+    for motion in one.motions:
+        lines = {}
+        for kind in kinds:
+            if kind == SPRING and over_gain is not None:
+                through = np.asarray(over_gain(line_frequencies(record.samples, record.sampling_rate_hz)))
+                lines[kind] = lines[CUBE] * through
+                continue
+            shape = _shape(kind, motion)
+            shape = np.where(one.used, shape - np.mean(shape[one.used]), 0.0)
+            lines[kind] = np.asarray(fft.rfft(shape), dtype=complex)
+        spectra = np.stack([one.error, np.asarray(fft.rfft(motion), dtype=complex), *lines.values()])
+        found.append(_fitted(spectra, edges, one))
+    return {
+        kind: _Sum(one, (first[0], second[0]), (first[1], second[1]), (first[2], second[2]))
+        for kind, first, second in zip(kinds, found[0], found[1], strict=True)
+    }
+
+
+def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
+    """What these records say together, where it is beyond doubt by prediction and by measured response alike."""
+    products = [sum(s.product[i] for s in sums) for i in range(2)]
+    powers = [sum(s.power[i] for s in sums) for i in range(2)]
+    if min(powers) <= 0.0:
+        return None
+    strength = [abs(p) ** 2 / w for p, w in zip(products, powers, strict=True)]
+    amounts = [p / w for p, w in zip(products, powers, strict=True)]
+    least = int(np.argmin(strength))
+    opposed = (amounts[0] * np.conj(amounts[1])).real <= 0.0
+    if strength[least] < CERTAIN + np.log(tried) or opposed:
+        return None
+    amount = amounts[least]
+    worst = max(sums, key=lambda s: abs(s.product[least]) ** 2 / max(s.power[least], 1e-300))
+    one = worst.one
+    motion = one.motions[0]
+    size = float(np.copysign(abs(amount), amount.real))
+    size_of_rest = abs(amount) * worst.left[least]
+    largest = float(np.max(np.abs(motion)))
+    shape = np.where(one.used, _shape(kind, motion), 0.0)
+    peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
+    peak = {DEAD: -abs(peak), SPRING: abs(peak)}.get(kind, peak)  # beyond the resonance a spring's bend changes sign
+    gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
+    if size_of_rest < STEPS * _step(one.record.response):
+        return None
+    return Distortion(kind, one.record.name, peak, gain, float(np.sqrt(2.0 * strength[least])))
+
+
+def _step(response: FloatArray) -> float:
+    """The digitiser's step: the least distance of two values where many of them repeat, else zero."""
+    some = np.unique(response[:20_000])
+    if some.size < 2 or some.size > 0.9 * min(response.size, 20_000):
+        return 0.0
+    return float(np.min(np.diff(some)))
+
+
+def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tuple[complex, float, float]]:
+    """Σ W* E/S, Σ |W|²/S and the amplitude of W for every shape; rows E, motion, W … of ``spectra``."""
+    wide = np.diff(edges)
+    lines = slice(int(edges[0]), int(edges[-1]))
+
+    def spread(band: np.ndarray) -> np.ndarray:
+        return np.repeat(band, wide, axis=-1)
+
+    def sums(values: np.ndarray) -> np.ndarray:
+        return np.add.reduceat(values, edges[:-1] - edges[0], axis=-1)
+
+    def without(values: ComplexArray, column: ComplexArray) -> ComplexArray:
+        size = np.maximum(sums(np.abs(column) ** 2), np.finfo(float).tiny)
+        return values - spread(sums(values * np.conj(column)) / size) * column
+
+    motion, shapes = spectra[1, lines], spectra[2:, lines]
+    slope = without(np.arange(motion.size) * motion, motion)
+    rest = without(without(np.concatenate([spectra[:1, lines], shapes]), motion), slope)
+    floor = (LEAST_DEVIATION * float(np.max(np.abs(motion)))) ** 2
+    least = np.maximum(one.level[lines], floor)
+    return [
+        _strength(rest[0], left, spread(sums(np.abs(left) ** 2) > LEFT * sums(np.abs(shape) ** 2)), least, one)
+        for left, shape in zip(rest[1:], shapes, strict=True)
+    ]
+
+
+def _strength(
+    error: ComplexArray, left: ComplexArray, kept: np.ndarray, least: FloatArray, one: _Series
+) -> tuple[complex, float, float]:
+    """The sums for one shape; ``least`` is the noise power that no line is believed to be below."""
+    kept = kept & one.quiet[1 : 1 + error.size]
+    counts = np.full(error.size, 2.0 * MEAN_LINES + 1.0)
+    counts[:MEAN_LINES] = counts[::-1][:MEAN_LINES] = np.arange(MEAN_LINES + 1.0, 2.0 * MEAN_LINES + 1.0)
+    squares = np.abs(left) ** 2
+    amount, product, power = 0j, 0j, 0.0
+    for _ in range(2):  # the noise is what the shape does not explain
+        total = np.cumsum(np.pad(np.abs(error - amount * left) ** 2, (MEAN_LINES + 1, MEAN_LINES)))
+        close = np.maximum(total[2 * MEAN_LINES + 1 :] - total[: -2 * MEAN_LINES - 1], 0.0) / counts
+        weight = kept / np.maximum(close, least)
+        product = complex(np.sum(weight * np.conj(left) * error))
+        power = float(np.sum(weight * squares))
+        if power <= 0.0:
+            return 0j, 0.0, 0.0
+        amount = product / power
+    return product, power, 2.0 * float(np.sqrt(np.sum(squares[kept]))) / one.record.samples
+
+
+def _median_level(power: FloatArray) -> FloatArray:
+    """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
+    count = power.size
+    places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
+    values = []
+    for place in places:
+        reach = max(MEDIAN_LINES, int(MEDIAN_SHARE * place))
+        values.append(np.median(power[max(place - reach, 0) : place + reach + 1]) / MEDIAN_OF_POWER)
+    smooth = np.log(np.maximum(values, np.finfo(float).tiny))
+    return np.exp(np.interp(np.arange(count), places, smooth))

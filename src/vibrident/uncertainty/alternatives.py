@@ -1,0 +1,132 @@
+"""Is there another solution that fits as well? Then the data do not choose, and it is named.
+
+Two sources. Some parameters give exactly the same response (:mod:`vibrident.models.labels`): a rule chose, which is
+said where the others mean another sensor, or where noise decides between the labels. And the search for start values
+met other optima: each is brought down the residual of the points once more, and counts where it explains them as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.estimators.search import Chart, Sought, descend, differences
+from vibrident.estimators.start import Start
+from vibrident.models import SensorModel
+from vibrident.models.labels import canonical, relabellings
+from vibrident.naming import amount, in_words
+from vibrident.records import FloatArray, Quantity
+from vibrident.result import ResultWarning
+
+#: Another optimum fits as well where its χ² is larger by less than this: it would be the right one once in 370 cases …
+ALIKE = 9.0
+#: … and it is another one where a parameter differs by so many of its standard uncertainties, and by this part.
+FAR, DIFFERENT = 5.0, 0.01
+#: Labels are decided by noise where the shares of two modes differ by less than so many standard uncertainties.
+UNDECIDED = 3.0
+#: Steps on the way down, other optima tried.
+STEPS, MOST = 30, 4
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An estimate, in the one form of its labels.
+
+    Attributes:
+        values: of the parameters, by name.
+        uncertainty: standard uncertainty of each.
+    """
+
+    values: Mapping[str, float]
+    uncertainty: Mapping[str, float]
+
+
+def other_solutions(
+    model: SensorModel,
+    quantity: Quantity,
+    sought: Sought,
+    solution: Solution,
+    begin: Start | None,
+    units: Mapping[str, str],
+) -> Iterator[ResultWarning]:
+    """A warning ``weakly_determined`` for each solution that fits as well as the estimate.
+
+    Args:
+        model: a linear model.
+        quantity: what the reference is.
+        sought: the points, with their deviations.
+        solution: the estimate.
+        begin: the start, with the other optima that were met.
+        units: of the parameters, by name.
+    """
+    values, uncertainty = solution.values, solution.uncertainty
+    same = [{name: float(value) for name, value in change(values).items()} for change in relabellings(model, values)]
+    if "mode2_gain" in values and abs(abs(values["mode2_gain"]) - 1.0) > UNDECIDED * uncertainty["mode2_gain"]:
+        same = []
+    if same:
+        yield _same_response(values, same, units)
+    if begin is None or not begin.others:
+        return
+    found = _refined(model, quantity, sought, [dict(values), *(at for at, _ in begin.others[:MOST])])
+    if found is None:
+        return
+    costs, refined = found
+    named: list[Mapping[str, float]] = [values]
+    for cost, other in zip(costs[1:], refined[1:], strict=True):
+        mine = canonical(model, other)
+        if cost < costs[0] + ALIKE and all(_differ(mine, one, uncertainty, sought) for one in named):
+            named.append(mine)
+            yield _as_good(mine, values, cost - costs[0], units)
+
+
+def _refined(
+    model: SensorModel, quantity: Quantity, sought: Sought, starts: list[dict[str, float]]
+) -> tuple[FloatArray, list[dict[str, float]]] | None:
+    """χ² at the estimate and at the optima of the others, and where these are; None where that is no number."""
+    unit = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
+    chart = Chart(model, quantity, sought.frequency_hz, unit)
+    placed = [chart.place(at) for at in starts]
+    u, sign = np.array([p for p, _ in placed]), np.array([s for _, s in placed])
+    front = descend(chart, u, sign, differences(sought), STEPS)
+    if not np.isfinite(front.cost[0]):
+        return None
+    return front.cost, [chart.named(front.u, front.sign, row) for row in range(len(u))]
+
+
+def _differ(
+    one: Mapping[str, float], other: Mapping[str, float], uncertainty: Mapping[str, float], sought: Sought
+) -> bool:
+    """Whether these are two solutions; delays a period of the highest frequency apart are one, written twice."""
+    if abs(one.get("delay", 0.0) - other.get("delay", 0.0)) * float(np.max(sought.frequency_hz)) > 0.4:
+        return False
+    return any(
+        abs(value - other[name]) > max(FAR * uncertainty[name], DIFFERENT * abs(other[name]))
+        for name, value in one.items()
+        if name != "delay"
+    )
+
+
+def _same_response(
+    values: Mapping[str, float], same: Sequence[Mapping[str, float]], units: Mapping[str, str]
+) -> ResultWarning:
+    words = (
+        "which of its three real poles is the high-pass's; the lowest was taken"
+        if "highpass_frequency" in values
+        else "which mode is the main one; the shares of the static response are equal within their uncertainty"
+    )
+    others = "; or ".join(_listed(other, units) for other in same)
+    return ResultWarning("weakly_determined", f"The response does not tell {words}. The same response: {others}.")
+
+
+def _as_good(
+    other: Mapping[str, float], values: Mapping[str, float], more: float, units: Mapping[str, str]
+) -> ResultWarning:
+    changed = {n: v for n, v in other.items() if abs(v - values[n]) > 1e-3 * abs(values[n])}
+    text = f"Another solution explains the data as well (χ² larger by {max(more, 0.0):.2g}): {_listed(changed, units)}."
+    return ResultWarning("weakly_determined", f"{text} A wider band of frequencies would tell.")
+
+
+def _listed(values: Mapping[str, float], units: Mapping[str, str]) -> str:
+    return ", ".join(f"{in_words(name)} {amount(value, units[name])}" for name, value in values.items())
