@@ -102,7 +102,7 @@ def bulk_delay(record: Record) -> int:
     """
     assert record.reference is not None
     n = record.samples
-    size = fft.next_fast_len(2 * n, real=True)
+    size: int = 2 * n
     if not record.mask.any() or not record.reference_mask.any():
         return 0
     channels = (record.reference, record.reference_mask), (record.response, record.mask)
