@@ -57,7 +57,7 @@ def _scaled(scale: float, side: str, sensor: str, motion: str):
         true = twin(given.sensor, **{name: factor})
         assert np.sign(true.gain) == sign
         model = true.model
-        strange = not 1e-100 < scale < 1e100
+        strange = not 1e-29 < scale < 1e29  # refused, as documented
         return Trial(calibration(made, model, given.quantity), model, truth(true), strange=strange)
 
     return make
