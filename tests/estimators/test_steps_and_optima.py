@@ -10,7 +10,7 @@ import vibrident
 from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
-from vibrident.estimators.objectives import time_objective
+from vibrident.estimators.objectives import Local, time_objective
 from vibrident.estimators.optimise import adam, levenberg_marquardt
 from vibrident.models import parse
 from vibrident.models.state_space import realise
@@ -113,6 +113,26 @@ def test_the_gradient_is_that_of_the_cost(problem: TimeProblem) -> None:
         step = h * np.eye(3)[j]
         up, down = (float(time_objective(jnp.asarray(z + s), args).cost) for s in (step, -step))
         assert gradient[j] == pytest.approx((up - down) / (2 * h), rel=1e-6)
+
+
+def test_a_parameter_without_influence_is_left_where_it_is() -> None:
+    """Also where its row of JᵀJ is zero, or a little below by rounding, and however small the damping has become."""
+    rows = np.array([[1.0, 0.5], [0.2, 2.0], [1.5, -1.0]])
+
+    def objective(z: np.ndarray, args: float) -> Local:
+        residual = np.array([1.0, 2.0, 3.0]) - rows @ np.sinh(z[:2])
+        jacobian = rows * np.cosh(z[:2])
+        matrix, gradient = np.diag([0.0, 0.0, args]), np.zeros(3)
+        matrix[:2, :2], gradient[:2] = jacobian.T @ jacobian, jacobian.T @ residual
+        return Local(matrix, gradient, residual @ residual)
+
+    for diagonal in (0.0, -1e-18):
+        trace = levenberg_marquardt(objective, np.array([0.1, -0.2, 0.7]), diagonal, tolerance=1e-25)
+        assert trace.converged
+        assert trace.last[2] == 0.7
+        np.testing.assert_allclose(
+            np.sinh(trace.last[:2]), np.linalg.lstsq(rows, [1.0, 2.0, 3.0], rcond=None)[0], rtol=1e-9
+        )
 
 
 def test_adam_reaches_the_optimum_of_levenberg_marquardt(problem: TimeProblem) -> None:

@@ -113,7 +113,7 @@ def levenberg_marquardt(
     for iteration in range(2, most + 1):
         if here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED:
             break
-        step = np.linalg.solve(here.matrix + damping * np.eye(len(here.z)), here.gradient)
+        step = here.step(damping)
         trial = _Point.of(here.z + step, objective, args)
         gained = (here.cost - trial.cost) / (2.0 * step @ here.gradient - step @ here.matrix @ step)
         gained = gained if np.isfinite(gained) else -np.inf
@@ -142,15 +142,22 @@ class _Point:
     @classmethod
     def of(cls, z: FloatArray, objective: Objective, args: Any) -> _Point:
         local = objective(z, args)
-        return cls(z, float(local.cost), np.asarray(local.gradient), np.asarray(local.matrix))
+        gradient, matrix = np.asarray(local.gradient), np.asarray(local.matrix)
+        finite = np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))
+        return cls(z, float(local.cost) if finite else np.inf, gradient, matrix)
+
+    def step(self, damping: float) -> FloatArray:
+        """Gauss–Newton step, damped; none along what the residual does not show."""
+        matrix = self.matrix + damping * np.eye(len(self.z))
+        shown = np.diag(matrix)
+        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding leaves what has no influence below zero
+        values, vectors = np.linalg.eigh(matrix / size[:, None] / size)
+        kept = values > LEAST_SHOWN
+        return (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size
 
     @functools.cached_property
     def gain(self) -> float:
-        shown = np.diag(self.matrix)
-        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding leaves what has no influence below zero
-        values, vectors = np.linalg.eigh(self.matrix / size[:, None] / size)
-        kept = values > LEAST_SHOWN
-        return float(np.sum((vectors[:, kept].T @ (self.gradient / size)) ** 2 / values[kept]))
+        return float(self.step(0.0) @ self.gradient)
 
 
 def adam(
