@@ -21,6 +21,8 @@ JUMP, OTHERS = 4.0, 0.02
 REST = 0.25
 #: Samples left out beside a stretch.
 GUARD = 1
+#: Values closer than this part of the channel's range are the same: what rounding leaves of a rest is rest.
+SAME = 1e-12
 
 
 def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
@@ -31,6 +33,8 @@ def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
         valid: samples to look at, shape (samples,); a run ends where one is not.
     """
     found = np.zeros(values.shape, dtype=bool)
+    grid = SAME * float(np.ptp(values[valid])) if valid.any() else 0.0
+    values = np.rint(values / grid) if grid > 0.0 else values
     equal = (np.diff(values) == 0.0) & valid[1:] & valid[:-1]
     begins, ends = _runs(equal)
     lengths = ends - begins + 1

@@ -27,8 +27,9 @@ HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: The frequency's Gauss–Newton steps: quadratic, so a step below this phase over the record leaves an error below 1e-9.
 FREQUENCY_ITERATIONS, FREQUENCY_TOLERANCE = 12, 3e-5
 BAND_FACTOR = 1.5
-#: Harmonics are fitted along while they cost the tone no more than this factor in variance.
-MOST_COST = 1.3
+#: Where samples are left out, harmonics are fitted along while they cost the tone no more than this factor in variance,
+#: or where they take more from the residual than so many times what as many numbers take from noise.
+MOST_COST, HEARD = 1.3, 10.0
 FEWEST_LINES, MOST_LINES = 48, 400
 
 
@@ -145,7 +146,7 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
     mask, times = record.mask, record.time_s
     channels = np.stack([np.asarray(record.reference), record.response])
-    design, inflation = _told_apart(_design(times, frequency, record.sampling_rate_hz), mask)
+    design, inflation = _told_apart(_design(times, frequency, record.sampling_rate_hz), channels, mask)
     extra = _free_response(times, poles, record.sampling_rate_hz)
     if extra is None:
         found, residual = _least_squares(design, channels, mask)
@@ -194,21 +195,31 @@ def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
     return rows
 
 
-def _told_apart(design: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """The design without the harmonics that samples left out make one with the tone, and what the rest costs the tone.
+def _told_apart(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """The design without harmonics that samples left out make one with the tone, and what the rest costs the tone.
 
     Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times
-    a factor, which grows with the harmonics.
+    a factor, which grows with the harmonics. Those that are heard in either channel stay whatever they cost: without
+    them the tone would be wrong.
     """
     if mask.all():
         return design, 1.0
+    whole, every = _cost_of_gaps(design, mask), _left(design, channels, mask)
     alone = _cost_of_gaps(np.concatenate([design[:2], design[-2:]]), mask)
-    for highest in range((design.shape[0] - 2) // 2, 1, -1):
+    for highest in range((design.shape[0] - 2) // 2, 0, -1):
         kept = np.concatenate([design[: 2 * highest], design[-2:]])
         cost = _cost_of_gaps(kept, mask)
-        if cost <= MOST_COST * alone:
-            return kept, cost
-    return np.concatenate([design[:2], design[-2:]]), alone
+        if cost > MOST_COST * alone and highest > 1:
+            continue
+        dropped = design.shape[0] - kept.shape[0]
+        heard = _left(kept, channels, mask) > every * (1.0 + HEARD * dropped / mask.sum())
+        return (design, whole) if np.any(heard) else (kept, cost)
+    return design, whole
+
+
+def _left(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """Sum of squares that the design leaves of each channel."""
+    return np.sum(_least_squares(design, channels, mask)[1] ** 2, axis=1)
 
 
 def _cost_of_gaps(design: FloatArray, mask: NDArray[np.bool_]) -> float:
