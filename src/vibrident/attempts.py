@@ -18,6 +18,8 @@ from vibrident.systematic import allowing_for_effects
 #: Other starts tried where the fit explains nothing, of those whose cost was at most so many times the best's; a fit
 #: from there is taken where its χ² is this part of the first one's, or less.
 MORE_STARTS, COMPARABLE, CLEARLY_LESS = 2, 10.0, 0.8
+#: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
+OUTSIDE = 3.0
 
 
 def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
@@ -35,9 +37,29 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
             break
         with contextlib.suppress(NotConverged):
             other = _once(replace(evidence, start=start), estimator, progress)
-            if (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0):
-                best = other
+            best = _better(best, other)
+    start = _back_inside(best[0], evidence)
+    if start is not None and not best[1].adequacy.adequate:
+        with contextlib.suppress(NotConverged):
+            best = _better(best, _once(replace(evidence, start=start), estimator, progress))
     return best
+
+
+def _better(best: tuple[Estimate, Judgement], other: tuple[Estimate, Judgement]) -> tuple[Estimate, Judgement]:
+    less = (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0)
+    return other if less else best
+
+
+def _back_inside(estimate: Estimate, evidence: Evidence) -> dict[str, float] | None:
+    """The estimate with frequencies at the end of their range brought near the band: out there nothing leads back."""
+    coordinates = estimate.coordinates
+    values, (low, high) = coordinates.values(estimate.z), coordinates.edges
+    moved = dict(values)
+    for index, spec in enumerate(coordinates.model.parameters):
+        if spec.kind == "log" and not low[index] < estimate.z[index] < high[index]:
+            above = estimate.z[index] >= high[index]
+            moved[spec.name] = OUTSIDE * evidence.band_hz[1] if above else evidence.band_hz[0] / OUTSIDE
+    return moved if moved != values else None
 
 
 def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
