@@ -209,9 +209,10 @@ def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tup
 
     The first two are no amounts below zero; the second is left out where it is not seen beyond doubt.
     """
-    scale = np.sqrt(np.maximum(columns**2 @ weight, 1e-300))
-    scaled = columns / scale[:, None]
-    normal, right = (scaled * weight) @ scaled.T, (scaled * weight) @ values
+    weighted = columns * weight  # of a long record each copy counts
+    scale = np.sqrt(np.maximum(np.einsum("ij,ij->i", weighted, columns), 1e-300))
+    normal, right = weighted @ columns.T / np.outer(scale, scale), weighted @ values / scale
+    del weighted
     amounts, covariance = np.zeros(len(columns)), np.zeros_like(normal)
     for free in (np.arange(len(columns)), np.delete(np.arange(len(columns)), 1)):
         inverse = inverse_normal(normal[np.ix_(free, free)])

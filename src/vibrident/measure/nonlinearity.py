@@ -17,8 +17,9 @@ Score tests: Rao 1948; Volterra's kernels at weak nonlinearity: Schetzen 1980.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -28,6 +29,8 @@ from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.records import FloatArray, Record
 
+#: Longer records are looked at in parts.
+LONGEST = 1 << 18
 #: T that noise alone exceeds less often than once in 10⁵ times, for a shape and a record; the noise of a line is read
 #: from a few tens of others, so it is more than ln 10⁵ = 11.5.
 CERTAIN = 20.0
@@ -125,7 +128,7 @@ def distortion(
         tones_hz: frequency of each record's sine; None for other motion.
         over_gain: function from frequencies (Hz) to the sensor's response over its gain, where it has a spring.
     """
-    series = _series(records, predicted, tones_hz)
+    series = _series(*_in_parts(records, predicted, tones_hz))
     kinds = (CUBE, SQUARE, DEAD) if over_gain is None else (CUBE, SQUARE, DEAD, SPRING)
     best: Distortion | None = None
     each = [_sums(one, kinds, over_gain) for one in series]
@@ -194,6 +197,32 @@ def _leave_out(one: _Series, frequencies_hz: FloatArray) -> None:
     for offset in range(-2, 3):
         beside = places + offset
         one.quiet[beside[(beside >= 0) & (beside < one.quiet.size)]] = False
+
+
+def _in_parts(
+    records: Sequence[Record], predicted: Sequence[FloatArray], tones_hz: Sequence[float | None]
+) -> tuple[list[Record], list[FloatArray], list[float | None]]:
+    """Long records in parts of at most LONGEST samples, which say as much together for less memory."""
+    parts: tuple[list[Record], list[FloatArray], list[float | None]] = ([], [], [])
+    for record, response, tone in zip(records, predicted, tones_hz, strict=True):
+        count = -(-record.samples // LONGEST)
+        edges = np.linspace(0, record.samples, count + 1).astype(int)
+        for start, stop in itertools.pairwise(edges.tolist()):
+            parts[0].append(record if count == 1 else _part(record, slice(start, stop)))
+            parts[1].append(response[start:stop])
+            parts[2].append(tone)
+    return parts
+
+
+def _part(record: Record, part: slice) -> Record:
+    reference = None if record.reference is None else record.reference[part]
+    return replace(
+        record,
+        reference=reference,
+        response=record.response[part],
+        valid=record.mask[part],
+        reference_valid=record.reference_mask[part],
+    )
 
 
 def _shape(kind: str, motion: FloatArray) -> FloatArray:
