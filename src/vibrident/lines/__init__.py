@@ -13,7 +13,6 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 from __future__ import annotations
 
 from vibrident.lines.normal import Batch, LineNormal, columns_of, normal_equations
-from vibrident.lines.record import RunLines
 from vibrident.lines.runs import Run, run_of, seen_by_network, unbroken
 from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
 
@@ -21,7 +20,6 @@ __all__ = [
     "Batch",
     "LineNormal",
     "Run",
-    "RunLines",
     "StepTransfer",
     "Trained",
     "columns_of",

@@ -13,9 +13,8 @@ import numpy as np
 from scipy import fft
 
 from vibrident.discretize.inputs import USABLE_BAND
-from vibrident.lines import Batch, LineNormal, Run, RunLines, StepTransfer, Trained, columns_of, normal_equations
-from vibrident.measure.lines import line_counts, line_frequencies
-from vibrident.measure.response import ComplexArray
+from vibrident.lines import Batch, LineNormal, Run, StepTransfer, Trained, columns_of, normal_equations
+from vibrident.measure.lines import line_counts
 from vibrident.problem.coordinates import Coordinates
 from vibrident.records import FloatArray, Record
 
@@ -95,47 +94,6 @@ class LineProblem:
         )
         turn = _turn(coordinates, z)
         return LineNormal(found.matrix * np.outer(turn, turn), found.gradient * turn, found.cost, found.squares)
-
-    def record_noise(self, squares: FloatArray, noise: FloatArray) -> FloatArray:
-        """Standard deviation of each record's residual from rᵀr of every run, weighted by ``noise``."""
-        owners = [run.record for run in self.runs]
-        totals = np.bincount(owners, weights=squares * noise[owners] ** 2, minlength=len(self.records))
-        return np.sqrt(totals / np.maximum(self.degrees_of_freedom, 1.0))
-
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray, floor: FloatArray) -> list[RunLines]:
-        """Every run's residual and slopes at ``z``, in units of its record's noise; ``floor``: least noise believed."""
-        values, turn = coordinates.values(z), _turn(coordinates, z)
-        found = []
-        for run, counts in zip(self.runs, self.counts, strict=True):
-            record = self.records[run.record]
-            transfer, slope = self.steps(values, record.sampling_interval_s, float(self.fractions[run.record]))
-            batch, own = Batch.of([run], [0]), noise[run.record]
-            residual, columns, over = columns_of(batch, transfer, slope, np.sqrt(counts)[None, :])
-            residual[:, 0] = 0.0  # the offset's
-            frequency = line_frequencies(run.samples, record.sampling_rate_hz)
-            at = functools.partial(self._response, coordinates, frequency) if record.reference is not None else None
-            found.append(
-                RunLines(
-                    record=run.record,
-                    samples=run.samples,
-                    residual=residual[0] / own,
-                    predicted=np.abs(run.response - residual[0]) ** 2,
-                    twice=counts,
-                    slopes=columns[0] * (turn / own)[:, None],
-                    shifted=batch.shifted[0],
-                    over=over[0],
-                    order=self.trained.order,
-                    response=at,
-                    z=z,
-                    floor=float((floor[run.record] / own) ** 2),
-                )
-            )
-        return found
-
-    def _response(self, coordinates: Coordinates, frequency: FloatArray, z: FloatArray) -> ComplexArray:
-        values = coordinates.values(z)
-        found = self.trained.model.frequency_response(values, frequency, self.trained.quantity)
-        return np.asarray(found, dtype=complex)
 
     def predicted(self, values: dict[str, float]) -> list[FloatArray]:
         """Response of every record with the best initial states and offsets, NaN where the network gives none."""
