@@ -41,8 +41,8 @@ from vibrident.uncertainty.budget import (
     rows_of_effects,
 )
 from vibrident.uncertainty.curve import frequencies
-from vibrident.uncertainty.linearised import Linearised
-from vibrident.uncertainty.parameters import coverage_factor, slopes, unit_fields
+from vibrident.uncertainty.linearised import Linearised, physical_slopes
+from vibrident.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.uncertainty.posterior import Sampling, sample_posterior, sampler
 
 Uncertainty = Literal["auto", "noise", "inflated"]
@@ -236,7 +236,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
-            "uncertainty_budget": as_settings(stated.rows, names, slopes(coordinates, z)),
+            "uncertainty_budget": as_settings(stated.rows, names, physical_slopes(coordinates, z)),
             "start": dict(zip(names, np.asarray(coordinates.start).tolist(), strict=True)),
         },
         provenance=_provenance(calibration, evidence),

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from vibrident.backend import jax, jnp
 from vibrident.errors import ModelError
 from vibrident.models import parse
+from vibrident.models.slopes import response_and_slopes
 from vibrident.models.state_space import realise, state_scaling
 
 PAPER = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
@@ -276,3 +277,20 @@ def test_refused_names_say_what_and_what_instead(name, says, remedy):
     assert remedy in caught.value.remedy
     assert caught.value.where == "model"
     assert caught.value.expected
+
+
+@pytest.mark.parametrize("quantity", ["acceleration", "displacement"])
+@pytest.mark.parametrize(("name", "values"), [*CASES, BOXCAR])
+def test_slopes_are_those_of_the_response(name, values, quantity):
+    """∂H/∂θ of every parameter against central differences, and H itself against ``frequency_response``."""
+    model, frequency = parse(name), np.geomspace(0.3, 30.0, 40) * values["natural_frequency"]
+    response, slopes = response_and_slopes(model, values, frequency, quantity)
+    np.testing.assert_allclose(response, model.frequency_response(values, frequency, quantity), rtol=1e-13)
+    for row, parameter in zip(slopes, model.parameter_names, strict=True):
+        step = 1e-6 * (abs(values[parameter]) or 1.0)
+        sides = [
+            model.frequency_response(values | {parameter: values[parameter] + sign * step}, frequency, quantity)
+            for sign in (1.0, -1.0)
+        ]
+        difference = (sides[0] - sides[1]) / (2.0 * step)
+        np.testing.assert_allclose(row, difference, rtol=2e-7, atol=1e-9 * np.abs(response).max() / step * 1e-6)

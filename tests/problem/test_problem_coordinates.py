@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from vibrident.backend import jax, jnp
 from vibrident.models import parse
-from vibrident.problem import Coordinates
+from vibrident.problem import Coordinates, TimeProblem
 from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
 
 START = {
@@ -68,6 +68,7 @@ def test_bounds():
 
 
 def test_numpy_and_traced_values_agree_and_differentiate():
+    assert TimeProblem  # loaded, it tells JAX what coordinates are
     c, z = coordinates(), np.array([0.7, 0.2, 0.4, -1.0, 2.0])
     traced = jax.jit(lambda c, z: c.vector(z))(c, jnp.asarray(z))
     np.testing.assert_allclose(np.asarray(traced), list(c.values(z).values()), rtol=1e-14)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibrident.backend import jnp
+from vibrident.backend import jax, jnp
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem, TimeProblem
-from vibrident.problem.frequency_domain import inverse_residual, response_residual
+from vibrident.problem.frequency_domain import inverse_residual, response_jacobian, response_residual
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.simulation import simulate
 
@@ -129,6 +129,23 @@ def test_a_measured_responses_residual_is_complex():
     found = response_residual(jnp.asarray(c.first), c, False, True, "velocity", (f, x, y, sigma))
     expected = (y - h * x) / sigma
     np.testing.assert_allclose(found, np.concatenate([expected.real, expected.imag]), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize(("polar", "has_phase"), [(True, True), (True, False), (False, True)])
+def test_the_jacobian_is_the_residuals(polar, has_phase):
+    """Analytic slopes against automatic differentiation, with every kind of coordinate but the cubic's."""
+    model = parse("velocity-pickup+highpass+mode2+delay")
+    values = {"generator_constant": -28.8, "natural_frequency": 4.5, "damping_ratio": 0.56, "highpass_frequency": 0.1}
+    values |= {"mode2_frequency": 140.0, "mode2_damping": 0.01, "mode2_gain": 0.01, "delay": 3e-4}
+    c = Coordinates.at(model, values, (1.0, 200.0))
+    z = c.first + 0.01
+    rng = np.random.default_rng(5)
+    f, u = np.geomspace(1.0, 200.0, 9), rng.uniform(0.1, 1.0, (2, 9))
+    x = rng.standard_normal(9) + 1j * rng.standard_normal(9)
+    data = (f, np.abs(x), np.angle(x), *u) if polar else (f, x, 1j * x, u[0])
+    expected = jax.jacfwd(response_residual)(jnp.asarray(z), c, polar, has_phase, "velocity", data)
+    found = response_jacobian(z, c, polar, has_phase, "velocity", data)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * float(np.abs(expected).max()))
 
 
 def test_the_papers_least_squares_is_linear_in_three_constants():

@@ -87,9 +87,9 @@ class AddOn:
     """What stands in series with, or beside, the core.
 
     ``rational`` changes the core's transfer function; ``factor`` multiplies its frequency response where that is not
-    rational, given s = jω. ``force`` makes the sensor nonlinear: given the core's response V it is F in
-    V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V). ``beside`` is what a ``rational`` adds in parallel to the core, which such
-    a force does not see.
+    rational, given s = jω, and ``factor_slopes`` are its derivatives by name. ``force`` makes the sensor nonlinear:
+    given the core's response V it is F in V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V). ``beside`` is what a ``rational``
+    adds in parallel to the core, which such a force does not see.
     """
 
     name: str
@@ -98,6 +98,7 @@ class AddOn:
     rational: Callable[[Parameters, Rational], Rational] | None = None
     delay: Callable[[Parameters], Any] | None = None
     factor: Callable[[Parameters, Any], Any] | None = None
+    factor_slopes: Callable[[Parameters, Any], Mapping[str, Any]] | None = None
     force: Callable[[Parameters, Any], Any] | None = None
     beside: Callable[[Parameters, Rational], Rational] | None = None
 

@@ -16,9 +16,16 @@ def _factor(parameters: Parameters, s: Any) -> Any:
     return exponential(-half) * sinc(half.imag)
 
 
+def _slopes(parameters: Parameters, s: Any) -> dict[str, Any]:
+    """(e^{−sL} − F)/L."""
+    length = parameters["boxcar_length"]
+    return {"boxcar_length": (exponential(-s * length) - _factor(parameters, s)) / length}
+
+
 BOXCAR = AddOn(
     name="boxcar",
     title="average over a window",
     parameters=(ParameterSpec("boxcar_length", "s", "duration", guesses=(0.1, 0.4, 0.8), guess_at="period"),),
     factor=_factor,
+    factor_slopes=_slopes,
 )

@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.correction.sensor import KnownSensor
 from vibrident.errors import InputError
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.models import parse
 from vibrident.models.base import SensorModel
 from vibrident.planning.design import CRITERIA, Criterion, best_points, efficiency

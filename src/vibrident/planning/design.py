@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.records import FloatArray
 
 Criterion = Literal["D", "A"]

@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp
 from vibrident.decay.motion import free_motion
 from vibrident.errors import InputError
 from vibrident.measure.tones import measure_tones
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES
 from vibrident.problem import Coordinates
-from vibrident.problem.frequency_domain import response_residual
+from vibrident.problem.frequency_domain import response_jacobian
 from vibrident.records import FloatArray, Quantity, Record
 
 #: Fewest periods from which a tone is told from offset, drift and the sensor's own decay.
@@ -207,9 +206,8 @@ def _points(
 ) -> Points:
     frequency = data[0]
     coordinates = Coordinates.at(model, values, (float(frequency.min()), float(frequency.max())))
-    arrays = tuple(jnp.asarray(array) for array in data)
-    z = jnp.asarray(coordinates.first)
-    rows = np.asarray(jax.jacfwd(response_residual)(z, coordinates, polar, has_phase, quantity, arrays))
+    z = coordinates.first
+    rows = response_jacobian(z, coordinates, polar, has_phase, quantity, data)
     parts = rows.reshape(-1, frequency.size, z.size)
     information = np.einsum("rki,rkj->kij", parts, parts)
     return Points(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)

@@ -14,15 +14,14 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp
 from vibrident.models import SensorModel
+from vibrident.models.base import array_library
 from vibrident.records import FloatArray
 
 #: A natural frequency is looked for at most this far outside the band of the data.
@@ -31,12 +30,9 @@ BAND_MARGIN = 300.0
 MARGIN_BELOW = 1e6
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"]
-)
 @dataclass(frozen=True)
 class Coordinates:
-    """The map between coordinates z, shape (parameters,), and a model's parameters. A JAX pytree.
+    """The map between coordinates z, shape (parameters,), and a model's parameters. To JAX, a pytree.
 
     Attributes:
         model: whose parameters.
@@ -90,9 +86,9 @@ class Coordinates:
         ]
         return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
 
-    def physical(self, z: Any, xp: Any = jnp) -> dict[str, Any]:
-        """Name to physical value; ``z`` may be traced. ``xp``: array library of the few functions needed."""
-        values = {}
+    def physical(self, z: Any) -> dict[str, Any]:
+        """Name to physical value; ``z`` may be traced."""
+        values, xp = {}, array_library(z)
         low, high = self.band_hz[0] / MARGIN_BELOW, self.band_hz[1] * BAND_MARGIN
         for index, spec in enumerate(self.model.parameters):
             start = self.start[index]
@@ -116,7 +112,7 @@ class Coordinates:
 
     def values(self, z: Any) -> dict[str, float]:
         """Name to physical value, as plain floats."""
-        return {name: float(value) for name, value in self.physical(np.asarray(z, dtype=float), np).items()}
+        return {name: float(value) for name, value in self.physical(np.asarray(z, dtype=float)).items()}
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
         """Coordinates of physical values, shape (parameters,)."""
@@ -145,4 +141,4 @@ class Coordinates:
 
     def vector(self, z: Any) -> Any:
         """Physical values in the model's order, shape (parameters,)."""
-        return jnp.stack([jnp.asarray(value) for value in self.physical(z).values()])
+        return array_library(z).stack(list(self.physical(z).values()))

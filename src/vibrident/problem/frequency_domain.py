@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.measure import MeasuredResponse
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
+from vibrident.models.base import array_library
+from vibrident.models.slopes import response_and_slopes
 from vibrident.problem.coordinates import Coordinates
-from vibrident.problem.cutting import bucket
 from vibrident.records import FloatArray, Quantity, ResponseTable
 
 
@@ -73,6 +73,8 @@ class FrequencyProblem:
     @property
     def padded(self) -> tuple[Any, ...]:
         """``data`` with points of infinite deviation behind it, so that problems of about a size share one program."""
+        from vibrident.problem.cutting import bucket  # loads JAX, which alone has a use for it
+
         deviations = 2 if self.polar else 1
         more = (0, bucket(self.points) - self.points)
         values = [np.pad(np.asarray(array), more, "edge") for array in self.data[:-deviations]]
@@ -117,14 +119,35 @@ def response_residual(
     if polar:
         frequency, magnitude, phase, magnitude_u, phase_u = data
         model = coordinates.model.frequency_response(parameters, frequency, quantity)
-        radial = (jnp.abs(model) - magnitude) / magnitude_u
+        xp = array_library(model)
+        radial = (xp.abs(model) - magnitude) / magnitude_u
         if not has_phase:
             return radial
-        turn = jnp.angle(model * jnp.exp(-1j * phase))
-        return jnp.concatenate([radial, turn / phase_u])
+        turn = xp.angle(model * xp.exp(-1j * phase))
+        return xp.concatenate([radial, turn / phase_u])
     frequency, x, y, deviation = data
     scaled = (y - coordinates.model.frequency_response(parameters, frequency, quantity) * x) / deviation
-    return jnp.concatenate([jnp.real(scaled), jnp.imag(scaled)])
+    xp = array_library(scaled)
+    return xp.concatenate([xp.real(scaled), xp.imag(scaled)])
+
+
+def response_jacobian(
+    z: FloatArray,
+    coordinates: Coordinates,
+    polar: bool,
+    has_phase: bool,
+    quantity: Quantity,
+    data: tuple[FloatArray, ...],
+) -> FloatArray:
+    """Derivative of :func:`response_residual` by z, of NumPy arrays, shape (equations, p)."""
+    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), data[0], quantity)
+    slopes = slopes.T * coordinates.slopes(z)
+    if not polar:
+        scaled = -slopes * (data[1] / data[3])[:, None]
+        return np.concatenate([scaled.real, scaled.imag])
+    relative = slopes / model[:, None]
+    radial = relative.real * (np.abs(model) / data[3])[:, None]
+    return np.concatenate([radial, relative.imag / data[4][:, None]]) if has_phase else radial
 
 
 def inverse_residual(z: Any, coordinates: Coordinates, quantity: Quantity, data: Any) -> Any:

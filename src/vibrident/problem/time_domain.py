@@ -49,6 +49,9 @@ LEAST_NOISE = 1e-7
 DELAY_SETTLED = 1e-3
 
 
+jax.tree_util.register_dataclass(Coordinates, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"])
+
+
 @dataclass(frozen=True)
 class Layout:
     """What of the problem's shape is fixed when it is compiled."""

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
-import equinox as eqx
 import numpy as np
 
-from vibrident.backend import jax, jnp
 from vibrident.nominal import SAME, reference, series
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Curve
 from vibrident.uncertainty.identifiability import NOTHING
+from vibrident.uncertainty.linearised import log_slopes
 
 POINTS = 201
 
@@ -51,26 +49,17 @@ def curve(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity, frequency_hz: FloatArray
 ) -> Curve:
     """Curve of the model at ``frequency_hz``, shape (points,), with standard uncertainties."""
-    log_magnitude, phase, slope_m, slope_p = (
-        np.asarray(a) for a in _propagated(coordinates, jnp.asarray(z), quantity, jnp.asarray(frequency_hz))
+    response, slopes = log_slopes(coordinates, z, quantity, frequency_hz)
+    magnitude = np.abs(response)
+    u_m, u_p = (
+        np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", part, covariance, part), 0.0))
+        for part in (slopes.real, slopes.imag)
     )
-    magnitude = np.exp(log_magnitude)
-    u_m = magnitude * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slope_m, covariance, slope_m), 0.0))
-    u_p = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slope_p, covariance, slope_p), 0.0))
+    u_m = magnitude * u_m
     return Curve(
         tuple(frequency_hz.tolist()),
         tuple(magnitude.tolist()),
-        tuple(np.rad2deg(phase).tolist()),
+        tuple(np.rad2deg(np.angle(response)).tolist()),
         tuple(u if u < NOTHING * m else None for u, m in zip(u_m.tolist(), magnitude.tolist(), strict=True)),
         tuple(u if u < NOTHING else None for u in np.rad2deg(u_p).tolist()),
     )
-
-
-@eqx.filter_jit
-def _propagated(coordinates: Coordinates, z: Any, quantity: Quantity, frequency: Any) -> tuple[Any, ...]:
-    def polar(y: Any) -> tuple[Any, Any]:
-        response = coordinates.model.frequency_response(coordinates.physical(y), frequency, quantity)
-        return jnp.log(jnp.abs(response)), jnp.angle(response)
-
-    (log_magnitude, phase), slopes = polar(z), jax.jacfwd(polar)(z)
-    return log_magnitude, phase, slopes[0], slopes[1]

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.measure.response import ComplexArray
+from vibrident.models.slopes import response_and_slopes
 from vibrident.problem import Coordinates
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import BoolArray, FloatArray, Quantity
-
-#: Step of the central differences in coordinates near one.
-STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +88,12 @@ class Linearised:
 def log_slopes(
     coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Model response, shape (n,), and ∂ log H/∂z by central differences, shape (n, p)."""
+    """Model response, shape (n,), and ∂ log H/∂z, shape (n, p)."""
+    response, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency_hz, quantity)
+    return response, slopes.T * physical_slopes(coordinates, z) / response[:, None]
 
-    def response(at: FloatArray) -> ComplexArray:
-        return np.asarray(coordinates.model.frequency_response(coordinates.values(at), frequency_hz, quantity))
 
-    middle = response(z)
-    slopes = np.empty((len(frequency_hz), len(z)), dtype=complex)
-    for index in range(len(z)):
-        step = np.zeros(len(z))
-        step[index] = STEP
-        slopes[:, index] = (response(z + step) - response(z - step)) / (2.0 * STEP * middle)
-    return middle, slopes
+def physical_slopes(coordinates: Coordinates, z: FloatArray) -> FloatArray:
+    """dp/dz of every parameter, shape (p,); zero beyond the ends of the range searched, where nothing changes."""
+    low, high = coordinates.edges
+    return np.where((low < z) & (z < high), coordinates.slopes(z), 0.0)

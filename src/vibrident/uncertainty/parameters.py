@@ -2,25 +2,24 @@
 
 The covariance of the coordinates z is exact to first order (GUM 5.2); intervals are taken in z, where the problem
 is most nearly linear, with Student's t, and carried over: a natural frequency's interval is symmetric in its
-logarithm, a damping ratio's ends at zero. Derived quantities are propagated by automatic differentiation.
+logarithm, a damping ratio's ends at zero. Derived quantities are propagated by the complex-step derivative.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Set
-from typing import Any
 
-import equinox as eqx
 import numpy as np
 from scipy.special import stdtrit
 
-from vibrident.backend import jax, jnp
 from vibrident.models import Derived, SensorModel
+from vibrident.models.slopes import STEP
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Correlation, Parameter
 from vibrident.uncertainty.identifiability import NOTHING, unstated
+from vibrident.uncertainty.linearised import physical_slopes
 
 COVERAGE = 0.95
 #: What a derived quantity needs beside the natural frequency.
@@ -31,11 +30,6 @@ def coverage_factor(degrees_of_freedom: float) -> float:
     """K of a 95 % interval: Student's t at these degrees of freedom, 1.96 for infinitely many (GUM G.3)."""
     finite = min(degrees_of_freedom, 1e9)
     return float(stdtrit(finite, 0.5 + COVERAGE / 2))
-
-
-def slopes(coordinates: Coordinates, z: FloatArray) -> FloatArray:
-    """dp/dz of every parameter, shape (p,)."""
-    return np.asarray(_slopes(coordinates, jnp.asarray(z)))
 
 
 def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
@@ -75,7 +69,7 @@ def parameter_table(
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    change = slopes(coordinates, z)
+    change = physical_slopes(coordinates, z)
     unknown = unstated(coordinates, z, covariance)
     table = {}
     for index, spec in enumerate(model.parameters):
@@ -118,8 +112,8 @@ def _derived(
 ) -> dict[str, Parameter]:
     table = {}
     quantities = coordinates.model.derived(coordinates.values(z))
-    values, slopes = _derivatives(coordinates, jnp.asarray(z), quantities)
-    for quantity, value, slope in zip(quantities, np.asarray(values), np.asarray(slopes), strict=True):
+    for quantity in quantities:
+        value, slope = _value_and_slope(coordinates, z, quantity)
         u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         relative = u / abs(value) if value else 0.0
         if quantity.name == "conversion_coefficient" or relative > 0.5:
@@ -130,7 +124,7 @@ def _derived(
         known = not needed & set(unknown) and relative <= NOTHING
         needs_damping = quantity.name == "resonance_frequency" and "damping_ratio" in doubtful
         table[quantity.name] = Parameter(
-            value=float(value),
+            value=value,
             unit=_unit(quantity.unit, units),
             standard_uncertainty=u if known else None,
             interval_95=(float(interval[0]), float(interval[1])) if known else (None, None),
@@ -140,21 +134,15 @@ def _derived(
     return table
 
 
-@eqx.filter_jit
-def _derivatives(coordinates: Coordinates, z: Any, quantities: tuple[Derived, ...]) -> tuple[Any, Any]:
-    """Values of derived quantities, and their slopes in z."""
-
-    def values(y: Any) -> Any:
-        physical = coordinates.physical(y)
-        return jnp.stack([jnp.asarray(quantity.value(physical)) for quantity in quantities])
-
-    return values(z), jax.jacfwd(values)(z)
-
-
-@eqx.filter_jit
-def _slopes(coordinates: Coordinates, z: Any) -> Any:
-    """dp/dz of every parameter, shape (p,)."""
-    return jnp.diagonal(jax.jacfwd(coordinates.vector)(z))
+def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived) -> tuple[float, FloatArray]:
+    """A derived quantity and its slopes in z, shape (p,)."""
+    values = coordinates.values(z)
+    slopes = [
+        complex(quantity.value({**values, name: complex(value, STEP * (abs(value) or 1.0))})).imag
+        / (STEP * (abs(value) or 1.0))
+        for name, value in values.items()
+    ]
+    return float(quantity.value(values)), np.array(slopes) * physical_slopes(coordinates, z)
 
 
 def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:

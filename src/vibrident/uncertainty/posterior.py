@@ -227,7 +227,7 @@ def _log_density(
 def _physical(coordinates: Coordinates, z: FloatArray) -> dict[str, FloatArray]:
     """Every parameter of every draw, estimated and derived; z of shape (chains, draws, p), values (chains, draws)."""
     moved = np.moveaxis(z, -1, 0)
-    values = {name: np.asarray(value) for name, value in coordinates.physical(moved, np).items()}
+    values = {name: np.asarray(value) for name, value in coordinates.physical(moved).items()}
     flat = [dict(zip(values, draw, strict=True)) for draw in zip(*(v.ravel() for v in values.values()), strict=True)]
     for quantity in coordinates.model.core.derived:
         if all(quantity.exists(draw) for draw in flat):

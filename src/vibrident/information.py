@@ -1,0 +1,24 @@
+"""Inverse of JᵀJ that does not hide what the data leave open."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.records import FloatArray
+
+#: Scaled eigenvalues below this are rounding: the direction is not determined at all.
+SMALLEST = 1e-12
+#: Information that counts as none: small enough to say so, large enough not to overflow.
+NONE = 1e-70
+
+
+def inverse_normal(matrix: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix, shape (p, p).
+
+    A direction without information gets a very large variance, where a pseudo-inverse would give it none: a parameter
+    that the data cannot tell must not look certain.
+    """
+    scale = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), NONE)
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
+    return inverse / scale[:, None] / scale
