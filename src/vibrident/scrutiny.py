@@ -29,7 +29,6 @@ from vibrident.uncertainty.agreement import estimators_disagree
 from vibrident.uncertainty.alternatives import Solution, other_solutions
 from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.band import band_sensitive
-from vibrident.uncertainty.bend import bend
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import parameter_units
 
@@ -91,7 +90,6 @@ def _nonlinear(
     if bent is not None:
         yield bent
         return
-    yield from _bent(evidence, estimate, judgement)
     tones = judgement.tones
     if tones is None:
         return
@@ -136,27 +134,6 @@ def _distorted(
     if found is None or max(abs(found.peak), abs(found.gain)) < u:
         return None
     return ResultWarning("nonlinear", found.sentence(in_words(gain)))
-
-
-def _bent(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Iterator[ResultWarning]:
-    """A spring that is not linear, under motion that is not a sine."""
-    core = evidence.model.core
-    moved = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
-    if core.name != "accelerometer" or not moved or estimate.settings.get("discretisation") != "bandlimited":
-        return
-    values = estimate.coordinates.values(estimate.z)
-    alone, gain = SensorModel(core.name, core), values[evidence.model.gain_name]
-
-    def over_gain(frequency: FloatArray) -> ComplexArray:
-        return np.asarray(alone.frequency_response(values, frequency) / gain, dtype=complex)
-
-    found = bend([evidence.records[i] for i in moved], [judgement.predicted[i] for i in moved], over_gain)
-    if found is not None:
-        text = (
-            f"The spring is not linear: what a cubic stiffness would add is {100 * found.share:.2g} % of the response "
-            f"and stands out of the residual by {found.sigma:.1f} standard deviations."
-        )
-        yield ResultWarning("nonlinear", text)
 
 
 def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:

@@ -15,6 +15,8 @@ KINDS = {
     "sine": {"frequencies_hz": np.geomspace(30.0, 1500.0, 6)},
     "multisine": {"frequencies_hz": np.geomspace(20.0, 2000.0, 25)},
     "random": {"frequencies_hz": (20.0, 2000.0)},
+    "sweep": {"frequencies_hz": (20.0, 2000.0), "repeats": 2},
+    "shock": {"repeats": 3},
 }
 BENDS = {
     "compression": lambda v, size, peak: v * (1.0 - size * (v / peak) ** 2),
@@ -49,7 +51,12 @@ def judged(records, measured, predicted):
     [("compression", 0.002), ("compression", 0.2), ("square", 0.01), ("square", 0.1), ("dead band", 0.001)],
 )
 def test_a_bend_is_found_and_its_size(kind, bend, size):
-    """From 0.1 % of the peak on, in noise of 0.1 %; the size at the peak to a third, compression with its sign."""
+    """From 0.1 % of the peak on, in noise of 0.1 %; the size at the peak to a third, compression with its sign.
+
+    To a half in motion that is large for a moment only; at rest nothing tells a dead band.
+    """
+    if (kind, bend) == ("shock", "dead band"):
+        return
     records, rng = clean(kind), np.random.default_rng(3)
     linear = [r.response for r in records]
     peak = max(float(np.max(np.abs(v))) for v in linear)
@@ -64,7 +71,7 @@ def test_a_bend_is_found_and_its_size(kind, bend, size):
         own = next(v for r, v in zip(records, linear, strict=True) if r.name == found.record)
         power = 2 if bend == "compression" else 1
         there = size * (float(np.max(np.abs(own))) / peak) ** power
-        assert abs(found.peak) == pytest.approx(there, rel=0.34)
+        assert abs(found.peak) == pytest.approx(there, rel=0.5 if kind in ("sweep", "shock") else 0.34)
     if found.kind == "cube":
         assert found.peak < 0
 

@@ -47,6 +47,8 @@ STANDS_OUT = 15.0
 NEAR, MOST_LOUD = 4.0, 60
 #: A kind is named in place of one before it where it stands out so many times as far.
 PREFERRED = 1.1
+#: A line of the motion counts beyond so many times the noise power there.
+HEARD = 2.0
 #: Fewest samples of a record.
 SHORTEST = 256
 #: A distortion below so many steps of a digitiser is its own.
@@ -63,7 +65,7 @@ class Distortion:
 
     Attributes:
         kind: ``square``, ``cube``, ``dead band`` or ``spring``.
-        record: name of the record that shows it most.
+        record: name of the record that tells its size most.
         peak: what it adds at the largest response, over that response; negative: the response is compressed; without
             sign for ``spring``.
         gain: what it adds to a linear gain fitted to that record, relative.
@@ -164,20 +166,30 @@ def _series(
             continue
         residual = np.where(used, record.response - series, 0.0)
         residual = np.where(used, residual - np.mean(residual[used]), 0.0)
-        motions = tuple(np.where(used, v - np.mean(v[used]), 0.0) for v in (series, record.response))
-        if not np.any(motions[0]):
-            continue
         quiet = np.ones(record.samples // 2 + 1, dtype=bool)
         quiet[:LOWEST] = False
         error = np.asarray(fft.rfft(residual), dtype=complex)
         level = _median_level(np.abs(error) ** 2)
-        found.append(_Series(record, used, residual, (motions[0], motions[1]), error, level, quiet))
-        tones.append(tone)
+        motions = _motion(series, used, level), _motion(record.response, used, level)
+        if np.any(motions[0]):
+            found.append(_Series(record, used, residual, motions, error, level, quiet))
+            tones.append(tone)
     loud = [_loud(one, tone) for one, tone in zip(found, tones, strict=True)]
     for index, (one, tone) in enumerate(zip(found, tones, strict=True)):
         if tone is not None:
             _leave_out(one, np.concatenate([np.zeros(0), *(hz for j, hz in enumerate(loud) if j != index)]))
     return found
+
+
+def _motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> FloatArray:
+    """A response about its mean, without the lines that are noise: a cube would mix these with all others.
+
+    By its own lines alone, so that noise of one response stays out of the other.
+    """
+    lines = np.asarray(fft.rfft(np.where(used, response - np.mean(response[used]), 0.0)), dtype=complex)
+    power, noise = np.abs(lines) ** 2, HEARD * level
+    lines *= np.divide(power - noise, power, out=np.zeros_like(power), where=power > noise)
+    return np.where(used, np.asarray(fft.irfft(lines, used.size)), 0.0)
 
 
 def _loud(one: _Series, tone: float | None) -> FloatArray:
@@ -271,7 +283,7 @@ def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
     if strength[least] < CERTAIN + np.log(tried) or opposed:
         return None
     amount = amounts[least]
-    worst = max(sums, key=lambda s: abs(s.product[least]) ** 2 / max(s.power[least], 1e-300))
+    worst = max(sums, key=lambda s: s.power[least])
     one = worst.one
     motion = one.motions[0]
     size = float(np.copysign(abs(amount), amount.real))
