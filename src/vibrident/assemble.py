@@ -11,13 +11,13 @@ import numpy as np
 from vibrident.backend import jnp
 from vibrident.decay import DecayDeviation, decay_deviations
 from vibrident.discretize import Weights, method
+from vibrident.discretize.table import weight_table
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.measure import MeasuredResponse
 from vibrident.measure.overtones import Overtone, audible, overtones
 from vibrident.measure.response import ComplexArray
-from vibrident.network import weight_table
 from vibrident.problem import Evidence, TimeProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray, Quantity, SystematicEffect

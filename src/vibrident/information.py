@@ -1,4 +1,4 @@
-"""Inverse of JᵀJ that does not hide what the data leave open."""
+"""Inverses of normal matrices JᵀJ, and what they say of a direction that the data leave open."""
 
 from __future__ import annotations
 
@@ -22,3 +22,11 @@ def inverse_normal(matrix: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
     return inverse / scale[:, None] / scale
+
+
+def inverse_where_known(matrix: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix of unknowns that nobody asks for: a direction without information gets nothing."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    known = values > SMALLEST
+    return (vectors[:, known] / values[known]) @ vectors[:, known].T / scale[:, None] / scale

@@ -9,19 +9,19 @@ response; a record of n samples has n − 3 left to judge the prediction by.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vibrident.discretize import method
+from vibrident.discretize import Method, method
 from vibrident.errors import InputError
-from vibrident.estimators.residual_network import saved_model
 from vibrident.measure import Finding, screen
 from vibrident.models import SensorModel, parse
-from vibrident.problem import Coordinates, TimeProblem
-from vibrident.records import BoolArray, Calibration, FloatArray, Record
+from vibrident.problem import Coordinates
+from vibrident.problem.in_time import response_in_time
+from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
 from vibrident.result import Result
 
 #: The band of coordinates bounds what a search may find; here nothing is searched.
@@ -99,13 +99,26 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     _check_units(result, calibration)
     records, findings = screen(calibration.records)
     name = str(result.settings.get("discretisation") or "bandlimited")
-    model, learned = saved_model(model, result.settings)
-    values |= learned
-    problem = TimeProblem.build(records, model, method(name), calibration.quantity, values)
-    coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
-    predicted = problem.predict(coordinates, coordinates.first)
+    if result.settings.get("residual_network"):  # which is JAX's
+        from vibrident.estimators.residual_network import saved_model
+
+        model, learned = saved_model(model, result.settings)
+        values |= learned
+    respond = response_in_time if model.is_linear else _compiled_response
+    predicted = respond(records, model, method(name), calibration.quantity, values)
     pairs = zip(records, predicted, strict=True)
     return Predictions(tuple(Prediction(record, series) for record, series in pairs), findings, name)
+
+
+def _compiled_response(
+    records: Sequence[Record], model: SensorModel, method: Method, quantity: Quantity, values: Mapping[str, float]
+) -> Sequence[FloatArray]:
+    """The same of a model that is not linear, by the network that JAX compiles."""
+    from vibrident.problem import TimeProblem
+
+    problem = TimeProblem.build(records, model, method, quantity, dict(values))
+    coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
+    return problem.predict(coordinates, coordinates.first)
 
 
 def root_mean_square(values: FloatArray) -> float | None:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from vibrident.discretize import METHODS, Weights, method
+from vibrident.discretize.table import weight_table
 from vibrident.errors import ModelError
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling
-from vibrident.network import Cell, physics_from_weights, run, weight_table
+from vibrident.network import Cell, physics_from_weights, run
 from vibrident.network.readback import network_response
 
 SENSORS = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from vibrident.network.cell import Cell, run
 from vibrident.network.readback import physics_from_weights
-from vibrident.network.table import weight_table
 from vibrident.network.unroll import Lanes, respond
 
-__all__ = ["Cell", "Lanes", "physics_from_weights", "respond", "run", "weight_table"]
+__all__ = ["Cell", "Lanes", "physics_from_weights", "respond", "run"]

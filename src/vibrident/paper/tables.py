@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.discretize import method
+from vibrident.discretize.table import weight_table
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling
-from vibrident.network import weight_table
 from vibrident.paper import claims, methods, published
 from vibrident.paper.black_box import HIDDEN
 from vibrident.paper.dataset import SENSOR

@@ -1,0 +1,112 @@
+"""The response in time without a compiler against the compiled network's: the same numbers to 1e-9."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vibrident.discretize import Weights, method
+from vibrident.discretize.unrolled import free_rows, respond
+from vibrident.errors import InputError, ModelError
+from vibrident.models import parse
+from vibrident.problem import Coordinates, TimeProblem, in_time
+from vibrident.problem.in_time import response_in_time
+from vibrident.records import Record
+from vibrident.simulation import simulate, with_noise
+
+SENSORS = {
+    "accelerometer": {"sensitivity": 0.104, "natural_frequency": 352.0, "damping_ratio": 0.182},
+    "velocity-pickup": {"generator_constant": 28.0, "natural_frequency": 45.0, "damping_ratio": 0.56},
+}
+ADDED = {
+    "delay": {"delay": 137e-6},
+    "highpass": {"highpass_frequency": 12.0},
+    "mode2": {"mode2_frequency": 1800.0, "mode2_damping": 0.03, "mode2_gain": 0.04},
+}
+
+
+def values_of(model):
+    core, *add_ons = model.split("+")
+    return {**SENSORS[core], **{name: v for addon in add_ons for name, v in ADDED[addon].items()}}
+
+
+def records_of(model, samples=1503):
+    """Random motion with an offset, a gap in the response, clipped samples of the reference, and another rate."""
+    made = []
+    for rate in (10e3, 8e3):
+        motion = simulate(
+            (model, values_of(model)), "random", frequencies_hz=[20.0, 2000.0], sampling_rate_hz=rate, samples=samples
+        )
+        made.append(with_noise(motion, response_noise=0.02, seed=6).records[0])
+    valid = np.ones(samples, dtype=bool)
+    valid[[300, 301, 900]] = False
+    first = replace(made[0], response=made[0].response + 0.3, valid=valid, reference_valid=np.arange(samples) != 700)
+    return [first, made[1]]
+
+
+def assert_as_compiled(records, name, quantity, step):
+    model = parse(name)
+    values = {key: value * 1.02 for key, value in values_of(name).items()}
+    problem = TimeProblem.build(records, model, method(step), quantity, values)
+    coordinates = Coordinates.at(model, values, (1e-9, 1e12))
+    expected = problem.predict(coordinates, coordinates.first)
+    found = response_in_time(records, model, method(step), quantity, values)
+    for ours, theirs, record in zip(found, expected, records, strict=True):
+        np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
+        assert np.isfinite(ours).sum() > 0.8 * record.samples
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9 * float(np.nanmax(np.abs(theirs))))
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "step"),
+    [
+        ("accelerometer+mode2+highpass+delay", "acceleration", "bandlimited"),
+        ("velocity-pickup+delay", "displacement", "bandlimited"),
+        ("accelerometer+delay", "acceleration", "tustin"),
+    ],
+)
+def test_the_response_is_the_compiled_networks(name, quantity, step):
+    assert_as_compiled(records_of("accelerometer+delay"), name, quantity, step)
+
+
+def test_blocks_of_long_records_join_without_a_seam(monkeypatch):
+    records = records_of("accelerometer+delay")
+    given = (records, parse("accelerometer"), method("bandlimited"), "acceleration", values_of("accelerometer"))
+    whole = response_in_time(*given)
+    monkeypatch.setattr(in_time, "BLOCK", 400)
+    blocks = response_in_time(*given)
+    for one, other in zip(whole, blocks, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-10 * float(np.nanmax(np.abs(one))))
+
+
+def test_a_free_decay_has_no_input():
+    decay = simulate("paper", "decay", sampling_rate_hz=10e3, samples=600).records
+    assert_as_compiled(list(decay), "accelerometer", "acceleration", "bandlimited")
+
+
+def test_records_too_short_and_models_without_network_are_refused():
+    noise = np.random.default_rng(0).standard_normal((2, 12))
+    short = [Record("short", noise[0], noise[1], 10e3, valid=np.arange(12) < 6)]
+    with pytest.raises(InputError, match="long enough"):
+        response_in_time(short, parse("accelerometer"), method("euler"), "acceleration", values_of("accelerometer"))
+    values = values_of("accelerometer") | {"boxcar_length": 1e-3}
+    with pytest.raises(ModelError, match="no network"):
+        response_in_time(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 64, 65])
+def test_chunks_are_the_recursion(steps, rng):
+    weights = Weights(
+        np.array([[0.9, 0.2], [-0.1, 0.8]]), rng.standard_normal((2, 3)), np.array([1.0, 0.5]), rng.standard_normal(3)
+    )
+    inputs, state = rng.standard_normal((steps, 3)), rng.standard_normal(2)
+    own, expected = state, []
+    for u in inputs:
+        expected.append(weights.output @ own + weights.feedthrough @ u)
+        own = weights.transition @ own + weights.drive @ u
+    found, behind = respond(weights, inputs, state)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(behind, own, rtol=1e-12, atol=1e-13)
+    rows, power = free_rows(weights, steps)
+    np.testing.assert_allclose(rows[-1], weights.output @ np.linalg.matrix_power(weights.transition, steps - 1))
+    np.testing.assert_allclose(power, np.linalg.matrix_power(weights.transition, steps), rtol=1e-12, atol=1e-15)
