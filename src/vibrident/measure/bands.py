@@ -158,7 +158,11 @@ def _power_and_coherence(
 
 
 def coherent_remainder(
-    record: Record, predicted: FloatArray, through: FloatArray | None = None, hum_hz: Sequence[float] = ()
+    record: Record,
+    predicted: FloatArray,
+    through: FloatArray | None = None,
+    hum_hz: Sequence[float] = (),
+    least: FloatArray | None = None,
 ) -> tuple[FloatArray, NDArray[np.complex128], FloatArray, FloatArray] | None:
     """What of a time residual is coherent with the predicted response, by narrow bands.
 
@@ -172,6 +176,7 @@ def coherent_remainder(
             the spectral lines of the record, shape (samples // 2 + 1,). Such noise is in E and in Ŷ, with opposite
             signs; it is allowed for, and bands that hold little else are left out.
         hum_hz: tones that are known not to come from the motion; taken out of the residual.
+        least: variance, a sample, that no noise is believed to be below, at the lines as ``through``.
 
     Returns:
         Frequencies, ρ, standard deviation of the real part of ρ, degrees of freedom; each of shape (bands,). None
@@ -200,6 +205,8 @@ def coherent_remainder(
         rest = float(np.sum(np.abs(error[a:b] - (rho if shared == 0.0 else 0.0) * spectrum[a:b]) ** 2))
         freedom = 2.0 * max((b - a) * float(np.mean(used)) - 1.0, 1.0)
         floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
+        if least is not None:
+            floor = max(floor, float(used.sum() * np.mean(least[a:b])) / total / 2.0)
         variance = max(rest / (b - a - 1.0) / total / 2.0, floor)
         if variance > 0.25:
             continue

@@ -27,6 +27,7 @@ from scipy import fft
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
+from vibrident.measure.rounding import converter_step
 from vibrident.records import FloatArray, Record
 
 #: Longer records are looked at in parts.
@@ -293,17 +294,9 @@ def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
     peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
     peak = {DEAD: -abs(peak), SPRING: abs(peak)}.get(kind, peak)  # beyond the resonance a spring's bend changes sign
     gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
-    if size_of_rest < STEPS * _step(one.record.response):
+    if size_of_rest < STEPS * converter_step(one.record.response):
         return None
     return Distortion(kind, one.record.name, peak, gain, float(np.sqrt(2.0 * strength[least])))
-
-
-def _step(response: FloatArray) -> float:
-    """The digitiser's step: the least distance of two values where many of them repeat, else zero."""
-    some = np.unique(response[:20_000])
-    if some.size < 2 or some.size > 0.9 * min(response.size, 20_000):
-        return 0.0
-    return float(np.min(np.diff(some)))
 
 
 def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tuple[complex, float, float]]:

@@ -21,6 +21,7 @@ from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.errors import InputError, ModelError
 from vibrident.lines import Trained, run_of, seen_by_network, unbroken
+from vibrident.measure.rounding import converter_step
 from vibrident.memory import give_back
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
@@ -161,6 +162,8 @@ class TimeProblem:
     def noise_floor(self) -> FloatArray:
         """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
         floor = [LEAST_NOISE * float(np.std(record.response[record.mask])) for record in self.records]
+        steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in self.records]
+        floor = np.maximum(floor, steps)
         return np.maximum(floor, np.finfo(float).tiny)
 
     def at_delay_of(self, values: dict[str, float]) -> TimeProblem:

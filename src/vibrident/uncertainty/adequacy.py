@@ -16,6 +16,7 @@ from vibrident.decay import DecayDeviation
 from vibrident.measure.bands import coherent_remainder
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray, MeasuredResponse
+from vibrident.measure.rounding import rounding_variance
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 
@@ -89,11 +90,14 @@ def band_points(
     """
     points = []
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
-        through = None
-        if len(reference_noise) and reference_noise[index] > 0:
-            lines = line_frequencies(record.samples, record.sampling_rate_hz)
-            through = (reference_noise[index] * np.abs(response(lines))) ** 2
-        found = coherent_remainder(record, series, through, hum_hz[index] if len(hum_hz) else ())
+
+        def gain_squares(record: Record = record) -> FloatArray:
+            return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
+
+        unfelt = reference_noise[index] if len(reference_noise) else 0.0
+        through = unfelt**2 * gain_squares() if unfelt > 0.0 else None
+        hum = hum_hz[index] if len(hum_hz) else ()
+        found = coherent_remainder(record, series, through, hum, rounding_variance(record, gain_squares))
         if found is None:
             continue
         frequency, remainder, deviation, freedom = found

@@ -1,0 +1,36 @@
+"""A converter's step is read from the values, and rounding is no misfit."""
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.measure.rounding import converter_step
+
+SHOCK = {"sampling_rate_hz": 20_000.0, "samples": 1000, "repeats": 6, "amplitude": 100.0}
+
+
+def rounded(values, bits):
+    """By a converter whose range is twice the peak."""
+    step = 4.0 * float(np.max(np.abs(values))) / 2**bits
+    return step * np.rint(values / step)
+
+
+def test_the_step_is_read_where_values_repeat_on_a_grid():
+    values = np.cumsum(np.random.default_rng(1).standard_normal(3000))
+    assert converter_step(values) == 0.0
+    assert converter_step(np.where(values > 10.0, 10.0, values)) == 0.0  # clipped, not rounded
+    assert converter_step(0.3 + 0.25 * np.rint(values / 0.25)) == pytest.approx(0.25)
+    assert converter_step(1e-12 * np.rint(values / 0.25)) == pytest.approx(1e-12)
+
+
+@pytest.mark.parametrize("bits", [8, 12])
+def test_a_shock_of_few_steps_is_clean_and_its_uncertainty_holds(bits):
+    """Most of the record is still: what rounding does there is neither noise nor misfit, and is in u."""
+    for seed in range(4):
+        clean = vibrident.simulate("paper", "shock", response_noise=1e-5, seed=seed, **SHOCK)
+        records = [r.with_response(rounded(r.response, bits), "") for r in clean.records]
+        result = vibrident.identify(vibrident.Calibration(records=tuple(records), model="accelerometer"))
+        assert result.warning_codes == (), seed
+        for name, true in vibrident.simulation.SENSORS["paper"].parameters.items():
+            found = result.parameters[name]
+            assert abs(found.value - true) < 4.0 * found.standard_uncertainty, (seed, name)
