@@ -15,6 +15,7 @@ from vibrident.io import read
 from vibrident.measure import screen
 from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
+from vibrident.measure.spikes import wild
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.simulation import SENSORS, simulate
 
@@ -69,7 +70,7 @@ def test_free_signals_are_left_alone(motion: str, rng: np.random.Generator) -> N
     found = 0
     for _ in range(300):
         values = converted(MOTIONS[motion](rng) + rng.choice([0.0, 3.0]), rng)
-        found += bool(clipped(values, ALL)[0].any()) + bool(lost(values, ALL).any())
+        found += bool(clipped(values, ALL)[0].any()) + bool(lost(values, ALL).any()) + bool(wild(values, ALL).any())
     assert found <= (1 if motion == "sine" else 0)
 
 
@@ -108,6 +109,7 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved += noise * rng.standard_normal(N)
             assert not clipped(moved, ALL)[0].any()
             assert not lost(moved, ALL).any()
+            assert not wild(moved, ALL).any()
 
 
 @pytest.mark.parametrize("steps", [3, 7, 20])
@@ -118,6 +120,7 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
         valid = np.ones(values.size, dtype=bool)
         assert not clipped(values, valid)[0].any()
         assert not lost(values, valid).any()
+        assert not wild(values, valid).any()
 
 
 def test_full_scale_decides_where_it_is_given(rng: np.random.Generator) -> None:
@@ -153,6 +156,46 @@ def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool
         bad = lost(values, ALL)
         assert np.all(bad[values != kept])
         assert np.sum(bad & (values == kept)) <= 3 * count
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize(("size", "share"), [(1.0, 0.3), (10.0, 0.9), (100.0, 0.9)])
+def test_single_wild_samples_are_found(motion: str, size: float, share: float, rng: np.random.Generator) -> None:
+    """Off by 1 to 100 times the rms, under noise of 0.1 % and 1 %: most of them, and no other sample."""
+    hit = 0
+    for level in (1e-3, 1e-2) * 5:
+        free = MOTIONS[motion](rng)
+        free = free + level * np.std(free) * rng.standard_normal(N)
+        values = free.copy()
+        places = rng.choice(N // 40, 4, replace=False) * 40 + 20
+        values[places] += size * np.std(free) * rng.choice([-1.0, 1.0], 4)
+        bad = wild(values, ALL)
+        assert bad.any() or size == 1.0
+        assert not np.any(bad & (values == free))
+        hit += int(bad[places].sum())
+    assert hit >= share * 40
+
+
+def test_corners_and_edges_of_a_motion_are_not_wild(rng: np.random.Generator) -> None:
+    """Half-sines of 4 samples and more that begin at once, struck sensors, triangles."""
+    for _ in range(100):
+        length, noise = int(rng.integers(4, 200)), 10.0 ** rng.uniform(-6.0, -2.0) * rng.standard_normal(N)
+        push = np.where(np.abs(T - 700.0 - 0.5 * length) < 0.5 * length, np.sin(np.pi * (T - 700) / length), 0.0)
+        since = np.maximum(T - rng.uniform(500.0, 900.0), 0.0)
+        struck = np.exp(-since * rng.uniform(1e-3, 0.05)) * np.sin(rng.uniform(0.01, 2.0) * since)
+        triangle = np.arcsin(np.sin(rng.uniform(0.01, 0.3) * T))
+        for values in (push, struck, triangle):
+            assert not wild(values + noise, ALL).any()
+
+
+def test_what_both_channels_show_is_motion(rng: np.random.Generator) -> None:
+    """A stiff sensor answers a blow of one sample by one sample."""
+    blow = np.where(T == 1200, 8.0, 0.0)
+    reference, response = (band_limited(rng) + 1e-3 * rng.standard_normal(N) for _ in range(2))
+    assert screen([Record("r", reference + blow, response - 0.5 * blow, 1e3, "random")])[1] == ()
+    _, (said,) = screen([Record("r", reference + blow, response, 1e3, "random")])
+    assert said.code == "dead_channel"
+    assert "reference channel is far off its neighbours in 1 single sample(s), the first at 1.2 s" in said.message
 
 
 @pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])

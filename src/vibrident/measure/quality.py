@@ -13,6 +13,7 @@ from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.spikes import wild
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
@@ -22,6 +23,8 @@ FEWEST_PERIODS = 2.0
 #: Samples on either side that the interpolation of the reference takes in; a record that lost samples is used where at
 #: least this part of it, and so many samples, are whole over as many.
 REACH, LEAST_WHOLE, FEWEST_WHOLE = 40, 0.05, 128
+#: Wild samples of both channels that are so many samples apart, or fewer, are one event.
+TOGETHER = 2
 #: A tone is heard above this many standard deviations of its amplitude.
 SILENT_SIGMA = 5.0
 #: A sine may come with this much other motion that the sensor answers, over the power of its tone: noise that it feels.
@@ -113,7 +116,23 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
             )
             findings.append(Finding("dead_channel", text))
             record = _without(record, label, bad, f"{label} stands still")
+    for label, bad in _wild(record).items():
+        first = float(np.argmax(bad)) / record.sampling_rate_hz
+        text = (
+            f"{record.name}: the {label} channel is far off its neighbours in {int(bad.sum())} single sample(s), the "
+            f"first at {first:.6g} s, as where a recorder or a contact fails; {_left_out(bad, record)}"
+        )
+        findings.append(Finding("dead_channel", text))
+        record = _without(record, label, bad, f"{label} wild in single samples")
     return record, findings
+
+
+def _wild(record: Record) -> dict[str, BoolArray]:
+    """Wild samples of each channel that has any; what both channels show together is motion."""
+    found = {label: wild(values, record.mask) for label, values, _ in _channels(record)}
+    near = {label: np.convolve(bad, np.ones(2 * TOGETHER + 1), mode="same") > 0.5 for label, bad in found.items()}
+    together = np.all(list(near.values()), axis=0) if len(near) > 1 else np.zeros(record.samples, dtype=bool)
+    return {label: bad & ~together for label, bad in found.items() if np.any(bad & ~together)}
 
 
 def _without(record: Record, label: str, bad: BoolArray, reason: str) -> Record:

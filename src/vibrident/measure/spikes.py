@@ -1,0 +1,197 @@
+"""Single wild samples: bit errors, contacts that fail, discharges.
+
+A sample is told by its neighbours on both sides as well as the record's own noise and band allow: the interpolation
+x[n] ≈ c + Σ a_k (x[n−k] + x[n+k]) is fitted by least squares to the record itself, without the samples that it tells
+worst (Vaseghi 2008, ch. 13). Where noise and motion are the same throughout, its error is the best linear test for a
+single wild sample, which leaves an error of one known shape, and nothing once it is taken out. Where motion is faster
+than the interpolation (the edge of a shock), the errors of several samples in a row are large, and no single one
+explains them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from vibrident.records import BoolArray, FloatArray
+
+#: Neighbours on either side; samples that the interpolation tells worst, as a part of all, are left out of its fit.
+REACH, WORST = 8, 0.015
+#: Rounds of fit and leaving out, and the most rows of one.
+ROUNDS, MOST_ROWS = 4, 20_000
+#: A wild sample at the beginning has so many before it.
+BEFORE = 2
+#: Rounds of picking wild samples, the largest of neighbours first.
+PICKS = 24
+#: A wild sample stands out by so many standard deviations of the errors, here and in the whole record …
+STANDS_OUT = 9.0
+#: … by more than so many steps of the converter, and this part of the channel's range: rounding.
+STEPS, ROUNDING = 4.0, 1e-9
+#: With it taken out, the errors around it are at most this part of it.
+ISOLATED = 0.3
+#: So many within reach of each other may be wild, and this part of a record.
+IN_A_ROW, MOST = 2, 0.01
+#: A corner of the motion looks like a wild sample of at most half the slope beside it; a wild one is so many times it.
+CORNER = 0.75
+#: Values closer than this part of the range are the same; on a grid are values of which fewer than this part differ.
+SAME, GRID = 1e-12, 0.5
+#: Normal errors have this median of their size; 98 % are within so many standard deviations.
+MEDIAN, QUANTILE, DEVIATES = 0.6745, 0.98, 2.326
+
+
+@dataclass(frozen=True)
+class _Interpolation:
+    """An interpolation fitted to a record.
+
+    Attributes:
+        shape: error around a wild sample of size one, shape (2 reach + 1,).
+        constant: what it adds.
+        deviation: of its errors, where it tells the samples well.
+    """
+
+    shape: FloatArray
+    constant: float
+    deviation: float
+
+    def errors(self, series: FloatArray, judged: BoolArray) -> FloatArray:
+        """Error of each sample, shape (samples,); zero where it is not judged."""
+        return np.where(judged, np.convolve(series, self.shape, mode="same") - self.constant, 0.0)
+
+    def around(self, error: FloatArray, places: NDArray[np.int_]) -> FloatArray:
+        """Usual standard deviation of the errors around some samples, shape (places,)."""
+        windows = sliding_window_view(np.pad(np.abs(error), 2 * REACH, mode="reflect"), 4 * REACH + 1)
+        return np.maximum(np.median(windows[places], axis=1) / MEDIAN, self.deviation)
+
+
+def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
+    """Wild samples, shape (samples,).
+
+    Args:
+        values: one channel, shape (samples,).
+        valid: samples to look at, shape (samples,); neighbours of others are not judged.
+    """
+    found = np.zeros(values.shape, dtype=bool)
+    judged = ~_around(~valid, REACH)
+    judged[:REACH] = judged[-REACH:] = False
+    middle = float(np.median(values[valid])) if valid.any() else 0.0
+    size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
+    if np.sum(judged) < 8 * REACH or size == 0.0:
+        return found
+    series = np.where(valid, (values - middle) / size, 0.0)
+    least = max(STEPS * _step(series[valid]), ROUNDING)
+    clean = _told_well(series, judged)
+    sizes = _in_the_middle(series, judged, clean, least)
+    sizes += _at_the_beginning(series - sizes, valid, clean, least)
+    sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], clean[::-1], least)[::-1]
+    return sizes != 0.0
+
+
+def _in_the_middle(series: FloatArray, judged: BoolArray, clean: BoolArray, least: float) -> FloatArray:
+    """Size of each wild sample with neighbours on both sides, zero for the others, shape (samples,)."""
+    long = _interpolation(series, clean)
+    sizes = _sizes(series, judged, long, least)
+    places = _few_in_a_row(np.flatnonzero(sizes * (judged & ~_around(~judged, REACH))))
+    kept = np.zeros(series.shape)
+    if places.size:
+        after = np.abs(long.errors(series - sizes, judged))
+        near = np.max(sliding_window_view(np.pad(after, REACH), 2 * REACH + 1)[places], axis=1)
+        isolated = near <= ISOLATED * np.abs(sizes[places])
+        slope = np.abs(np.diff(series - sizes, prepend=series[0] - sizes[0], append=series[-1] - sizes[-1]))
+        steepest = np.max(sliding_window_view(np.pad(slope, 1), 4)[places], axis=1)
+        no_corner = np.abs(sizes[places]) > CORNER * steepest
+        kept[places[isolated & no_corner]] = sizes[places[isolated & no_corner]]
+    return kept
+
+
+def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, least: float) -> FloatArray:
+    """Size of each wild sample among the first, told by those after it, shape (samples,)."""
+    sizes, first = np.zeros(series.shape), 2 * REACH
+    if not valid[: 6 * REACH].all():
+        return sizes
+    rows = np.flatnonzero(clean[: -first or None])
+    rows = rows[:: max(1, rows.size // MOST_ROWS)]
+    windows = sliding_window_view(series[1:], first)
+    amounts, *_ = np.linalg.lstsq(windows[rows], series[rows], rcond=1e-12)
+    inside = np.abs(series[first : 2 * first] - windows[first : 2 * first] @ amounts)
+    usual = max(float(np.std(series[rows] - windows[rows] @ amounts)), float(np.median(inside)) / MEDIAN)
+    told, errors = series.copy(), np.zeros(first)
+    for place in range(first - 1, -1, -1):
+        errors[place] = told[place] - told[place + 1 : place + 1 + first] @ amounts
+        if abs(errors[place]) > max(STANDS_OUT * usual, least):
+            told[place] -= errors[place]
+            sizes[place] = errors[place]
+    places = np.flatnonzero(sizes)
+    # A motion that settles is told worse and worse towards its beginning.
+    if places.size == 0 or places.size > IN_A_ROW or places[0] < BEFORE:
+        return np.zeros(series.shape)
+    before = float(np.max(np.abs(errors[: places[0]])))
+    return sizes if before <= ISOLATED * float(np.min(np.abs(sizes[places]))) else np.zeros(series.shape)
+
+
+def _around(flags: BoolArray, reach: int) -> BoolArray:
+    return np.convolve(flags, np.ones(2 * reach + 1), mode="same") > 0.5
+
+
+def _step(values: FloatArray) -> float:
+    """Step of the converter; zero where the values are seldom equal, and so on no grid."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > SAME]
+    return float(np.min(steps)) if 0 < steps.size < GRID * values.size else 0.0
+
+
+def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
+    """Samples far from those that an interpolation fitted to the others tells worst."""
+    clean = judged
+    worst = max(3, int(WORST * np.sum(judged)))
+    for _ in range(ROUNDS):
+        error = np.abs(_interpolation(series, clean).errors(series, judged))
+        peaks = error * (error >= np.max(sliding_window_view(np.pad(error, 2), 5), axis=1))
+        far = np.zeros(series.shape, dtype=bool)
+        far[np.argpartition(peaks, -worst)[-worst:]] = True
+        clean = judged & ~_around(far, REACH)
+        if np.sum(clean) < 8 * REACH:
+            return judged
+    return clean
+
+
+def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
+    """Fitted to the samples that are told well."""
+    rows = np.flatnonzero(clean)
+    rows = rows[:: max(1, rows.size // MOST_ROWS)]
+    columns = [series[rows - k] + series[rows + k] for k in range(1, REACH + 1)]
+    matrix = np.stack([*columns, np.ones(rows.size)], axis=1)
+    amounts, *_ = np.linalg.lstsq(matrix, series[rows], rcond=1e-12)
+    errors = series[rows] - matrix @ amounts
+    usual = max(float(np.std(errors)), float(np.quantile(np.abs(errors), QUANTILE)) / DEVIATES)
+    shape = np.concatenate([-amounts[REACH - 1 :: -1], [1.0], -amounts[:REACH]])
+    return _Interpolation(shape, float(amounts[REACH]), usual)
+
+
+def _sizes(series: FloatArray, judged: BoolArray, long: _Interpolation, least: float) -> FloatArray:
+    """Size of each sample that may be wild, zero for the others; all zero where there are too many."""
+    sizes = np.zeros(series.shape)
+    for _ in range(PICKS):
+        error = long.errors(series - sizes, judged)
+        sizes += np.where(sizes == 0.0, 0.0, error)
+        size = np.abs(error)
+        places = np.flatnonzero((sizes == 0.0) & (size > max(STANDS_OUT * long.deviation, least)))
+        places = places[size[places] > STANDS_OUT * long.around(error, places)]
+        if places.size == 0:
+            return sizes
+        highest = sliding_window_view(np.pad(size, REACH), 2 * REACH + 1)[places]
+        places = places[size[places] == np.max(highest, axis=1)]
+        sizes[places] = error[places]
+        if np.count_nonzero(sizes) > max(4, int(MOST * series.size)):
+            return np.zeros(series.shape)
+    return sizes
+
+
+def _few_in_a_row(places: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Those that stand alone, or are few in a row."""
+    if places.size == 0:
+        return places
+    rows = np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1)
+    return np.concatenate([row for row in rows if row.size <= IN_A_ROW] or [places[:0]])
