@@ -18,11 +18,12 @@ import numpy as np
 from vibrident.discretize import Method, method
 from vibrident.errors import InputError
 from vibrident.measure import Finding, screen
-from vibrident.models import SensorModel, parse
+from vibrident.models import SensorModel
 from vibrident.problem import Coordinates
 from vibrident.problem.in_time import response_in_time
 from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
 from vibrident.result import Result
+from vibrident.sensor import IdentifiedSensor
 
 #: The band of coordinates bounds what a search may find; here nothing is searched.
 UNBOUNDED_HZ = (1e-9, 1e12)
@@ -93,9 +94,8 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     Raises:
         InputError: the calibration is a table, its units are not the result's, or its records cannot be used.
     """
-    result.require_gain("a prediction")
-    model = parse(result.model)
-    values = _values(result, model)
+    sensor = IdentifiedSensor.of(result, "a prediction")
+    model, values = sensor.model, dict(sensor.values)
     _check_units(result, calibration)
     records, findings = screen(calibration.records)
     name = str(result.settings.get("discretisation") or "bandlimited")
@@ -154,22 +154,6 @@ def summary(predictions: Predictions, files: Sequence[str], unit: str) -> dict[s
         "fitted_per_record": ["initial state", "offset"],
         "findings": [{"code": f.code, "message": f.message} for f in predictions.findings],
     }
-
-
-def _values(result: Result, model: SensorModel) -> dict[str, float]:
-    values = {}
-    for name in model.parameter_names:
-        parameter = result.parameters.get(name)
-        if parameter is None or parameter.value is None or not np.isfinite(parameter.value):
-            raise InputError(
-                "The result lacks a parameter of its model.",
-                expected=f"a finite {name} for the model {model.name!r}",
-                found="none" if parameter is None else repr(parameter.value),
-                where=f"result, parameters, {name}",
-                remedy="run `vibrident identify` again",
-            )
-        values[name] = float(parameter.value)
-    return values
 
 
 def _check_units(result: Result, calibration: Calibration) -> None:

@@ -8,10 +8,11 @@ from known import DECENT, known_result
 
 import vibrident
 from vibrident.backend import jax, jnp
-from vibrident.correction import Band, KnownSensor
+from vibrident.correction import Band
 from vibrident.correction.compensation import Compensation
 from vibrident.correction.quiet import Surroundings, surroundings
 from vibrident.models import parse
+from vibrident.sensor import IdentifiedSensor
 from vibrident.simulation import SENSORS, ChannelNoise, simulate
 
 RATE, SAMPLES = 2000.0, 1500
@@ -30,7 +31,7 @@ def around(spectrum: np.ndarray, rest: int) -> Surroundings:
 def test_noise_of_every_sample_is_that_of_simulated_noise(model: str, rest: int, low: float, coloured: bool) -> None:
     gain = "sensitivity" if model == "accelerometer" else "generator_constant"
     values = {gain: 2.0, "natural_frequency": 10.0, "damping_ratio": 0.6}
-    sensor = KnownSensor.of(known_result(model, values))
+    sensor = IdentifiedSensor.of(known_result(model, values))
     tilt = np.linspace(0.0, 1.0, 65)
     spectrum = 1e-6 * (1.0 / (0.05 + tilt) if coloured else np.ones(65))
     known = around(spectrum, rest)
@@ -51,7 +52,7 @@ def test_noise_of_every_sample_is_that_of_simulated_noise(model: str, rest: int,
 
 def test_integrated_noise_grows_from_the_first_sample() -> None:
     values = {"generator_constant": 2.0, "natural_frequency": 50.0, "damping_ratio": 0.6}
-    sensor = KnownSensor.of(known_result("velocity-pickup", values))
+    sensor = IdentifiedSensor.of(known_result("velocity-pickup", values))
     compensation = Compensation.of(sensor, Band(0.0, 10.0, ""), RATE, SAMPLES, around(np.full(9, 1e-6), 100))
     noise = compensation.noise_deviation(around(np.full(9, 1e-6), 100))
     assert np.all(np.diff(noise) >= 0)
@@ -71,7 +72,7 @@ def test_integrated_noise_grows_from_the_first_sample() -> None:
 )
 def test_slopes_are_those_of_automatic_differentiation(model: str, more: dict[str, float]) -> None:
     values = {"sensitivity": -0.1, "natural_frequency": 60.0, "damping_ratio": 0.02, **more}
-    sensor = KnownSensor.of(known_result(model, values))
+    sensor = IdentifiedSensor.of(known_result(model, values))
     frequency = np.geomspace(1.0, 400.0, 40)
     names = parse(model).parameter_names
 

@@ -62,7 +62,8 @@ def test_uncertainty_of_poles_is_that_of_a_monte_carlo():
     covariance = np.array(made.correlation.matrix) * np.outer(deviation, deviation)
     rng = np.random.default_rng(1)
     draws = rng.multivariate_normal([sensor.values[n] for n in names], covariance, 4000)
-    poles = np.array([poles_zeros(replace(sensor, values=dict(zip(names, d, strict=True)))).poles for d in draws])
+    known = [replace(sensor.known, values=dict(zip(names, draw, strict=True))) for draw in draws]
+    poles = np.array([poles_zeros(replace(sensor, known=one)).poles for one in known])
     u = uncertainties(sensor, "poles")
     np.testing.assert_allclose(u.real, poles.real.std(0), rtol=0.05)
     np.testing.assert_allclose(u.imag, poles.imag.std(0), rtol=0.05)

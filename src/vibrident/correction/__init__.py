@@ -6,6 +6,5 @@ from vibrident.correction.acceleration import Correction, Corrections, correct
 from vibrident.correction.band import Band
 from vibrident.correction.peak import Peak
 from vibrident.correction.report import summary
-from vibrident.correction.sensor import KnownSensor
 
-__all__ = ["Band", "Correction", "Corrections", "KnownSensor", "Peak", "correct", "summary"]
+__all__ = ["Band", "Correction", "Corrections", "Peak", "correct", "summary"]

@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from vibrident.correction.agreement import Agreement, agreement_with, reference_in_band
 from vibrident.correction.background import at_the_ends, background, begins_at_once, preceded
@@ -38,11 +37,11 @@ from vibrident.correction.band import (
 from vibrident.correction.compensation import Compensation
 from vibrident.correction.peak import Peak, find_peak
 from vibrident.correction.quiet import Surroundings, filled, rest_to_borrow, surroundings
-from vibrident.correction.sensor import KnownSensor
 from vibrident.errors import InputError
 from vibrident.measure.quality import Finding, screen
 from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
 from vibrident.result import Result
+from vibrident.sensor import IdentifiedSensor
 
 #: Looks at the band: the part of the record in which the motion is, is known better after the first.
 LOOKS = 2
@@ -127,7 +126,8 @@ def correct(
     Raises:
         InputError: the model has no linear inverse, the units differ, or a record or the band cannot be used.
     """
-    sensor = KnownSensor.of(result)
+    sensor = IdentifiedSensor.linear(result, "a correction")
+    sensor.require_uncertainty()
     quantity: Quantity = "acceleration"
     if isinstance(records, Calibration):
         records.require_response(result.response_unit, "A table holds no response in time.")
@@ -156,7 +156,7 @@ def correct(
 
 def _with_rest(
     record: Record,
-    sensor: KnownSensor,
+    sensor: IdentifiedSensor,
     quantity: Quantity,
     band_hz: tuple[float, float] | None,
     noise: float | None,
@@ -182,7 +182,7 @@ def _with_rest(
 
 def _corrected(
     record: Record,
-    sensor: KnownSensor,
+    sensor: IdentifiedSensor,
     quantity: Quantity,
     band_hz: tuple[float, float] | None,
     noise: float | None,
@@ -191,7 +191,7 @@ def _corrected(
     around = surroundings(record, noise)
     values, rate = filled(record) - around.offset, record.sampling_rate_hz
     highest, why = highest_frequency(sensor, rate)
-    low_edge = sensor.zeros_at_rest() > 0 and around.rest_samples == 0
+    low_edge = sensor.zeros_at_rest > 0 and around.rest_samples == 0
     event = _event(values)
     for _ in range(LOOKS):
         found = content(values, rate, sensor, around, event, highest)
@@ -287,7 +287,7 @@ def _misfit(spectrum: np.ndarray, compensation: Compensation) -> FloatArray:
     """Standard uncertainty for the misfit of a rejected model: that part of what moves nearby; shape (samples,)."""
     values = compensation.restored(spectrum)
     width = max(1, round(LOCAL_PERIODS * compensation.rate / compensation.band.high_hz))
-    nearby = np.sqrt(np.maximum(ndimage.uniform_filter1d(values**2, width, mode="nearest"), 0.0))
+    nearby = np.sqrt(np.maximum(_running_mean(values**2, width), 0.0))
     return compensation.sensor.misfit * np.maximum(np.abs(values), nearby)
 
 
@@ -298,12 +298,18 @@ def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundi
     ratio = np.where(compensation.lowpass > 0, gain / np.where(compensation.lowpass > 0, compensation.lowpass, 1.0), 0)
     octave = compensation.restored(spectrum, compensation.after_integration * ratio)
     width = max(1, round(LOCAL_PERIODS * compensation.rate / band.high_hz))
-    power = ndimage.uniform_filter1d(octave**2, width, mode="nearest")
+    power = _running_mean(octave**2, width)
     noise = compensation.line_mean(np.abs(compensation.total * ratio) ** 2 * around.noise(compensation.frequency_hz))
     local = found.ratio(band) * np.sqrt(np.maximum(power - noise, 0.0))
     below = found.frequency_hz < band.low_hz
     lost = (1.0 - band.passed(found.frequency_hz[below])) ** 2 * found.acceleration[below] * found.lines[below]
     return np.hypot(local, np.sqrt(np.sum(lost) / found.event))
+
+
+def _running_mean(values: FloatArray, width: int) -> FloatArray:
+    """Mean of ``width`` values about each, the ends continued by themselves."""
+    total = np.cumsum(np.pad(values, (width // 2 + 1, width - 1 - width // 2), "edge"))
+    return (total[width:] - total[:-width]) / width
 
 
 def _event(values: FloatArray) -> float:
@@ -318,7 +324,9 @@ def _unknown(record: Record, compensation: Compensation) -> BoolArray:
     bad = ~record.mask
     if not bad.any():
         return bad
-    unknown = ndimage.binary_dilation(bad, iterations=max(1, compensation.reach))
+    reach = max(1, compensation.reach)
+    count = np.cumsum(np.pad(bad, (reach + 1, reach)))
+    unknown = count[2 * reach + 1 :] > count[: -2 * reach - 1]
     if compensation.integrations:
         unknown[int(np.flatnonzero(unknown)[0]) :] = True
     return np.asarray(unknown, dtype=bool)

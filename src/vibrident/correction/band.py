@@ -18,9 +18,9 @@ import numpy as np
 from scipy import fft
 
 from vibrident.correction.quiet import Surroundings
-from vibrident.correction.sensor import KnownSensor
 from vibrident.errors import InputError
 from vibrident.records import BoolArray, FloatArray
+from vibrident.sensor import IdentifiedSensor
 
 #: Spectral bins and candidate bands, an octave.
 BINS = 12
@@ -124,7 +124,7 @@ def top_octave(frequency_hz: FloatArray, band: Band) -> FloatArray:
 
 
 def content(
-    values: FloatArray, rate: float, sensor: KnownSensor, around: Surroundings, event: float, highest: float
+    values: FloatArray, rate: float, sensor: IdentifiedSensor, around: Surroundings, event: float, highest: float
 ) -> Content:
     """Spectra of a record's acceleration and noise.
 
@@ -143,7 +143,7 @@ def content(
     frequency = np.array(fft.rfftfreq(count, 1.0 / rate), dtype=np.float64)
     used = (frequency > 0) & (frequency <= highest)
     frequency, power = frequency[used], power[used]
-    inverse = 1.0 / np.abs(sensor.response(frequency)) ** 2
+    inverse = 1.0 / np.abs(sensor.frequency_response(frequency)) ** 2
     noise = around.noise(frequency)
     number = np.floor(BINS * np.log2(frequency / frequency[0])).astype(int)
     _, number, size = np.unique(number, return_inverse=True, return_counts=True)
@@ -186,7 +186,7 @@ def _with_envelope(
     return np.where(beyond, envelope, acceleration), slope
 
 
-def highest_frequency(sensor: KnownSensor, rate: float) -> tuple[float, str]:
+def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str]:
     """Where the low-pass must have ended, Hz, and why."""
     last, why = LAST_OF_HALF * 0.5 * rate, "half the sampling rate"
     length = sensor.values.get("boxcar_length")

@@ -17,13 +17,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft
 
 from vibrident.correction.band import Band
 from vibrident.correction.quiet import Surroundings
-from vibrident.correction.sensor import ComplexArray, KnownSensor
 from vibrident.measure.lines import line_counts
+from vibrident.models.slopes import ComplexArray
 from vibrident.records import FloatArray
+from vibrident.sensor import IdentifiedSensor
 
 #: Length of the filter's kernel on either side, in periods of the narrowest slope of L; decay of 1/H's own poles.
 KERNEL_PERIODS, DECAY = 8.0, 8.0
@@ -49,7 +50,7 @@ class Compensation:
         right_rest: and after its last.
     """
 
-    sensor: KnownSensor
+    sensor: IdentifiedSensor
     band: Band
     rate: float
     samples: int
@@ -58,9 +59,9 @@ class Compensation:
     right_rest: bool
 
     @classmethod
-    def of(cls, sensor: KnownSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:
+    def of(cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:
         """The compensation for a record in its surroundings."""
-        poles = sensor.zeros_at_rest() if band.low_hz == 0.0 else 0
+        poles = sensor.zeros_at_rest if band.low_hz == 0.0 else 0
         left = around.rest_samples > 0
         return cls(sensor, band, rate, samples, poles, left, around.rests_at_end)
 
@@ -100,7 +101,8 @@ class Compensation:
     def total(self) -> ComplexArray:
         """L/H at the lines."""
         gain = np.zeros(self.frequency_hz.shape, dtype=complex)
-        gain[self._within] = self.lowpass[self._within] / self.sensor.response(self.frequency_hz[self._within])
+        inside = self._within
+        gain[inside] = self.lowpass[inside] / self.sensor.frequency_response(self.frequency_hz[inside])
         return gain
 
     @cached_property
@@ -119,7 +121,7 @@ class Compensation:
         """Derivative of ``after_integration`` by each parameter, shape (parameters, lines): −G H'/H."""
         gain = np.zeros((len(self.sensor.model.parameters), self.frequency_hz.size), dtype=complex)
         inside = self.frequency_hz[self._within]
-        relative = self.sensor.slopes(inside) / self.sensor.response(inside)
+        relative = self.sensor.slopes(inside) / self.sensor.frequency_response(inside)
         gain[:, self._within] = -self.after_integration[self._within] * relative
         return gain
 
@@ -179,7 +181,7 @@ class Compensation:
         kernel = whole[: self.pad + self.samples]  # from pad samples before the impulse on
         reach = min(COLOUR, (self.size - 1) // 2)
         colour = np.roll(np.asarray(fft.irfft(np.sqrt(power), self.size)), reach)[: 2 * reach + 1]
-        coloured = signal.fftconvolve(kernel, colour, mode="same") if np.ptp(power) > 0 else kernel * np.sqrt(power[0])
+        coloured = _convolved(kernel, colour) if np.ptp(power) > 0 else kernel * np.sqrt(power[0])
         return np.sqrt(np.cumsum(coloured**2)[self.pad :])
 
     def end_deviation(self, values: FloatArray) -> FloatArray:
@@ -244,3 +246,11 @@ class Compensation:
             variances.append(float(np.sum(power * weight)) / size)
         kept = np.asarray(steps)[np.asarray(steps) < pad]
         return np.interp(np.arange(pad), kept, variances)
+
+
+def _convolved(values: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Convolution with a kernel of odd length, its middle at each sample; shape of ``values``."""
+    whole = len(values) + len(kernel) - 1
+    size = fft.next_fast_len(whole, real=True)
+    product = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(kernel, size))
+    return np.asarray(fft.irfft(product, size))[len(kernel) // 2 :][: len(values)]

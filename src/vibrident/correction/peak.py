@@ -10,8 +10,8 @@ from scipy.special import ndtri, stdtrit
 
 from vibrident.correction.compensation import Compensation
 from vibrident.correction.quiet import Surroundings
-from vibrident.correction.sensor import ComplexArray
 from vibrident.measure.lines import line_counts
+from vibrident.models.slopes import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
 #: Newton steps for the instant of the peak.

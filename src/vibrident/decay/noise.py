@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, linalg, signal
+from scipy import fft, linalg
 
 from vibrident.records import BoolArray, FloatArray
 
@@ -33,7 +33,10 @@ class Noise:
 
     def applied(self, columns: FloatArray) -> FloatArray:
         """Columns, shape (samples, n), whitened; the first samples lack their past."""
-        return np.asarray(signal.lfilter(self.whitening, [1.0], columns, axis=0))
+        found = np.zeros_like(columns)
+        for shift, coefficient in enumerate(self.whitening[: len(columns)]):
+            found[shift:] += coefficient * columns[: len(columns) - shift]
+        return found
 
     def rows(self, valid: BoolArray) -> BoolArray:
         """Samples whose whole past is valid, shape (samples,)."""

@@ -111,32 +111,19 @@ def uncertainties(sensor: Sensor, which: str) -> np.ndarray | None:
 
     From the parameters' uncertainties and correlation, to first order; None where one of them is not stated.
     """
-    names, covariance = covariance_of(sensor)
-    if covariance is None:
+    known = sensor.known
+    if not np.isfinite(known.covariance).all():
         return None
     base = getattr(poles_zeros(sensor), which)
     slopes = []
-    for name in names:
-        step = 1e-6 * abs(sensor.values[name]) or 1e-9
-        moved = [dict(sensor.values), dict(sensor.values)]
-        moved[0][name] -= step
-        moved[1][name] += step
-        low, high = (getattr(poles_zeros(replace(sensor, values=values)), which) for values in moved)
+    for name in known.model.parameter_names:
+        step = 1e-6 * abs(known.values[name]) or 1e-9
+        moved = [{**known.values, name: known.values[name] + sign * step} for sign in (-1.0, 1.0)]
+        near = [replace(sensor, known=replace(known, values=values)) for values in moved]
+        low, high = (getattr(poles_zeros(one), which) for one in near)
         slopes.append((high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base)))
     slope: np.ndarray = np.stack(slopes, axis=1)  # (roots, parameters)
+    covariance = known.covariance
     real = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", np.real(slope), covariance, np.real(slope)), 0.0))
     imag = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", np.imag(slope), covariance, np.imag(slope)), 0.0))
     return real + 1j * imag
-
-
-def covariance_of(sensor: Sensor) -> tuple[tuple[str, ...], np.ndarray | None]:
-    """Covariance of the model's parameters, as the result states it; None where a part of it is missing."""
-    result = sensor.result
-    names = tuple(name for name in result.correlation.names if name in sensor.values)
-    u = [result.parameters[name].standard_uncertainty for name in names]
-    if set(names) != set(sensor.values) or any(value is None for value in u):
-        return names, None
-    index = [result.correlation.names.index(name) for name in names]
-    correlation = np.array(result.correlation.matrix, float)[np.ix_(index, index)]
-    deviation = np.array(u, float)
-    return names, correlation * np.outer(deviation, deviation)

@@ -12,7 +12,6 @@ from vibrident.escaping import python_docstring
 from vibrident.export.approximation import held
 from vibrident.export.missing import library
 from vibrident.export.options import Options
-from vibrident.export.poles_zeros import covariance_of
 from vibrident.export.sensor import Sensor, identity
 
 _MODULE = '''"""{title}
@@ -79,7 +78,7 @@ def write_scipy(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
     system, words = held(sensor)
-    names, covariance = covariance_of(sensor)
+    names, covariance = sensor.known.model.parameter_names, sensor.known.covariance
     parameters = "".join(
         f"    {name!r}: ({_number(p.value)}, {p.unit!r}, {_number(p.standard_uncertainty)}),\n"
         for name, p in sensor.result.parameters.items()
@@ -92,7 +91,7 @@ def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
         imports=imports,
         parameters=parameters,
         names=", ".join(names) or "nothing",
-        covariance=None if covariance is None else f"np.array({np.asarray(covariance).tolist()!r})",
+        covariance=f"np.array({covariance.tolist()!r})" if np.isfinite(covariance).all() else None,
         zeros=", ".join(repr(complex(z)) for z in system.zeros),
         poles=", ".join(repr(complex(p)) for p in system.poles),
         gain=system.gain,

@@ -14,6 +14,7 @@ from vibrident.escaping import one_line
 from vibrident.models import ADD_ONS, SensorModel, parse
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Result
+from vibrident.sensor import IdentifiedSensor
 
 #: Add-ons that are no ratio of polynomials, so that some formats cannot hold them exactly.
 NOT_RATIONAL = tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
@@ -27,19 +28,27 @@ class Sensor:
 
     Attributes:
         result: where everything comes from.
+        known: what the result says of the sensor.
         model: the model that is exported: the result's, less what is left out.
-        values: parameter name → value as in the result, SI units, frequencies in Hz.
-        quantity: what the exported sensitivity is per: acceleration (m/s²), or the drive.
         band_hz: lowest and highest frequency for which the result is evidence, or the user's choice.
         left_out: add-ons of the result that the export does not hold.
     """
 
     result: Result
+    known: IdentifiedSensor
     model: SensorModel
-    values: Mapping[str, float]
-    quantity: Quantity
     band_hz: tuple[float, float]
     left_out: tuple[str, ...] = field(default=())
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Parameter name → value as in the result, SI units, frequencies in Hz."""
+        return self.known.values
+
+    @property
+    def quantity(self) -> Quantity:
+        """What the exported sensitivity is per: acceleration (m/s²), or the drive."""
+        return self.known.quantity
 
     @property
     def band(self) -> FloatArray:
@@ -59,19 +68,19 @@ class Sensor:
     @property
     def input_unit(self) -> str:
         """Unit of the exported input."""
-        return "m/s^2" if self.quantity == "acceleration" else self.result.reference.get("unit", "drive unit")
+        return self.known.input_unit
 
     @property
     def output_unit(self) -> str:
         """Unit of the exported output."""
-        return self.result.response_unit
+        return self.known.response_unit
 
     @property
     def error_of_leaving_out(self) -> float:
         """Largest relative deviation over the band of what is exported from the result's model; 0 where all is held."""
         if not self.left_out:
             return 0.0
-        whole = parse(self.result.model).frequency_response(self.values, self.band, self.quantity)
+        whole = self.known.frequency_response(self.band)
         return float(np.max(np.abs(self.response(self.band) / whole - 1.0)))
 
     def without(self, names: Sequence[str]) -> Sensor:
@@ -105,21 +114,17 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sen
     Raises:
         InputError: the result lacks a parameter of its model or a band, or the band cannot be used.
     """
-    result.require_gain("an export")
-    model = parse(result.model)
-    missing = [name for name in model.parameter_names if name not in result.parameters]
-    values = {name: result.parameters[name].value for name in model.parameter_names if name not in missing}
-    missing += [name for name, value in values.items() if value is None or not math.isfinite(value)]
-    if missing:
+    known = IdentifiedSensor.of(result, "an export")
+    band = band_hz or known.band_hz
+    if band is None:
         raise InputError(
-            "The result lacks parameters of its model.",
-            expected=f"numbers for {', '.join(model.parameter_names)}",
-            found="none for " + ", ".join(missing),
-            where="result.json, parameters",
-            remedy="run `vibrident identify` again",
+            "The result says nothing of the frequencies it holds for.",
+            expected="measured points or a response curve",
+            found="neither",
+            where="result.json",
+            remedy="give --band LOW:HIGH, or run `vibrident identify` again",
         )
-    quantity: Quantity = "drive" if result.reference.get("quantity") == "drive" else "acceleration"
-    return Sensor(result, model, values, quantity, band_hz or _band(result))
+    return Sensor(result, known, known.model, band)
 
 
 def require_linear(sensor: Sensor) -> None:
@@ -153,21 +158,6 @@ def check_band(low: float, high: float) -> tuple[float, float]:
             remedy="write LOW:HIGH",
         )
     return float(low), float(high)
-
-
-def _band(result: Result) -> tuple[float, float]:
-    """Where the data lie; the curve's range where the result holds no measured points."""
-    for curve in (result.measured, result.response):
-        known = [f for f in curve.frequency_hz if f is not None and math.isfinite(f) and f > 0]
-        if known:
-            return min(known), max(known)
-    raise InputError(
-        "The result says nothing of the frequencies it holds for.",
-        expected="measured points or a response curve",
-        found="neither",
-        where="result.json",
-        remedy="give --band LOW:HIGH, or run `vibrident identify` again",
-    )
 
 
 def identity(sensor: Sensor) -> list[str]:

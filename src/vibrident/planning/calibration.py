@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.correction.sensor import KnownSensor
 from vibrident.errors import InputError
 from vibrident.information import inverse_normal
 from vibrident.models import parse
@@ -17,6 +16,7 @@ from vibrident.planning.design import CRITERIA, Criterion, best_points, efficien
 from vibrident.planning.points import Points, Recording, of_records, of_table
 from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
+from vibrident.sensor import IdentifiedSensor
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
 from vibrident.uncertainty.parameters import fields_of_units
 
@@ -207,7 +207,7 @@ def _scales(model: SensorModel, z: FloatArray) -> FloatArray:
 
 def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tuple[SensorModel, dict[str, float]]:
     if isinstance(sensor, Result) and parameters is None:
-        known = KnownSensor.of(sensor)
+        known = IdentifiedSensor.linear(sensor, "a plan")
         return known.model, dict(known.values)
     name = sensor.model if isinstance(sensor, Result) else sensor
     model = parse(name)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vibrident.errors import InputError
-from vibrident.models import parse
+from vibrident.models.slopes import ComplexArray
 from vibrident.nominal import SAME, Nominal, reference, series
 from vibrident.records import FloatArray
 from vibrident.result import Curve, Result
+from vibrident.sensor import IdentifiedSensor
 
 #: Relative distance within which a frequency is the curve's own point.
 _OWN = 1e-9
@@ -121,12 +123,15 @@ def _mixed(ends: Sequence[float | None], share: float) -> float | None:
     return (1.0 - share) * ends[0] + share * ends[1]
 
 
-def _model_response(result: Result, frequency_hz: FloatArray) -> FloatArray:
+def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:
     """Complex response of the result's model; one everywhere where this version does not know the model."""
-    values = {name: parameter.value for name, parameter in result.parameters.items()}
-    quantity = result.reference.get("quantity", "acceleration")
+    quantity: Any = result.reference.get("quantity", "acceleration")
     try:
-        response = np.asarray(parse(result.model).frequency_response(values, frequency_hz, quantity))  # type: ignore[arg-type]
-    except (InputError, KeyError, TypeError):
-        return np.ones_like(frequency_hz)
-    return response if np.all(np.isfinite(response)) and np.all(response != 0) else np.ones_like(frequency_hz)
+        response = IdentifiedSensor.of(result).frequency_response(frequency_hz, quantity)
+    except (InputError, KeyError):
+        return np.ones(frequency_hz.shape, dtype=complex)
+    return (
+        response
+        if np.all(np.isfinite(response)) and np.all(response != 0)
+        else np.ones(frequency_hz.shape, dtype=complex)
+    )

@@ -11,7 +11,7 @@ from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Curve
 from vibrident.uncertainty.identifiability import NOTHING
-from vibrident.uncertainty.linearised import log_slopes
+from vibrident.uncertainty.linearised import fitted_sensor
 
 POINTS = 201
 
@@ -49,13 +49,10 @@ def curve(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity, frequency_hz: FloatArray
 ) -> Curve:
     """Curve of the model at ``frequency_hz``, shape (points,), with standard uncertainties."""
-    response, slopes = log_slopes(coordinates, z, quantity, frequency_hz)
+    sensor = fitted_sensor(coordinates, z, covariance, quantity)
+    response, (relative, u_p) = sensor.frequency_response(frequency_hz), sensor.uncertainty(frequency_hz)
     magnitude = np.abs(response)
-    u_m, u_p = (
-        np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", part, covariance, part), 0.0))
-        for part in (slopes.real, slopes.imag)
-    )
-    u_m = magnitude * u_m
+    u_m = magnitude * relative
     return Curve(
         tuple(frequency_hz.tolist()),
         tuple(magnitude.tolist()),

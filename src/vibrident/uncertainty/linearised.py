@@ -16,6 +16,7 @@ from vibrident.models.slopes import response_and_slopes
 from vibrident.problem import Coordinates
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import BoolArray, FloatArray, Quantity
+from vibrident.sensor import IdentifiedSensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,15 @@ def log_slopes(
     """Model response, shape (n,), and ∂ log H/∂z, shape (n, p)."""
     response, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency_hz, quantity)
     return response, slopes.T * physical_slopes(coordinates, z) / response[:, None]
+
+
+def fitted_sensor(
+    coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity
+) -> IdentifiedSensor:
+    """The sensor that a fit found, with the covariance of z carried over to its parameters."""
+    slopes = physical_slopes(coordinates, z)
+    values = coordinates.values(z)
+    return IdentifiedSensor(coordinates.model, values, covariance * np.outer(slopes, slopes), quantity)
 
 
 def physical_slopes(coordinates: Coordinates, z: FloatArray) -> FloatArray:

@@ -1,0 +1,185 @@
+"""An identified sensor to compute with: its model with values, their covariance, and the response with its uncertainty.
+
+It is made from a :class:`Result` (or from a fit, :func:`vibrident.uncertainty.linearised.fitted_sensor`) and serves
+correction, prediction, planning, report and export.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.models import SensorModel, parse
+from vibrident.models.slopes import ComplexArray, response_and_slopes
+from vibrident.records import FloatArray, Quantity
+from vibrident.result import Result
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedSensor:
+    """A sensor model with values and their covariance.
+
+    Attributes:
+        model: the sensor model.
+        values: name → value, SI units, frequencies in Hz.
+        covariance: of the values in the model's order, shape (parameters, parameters); NaN where none is stated.
+        quantity: what the sensitivity is per: acceleration, or the drive that the sensor was identified with.
+        band_hz: lowest and highest frequency of the data; None where nothing tells.
+        response_unit: unit of the response.
+        input_unit: unit of ``quantity``.
+        degrees_of_freedom: behind the covariance.
+        misfit: relative error of a model that its calibration rejected, as large as at the measured points; else 0.
+    """
+
+    model: SensorModel
+    values: Mapping[str, float]
+    covariance: FloatArray
+    quantity: Quantity = "acceleration"
+    band_hz: tuple[float, float] | None = None
+    response_unit: str = "V"
+    input_unit: str = "m/s^2"
+    degrees_of_freedom: float = np.inf
+    misfit: float = 0.0
+
+    @classmethod
+    def of(cls, result: Result, use: str = "a computation") -> IdentifiedSensor:
+        """The sensor that a result describes; its covariance holds what the result's uncertainties cover.
+
+        Args:
+            result: of an identification.
+            use: what it is for, in words.
+
+        Raises:
+            InputError: the result has no gain, or lacks a parameter of its model.
+        """
+        result.require_gain(use)
+        model = parse(result.model)
+        drive = result.reference.get("quantity") == "drive"
+        freedom = result.settings.get("effective_degrees_of_freedom")
+        return cls(
+            model,
+            _values(result, model),
+            _covariance(result, model),
+            "drive" if drive else "acceleration",
+            _band(result),
+            result.response_unit,
+            (result.reference.get("unit") or "drive unit") if drive else "m/s^2",
+            float(freedom) if freedom is not None else np.inf,
+            _misfit(result),
+        )
+
+    @classmethod
+    def linear(cls, result: Result, use: str) -> IdentifiedSensor:
+        """The same of a model that has a linear inverse.
+
+        Raises:
+            InputError: it has none; or as :meth:`of`.
+        """
+        if not parse(result.model).is_linear:
+            raise InputError(
+                "A sensor with a cubic stiffness has no linear inverse.",
+                expected="a result of a linear model",
+                found=repr(result.model),
+                where="result, model",
+                remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
+            )
+        return cls.of(result, use)
+
+    def frequency_response(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
+        """Complex sensitivity for e^{+jωt}, shape (points,).
+
+        Args:
+            frequency_hz: shape (points,).
+            quantity: what it is per; None: the sensor's own.
+        """
+        at = np.asarray(frequency_hz, dtype=float)
+        return np.asarray(self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex)
+
+    def slopes(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
+        """Derivative of the sensitivity by each parameter, shape (parameters, points)."""
+        return response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)[1]
+
+    def uncertainty(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> tuple[FloatArray, FloatArray]:
+        """Standard uncertainties of magnitude, relative, and of phase, rad; each of shape (points,)."""
+        response, slopes = response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)
+        relative = slopes / response
+        variance = [np.einsum("ik,ij,jk->k", part, self.covariance, part) for part in (relative.real, relative.imag)]
+        return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
+
+    @property
+    def zeros_at_rest(self) -> int:
+        """How many times the response to acceleration vanishes at frequency zero: 0, 1 or 2."""
+        numerator = self.model.rational(self.values).numerator
+        return next((power for power, c in enumerate(numerator) if c != 0.0), len(numerator))
+
+    def require_uncertainty(self) -> None:
+        """Refuse a sensor whose parameters' covariance is not stated.
+
+        Raises:
+            InputError: the uncertainty or the correlation of a parameter is missing.
+        """
+        known = np.isfinite(self.covariance)
+        if not known.all():
+            names = [name for name, row in zip(self.model.parameter_names, known, strict=True) if not row.all()]
+            raise InputError(
+                "The result does not state the uncertainty of a parameter, or its correlation with another one.",
+                expected=f"standard uncertainty and correlation of {', '.join(self.model.parameter_names)}",
+                found="none for " + ", ".join(names),
+                where="result, parameters and correlation",
+                remedy="run `vibrident identify` again",
+            )
+
+
+def _values(result: Result, model: SensorModel) -> dict[str, float]:
+    found = {name: result.parameters[name].value for name in model.parameter_names if name in result.parameters}
+    missing = [n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])]
+    if missing:
+        raise InputError(
+            "The result lacks parameters of its model.",
+            expected=f"numbers for {', '.join(model.parameter_names)}",
+            found="none for " + ", ".join(missing),
+            where="result.json, parameters",
+            remedy="run `vibrident identify` again",
+        )
+    return {name: float(found[name]) for name in model.parameter_names}
+
+
+def _covariance(result: Result, model: SensorModel) -> FloatArray:
+    names = model.parameter_names
+    stated = [result.parameters[name].standard_uncertainty for name in names]
+    deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
+    correlation = np.full((len(names), len(names)), np.nan)
+    place = {name: index for index, name in enumerate(result.correlation.names)}
+    for row, name in enumerate(names):
+        for column, other in enumerate(names):
+            if name in place and other in place:
+                correlation[row, column] = result.correlation.matrix[place[name]][place[other]]
+    return correlation * np.outer(deviation, deviation)
+
+
+def _band(result: Result) -> tuple[float, float] | None:
+    """Where the data lie; the curve's range where the result holds no measured points."""
+    for curve in (result.measured, result.response):
+        known = [f for f in curve.frequency_hz if f is not None and np.isfinite(f) and f > 0]
+        if known:
+            return min(known), max(known)
+    return None
+
+
+def _misfit(result: Result) -> float:
+    """Rms relative deviation of a rejected model from the measured points, beyond their uncertainty."""
+    measured = result.measured
+    if result.fit.adequate or not measured.frequency_hz:
+        return 0.0
+
+    def squares(column: Sequence[float | None], scale: FloatArray | float) -> FloatArray:
+        return np.array([0.0 if value is None else value for value in column]) ** 2 * np.square(scale)
+
+    degree = np.pi / 180.0
+    found = squares(measured.deviation_percent, 0.01) + squares(measured.deviation_phase_deg, degree)
+    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(np.array(measured.magnitude)))
+    known += squares(measured.phase_deg_uncertainty, degree)
+    return float(np.sqrt(max(np.mean(found - known), 0.0)))
