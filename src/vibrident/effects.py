@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-EffectKind = Literal["gain", "timing", "phase", "mounting", "clock"]
-EFFECT_UNITS: dict[EffectKind, str] = {"gain": "1", "timing": "s", "phase": "rad", "mounting": "1", "clock": "1"}
+#: What a calibration file can state.
+StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]
+EffectKind = Literal[StatedKind, "ellipse", "cyclic"]
+EFFECT_UNITS: dict[EffectKind, str] = {
+    "gain": "1",
+    "timing": "s",
+    "phase": "rad",
+    "mounting": "1",
+    "clock": "1",
+    "ellipse": "1",
+    "cyclic": "1",
+}
 
 
 @dataclass(frozen=True)
@@ -17,10 +27,12 @@ class SystematicEffect:
     Attributes:
         source: what it comes from, in words.
         kind: how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
-            (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative).
+            (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative). Found in an
+            interferometer's signals: ``ellipse`` and ``cyclic`` (relative, with a ``pattern``).
         standard_uncertainty: in ``unit``.
         frequency_hz: of a mounting effect; None otherwise.
         degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.
+        pattern: frequency in Hz and change of log H for one unit of the effect, where that has no formula.
     """
 
     source: str
@@ -28,6 +40,7 @@ class SystematicEffect:
     standard_uncertainty: float
     frequency_hz: float | None = None
     degrees_of_freedom: float = math.inf
+    pattern: tuple[tuple[float, complex], ...] = field(default=(), repr=False)
 
     @property
     def unit(self) -> str:

@@ -233,6 +233,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
             **estimate.settings,
             "uncertainty_covers": "; ".join([stated.scope, *covered(stated.rows)]),
             **seen(judgement),
+            **_optics(calibration),
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
@@ -317,6 +318,12 @@ def _warnings(
         )
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)
+
+
+def _optics(calibration: Calibration) -> dict[str, Any]:
+    """What an interferometer's signals said of themselves, by record."""
+    found = {r.name: r.optical.as_settings() for r in calibration.records if r.optical is not None}
+    return {"interferometer": found} if found else {}
 
 
 def _learned(estimate: Estimate) -> list[ResultWarning]:

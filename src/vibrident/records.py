@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.effects import SystematicEffect
 from vibrident.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.interferometer.summary import OpticalSummary
 
 Quantity = Literal["acceleration", "velocity", "displacement", "drive"]
 Excitation = Literal["sine", "multisine", "sweep", "random", "shock", "decay"]
@@ -74,6 +77,7 @@ class Record:
         reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
         contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
         provenance: file, hash and history.
+        optical: what the signals of an interferometer said, from which the reference was made; None for others.
 
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
@@ -93,6 +97,7 @@ class Record:
     response_full_scale: float | None = None
     contradicting_rate_hz: float | None = None
     reference_valid: BoolArray | None = None
+    optical: OpticalSummary | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         where = f"record {self.name!r}"

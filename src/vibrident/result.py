@@ -35,6 +35,9 @@ WarningCode = Literal[
     "units_suspect",
     "clock_suspect",
     "regimes",
+    "fringe_slip",
+    "few_fringes",
+    "ellipse_unstable",
 ]
 WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 

@@ -11,10 +11,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from vibrident.effects import EffectKind, SystematicEffect
+from vibrident.effects import StatedKind, SystematicEffect
 from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.columns import unreadable
+from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
 from vibrident.io.toml_text import MOST_BYTES, refuse_costly
 from vibrident.records import Excitation, Quantity
@@ -110,7 +111,7 @@ class UncertaintyEntry(_Section):
     """One [[uncertainty]] entry: a systematic contribution, common to all points."""
 
     source: _Text
-    kind: EffectKind
+    kind: StatedKind
     standard_uncertainty: _NotNegative
     frequency_hz: _Positive | None = None
     degrees_of_freedom: _Positive | None = None
@@ -131,6 +132,7 @@ class CalibrationFile(_Section):
     sampling: SamplingSection = SamplingSection()
     records: list[RecordsEntry] = Field(default=[], description="one or more [[records]], in double brackets")
     table: TableSection | None = None
+    interferometer: InterferometerSection | None = None
     certificate: CertificateSection = CertificateSection()
     uncertainty: list[UncertaintyEntry] = Field(
         default=[], description="one or more [[uncertainty]], in double brackets"
@@ -237,11 +239,15 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
             if calibration.records
             else "add [[records]] with file and excitation, or [table]",
         )
+    if calibration.interferometer is not None:
+        given = calibration.reference.model_fields_set
+        check_interferometer(calibration.interferometer, given, calibration.table is not None, where)
     if calibration.table is not None:
         return
     if calibration.response.column is None:
         raise _missing("[response] column", where)
-    if calibration.reference.column is None and any(entry.excitation != "decay" for entry in calibration.records):
+    moved = calibration.interferometer is None and any(entry.excitation != "decay" for entry in calibration.records)
+    if calibration.reference.column is None and moved:
         raise _missing("[reference] column", where)
     sampling = calibration.sampling
     if sampling.rate_hz is not None and sampling.time_column is not None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
 
 from vibrident.errors import InputError, did_you_mean
 from vibrident.records import FloatArray
@@ -38,6 +41,8 @@ class ColumnFile(ABC):
 
     #: True where names are paths, and a unit can stand in the last part only.
     names_are_paths = False
+    #: Columns that were read whole for the sake of a part.
+    _kept: Mapping[int, FloatArray] = MappingProxyType({})
 
     @property
     @abstractmethod
@@ -73,6 +78,26 @@ class ColumnFile(ABC):
         Raises:
             InputError: a column cannot be read as real numbers.
         """
+
+    def length(self, position: int) -> int:
+        """Number of samples of a column."""
+        return int(self._held([position])[0].shape[0])
+
+    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+        """Samples of columns from ``start`` up to ``stop``, shape (columns, stop − start).
+
+        A format that can read a part of a file does so; of the others all is kept in memory.
+
+        Raises:
+            InputError: a column cannot be read as real numbers.
+        """
+        return np.stack([values[start:stop] for values in self._held(positions)])
+
+    def _held(self, positions: Sequence[int]) -> list[FloatArray]:
+        held = self._kept = dict(self._kept)
+        missing = [position for position in positions if position not in held]
+        held.update(zip(missing, self.load(missing) if missing else (), strict=True))
+        return [held[position] for position in positions]
 
     @abstractmethod
     def locate(self, position: int, row: int) -> str:

@@ -128,6 +128,8 @@ class ArrayFile(ColumnFile):
 class Hdf5File(ArrayFile):
     """An HDF5 file. Only the datasets that are needed are read."""
 
+    _file: Any = None
+
     def __init__(self, path: Path) -> None:
         """List the datasets.
 
@@ -171,6 +173,43 @@ class Hdf5File(ArrayFile):
                 return tuple(np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns)
         except _DAMAGE as error:
             raise unreadable(self.file, error, _EXPECTED) from error
+
+    def length(self, position: int) -> int:
+        """Number of samples of a column; nothing is read."""
+        return int(max(self._opened()[self._columns[position].array].shape))
+
+    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+        """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
+        columns = [self._columns[position] for position in positions]
+        arrays = list(dict.fromkeys(column.array for column in columns))
+        try:
+            file = self._opened()
+            require_room(self._path, len(columns) * (stop - start))
+            part = {name: _slice(file[name], start, stop) for name in arrays}
+            found = np.empty((len(columns), stop - start))
+            for row, column in zip(found, columns, strict=True):
+                row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
+            return found
+        except _DAMAGE as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+
+    def _opened(self) -> Any:
+        """The file, open from the first block on until nobody needs this object."""
+        import h5py
+
+        try:
+            if self._file is None:
+                self._file = h5py.File(self._path, "r")
+            return self._file
+        except _DAMAGE as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+
+
+def _slice(dataset: Any, start: int, stop: int) -> Any:
+    """Rows of samples, from wherever the long axis is, samples first."""
+    if dataset.ndim == 1:
+        return dataset[start:stop]
+    return dataset[:, start:stop].T if dataset.shape[1] > dataset.shape[0] else dataset[start:stop, :]
 
 
 def _cost(datasets: Sequence[Any]) -> tuple[int, int]:

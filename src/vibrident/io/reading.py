@@ -64,6 +64,10 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     file = Path(path)
     where = str(file)
     document = read_calibration_file(file)
+    if document.interferometer is not None:
+        from vibrident.io.optical_files import read_optical  # SciPy, which others do not need
+
+        return read_optical(document, file.parent, where)
     unit = reference_unit(document.reference.quantity, document.reference.unit, document.reference.scale, where)
     return Calibration(
         records=() if document.table else read_records(document, file.parent, where, unit),

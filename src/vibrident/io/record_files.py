@@ -27,7 +27,7 @@ _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """One record to read: a file and the entry that asks for it."""
 
     entry: RecordsEntry
@@ -47,12 +47,17 @@ def read_records(calibration: CalibrationFile, folder: Path, where: str, referen
     Raises:
         InputError: a glob matches nothing, a file is asked for twice, or a file cannot be used.
     """
+    return tuple(
+        read_record(part, name, calibration, folder, reference_unit)
+        for part, name in named_parts(calibration, folder, where)
+    )
+
+
+def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
+    """What is to be read for each record, and the record's name; arguments and errors as :func:`read_records`."""
     parts = list(_parts(calibration.records, folder, where))
     _refuse_overlaps(parts, folder)
-    names = _record_names(parts)
-    return tuple(
-        _read_record(part, name, calibration, folder, reference_unit) for part, name in zip(parts, names, strict=True)
-    )
+    return list(zip(parts, _record_names(parts), strict=True))
 
 
 def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[str]:
@@ -68,7 +73,7 @@ def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[s
     return list(dict.fromkeys([*(part.file for part in parts), *others]))
 
 
-def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[_Part]:
+def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[Part]:
     for number, entry in enumerate(entries, start=1):
         here = f"{where}, [[records]] entry {number}"
         files = _files(entry.file, folder, here)
@@ -81,7 +86,7 @@ def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterato
                     where=f"{here}, {key}",
                     remedy="write one [[records]] entry a file",
                 )
-        yield from (_Part(entry, file, here) for file in files)
+        yield from (Part(entry, file, here) for file in files)
 
 
 def _files(pattern: str, folder: Path, where: str) -> list[str]:
@@ -103,9 +108,9 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
     return sorted(matches, key=natural)
 
 
-def _refuse_overlaps(parts: Sequence[_Part], folder: Path) -> None:
+def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
     """Refuse samples that two entries ask for: they would count twice. Separate parts of one file are two records."""
-    seen: dict[Path, list[_Part]] = {}
+    seen: dict[Path, list[Part]] = {}
     for part in parts:
         for other in seen.setdefault((folder / part.file).resolve(), []):
             if _start(part) < _stop(other) and _start(other) < _stop(part):
@@ -119,15 +124,15 @@ def _refuse_overlaps(parts: Sequence[_Part], folder: Path) -> None:
         seen[(folder / part.file).resolve()].append(part)
 
 
-def _start(part: _Part) -> float:
+def _start(part: Part) -> float:
     return part.entry.start_s or 0.0
 
 
-def _stop(part: _Part) -> float:
+def _stop(part: Part) -> float:
     return math.inf if part.entry.stop_s is None else part.entry.stop_s
 
 
-def _record_names(parts: Sequence[_Part]) -> list[str]:
+def _record_names(parts: Sequence[Part]) -> list[str]:
     files = [part.file for part in parts]
     names: list[str] = []
     for part in parts:
@@ -166,7 +171,8 @@ class _Channel:
         return f"{channel}: column {self.position + 1}" + (f" ({name!r})" if name else "") + f" × {scale!r} → {unit}"
 
 
-def _read_record(part: _Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str) -> Record:
+def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str) -> Record:
+    """Read one record; arguments and errors as :func:`read_records`."""
     entry, to_response, to_reference = part.entry, calibration.response, calibration.reference
     channels = _load(part, calibration, folder)
     response, reference = channels["response"], channels.get("reference")
@@ -200,7 +206,7 @@ def _read_record(part: _Part, name: str, calibration: CalibrationFile, folder: P
     )
 
 
-def _load(part: _Part, calibration: CalibrationFile, folder: Path) -> dict[str, _Channel]:
+def _load(part: Part, calibration: CalibrationFile, folder: Path) -> dict[str, _Channel]:
     """Load "response", "reference" (but for a decay) and "time" (where a time column is asked for)."""
     main = open_columns(folder / part.file)
     wanted = {"response": (main, calibration.response.column, "[response] column")}
@@ -233,7 +239,7 @@ def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], 
         require_channel_unit(at.source, at.position, "[reference]", **stated)
 
 
-def _sampling(part: _Part, calibration: CalibrationFile, channels: dict[str, _Channel]) -> Sampling:
+def _sampling(part: Part, calibration: CalibrationFile, channels: dict[str, _Channel]) -> Sampling:
     time = channels.get("time")
     if time is None:
         return _stated_sampling(part, calibration, [*channels.values()])
@@ -256,7 +262,7 @@ def _scaled(full_scale: float | None, scale: float) -> float | None:
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def _stated_sampling(part: _Part, calibration: CalibrationFile, channels: Sequence[_Channel]) -> Sampling:
+def _stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[_Channel]) -> Sampling:
     """Take the rate from the calibration file or from the data file; where both state one, they must agree."""
     entry = part.entry
     stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
@@ -273,7 +279,7 @@ def _stated_sampling(part: _Part, calibration: CalibrationFile, channels: Sequen
     return Sampling(agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
 
 
-def _check_frequency(part: _Part, sampling: Sampling, file: str) -> None:
+def _check_frequency(part: Part, sampling: Sampling, file: str) -> None:
     frequency_hz = part.entry.frequency_hz
     if frequency_hz is not None and frequency_hz >= sampling.rate_hz / 2:
         raise InputError(

@@ -74,6 +74,20 @@ class WavFile(ColumnFile):
             raise unreadable(self.file, error, _EXPECTED) from error
         return tuple(np.array(samples[:, position], dtype=np.float64) for position in positions)
 
+    def length(self, position: int) -> int:
+        """Number of samples, from the file's header."""
+        return self._frames
+
+    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+        """Samples of channels from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
+        import soundfile
+
+        try:
+            samples, _ = soundfile.read(str(self._path), start=start, stop=stop, dtype="float64", always_2d=True)
+        except (OSError, RuntimeError, ValueError, TypeError) as error:
+            raise unreadable(self.file, error, _EXPECTED) from error
+        return np.ascontiguousarray(samples[:, list(positions)].T, dtype=np.float64)
+
     def locate(self, position: int, row: int) -> str:
         """File, channel and sample of a value."""
         return f"{self.file}, {self.names[position]}, sample {row + 1}"

@@ -50,7 +50,9 @@ class Evidence:
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
+        optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
         records, findings = screen(without_copies(calibration.records))
+        findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, more = judge_clocks(records)
         records, changing = free_parts(records)
         return cls._measured(calibration, model, records, (*findings, *more, *changing))

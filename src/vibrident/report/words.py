@@ -121,6 +121,25 @@ _WORDS: dict[WarningCode, Words] = {
         "Identify the parts before and after the time named by themselves (start_s and stop_s), or leave out the "
         "record named; look for a changed range, a loose cable or mount, or another sensor.",
     ),
+    "fringe_slip": Words(
+        "the interferometer lost count of its fringes",
+        "The amplitude of the optical signals was lost, or their phase jumped by half a turn or more between two "
+        "samples. These stretches are left out; the rest is as good as the turns over each gap are known.",
+        "Look at the Lissajous figure; raise the light on the detectors, move the spot off a dark speckle, sample "
+        "faster or move more slowly.",
+    ),
+    "few_fringes": Words(
+        "too few fringes to know the interferometer's ellipse",
+        "The motion covers less than a fringe in every record, so that offsets, amplitudes and quadrature of the two "
+        "optical signals are hardly known. What that does to the response is in the uncertainty budget.",
+        "Record a larger motion, of a fringe or more, in the same set-up and name it in the same calibration file.",
+    ),
+    "ellipse_unstable": Words(
+        "the interferometer's ellipse changed",
+        "Offsets, amplitudes or quadrature of the optical signals changed within a record or between records. Slow "
+        "changes are followed; what remains is a cyclic error of the displacement.",
+        "Look for a drifting laser, stray light or a speckle that moves; let the set-up warm up and repeat.",
+    ),
     "clock_suspect": Words(
         "the sampling rate looks wrong",
         "The sampling rate in use contradicts the file's own times, or the frequencies that are stated of the tones. "

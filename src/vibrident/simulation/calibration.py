@@ -45,6 +45,7 @@ def simulate(
     substeps: int = 1,
     antialias: bool | None = None,
     seed: Seed = 0,
+    keep_takes: list[Take] | None = None,
 ) -> Calibration:
     """Simulate a calibration. The defaults are the paper's (section 4), without its noise.
 
@@ -74,6 +75,7 @@ def simulate(
         antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose
             corners would alias. Needs ``exact`` and the start from rest.
         seed: of everything random; every record and purpose has a stream of its own.
+        keep_takes: a list that the motions and their sampling are added to.
 
     Returns:
         Calibration with records in physical units; ``provenance.history`` of each says what was made.
@@ -91,6 +93,8 @@ def simulate(
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, samples_per_period, peak, natural, seed)
     felt = FeltLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
     takes = [felt.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
+    if keep_takes is not None:
+        keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)
     responses = _responses(chosen, takes, start, method, substeps, behind)
     made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"

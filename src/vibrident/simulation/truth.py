@@ -111,6 +111,11 @@ def exact_reference(motion: Motion, quantity: Quantity, *, sampling_rate_hz: flo
     return _integrated(motion, DERIVATIVES[quantity], SampleGrid(0.0, sampling_rate_hz, samples))
 
 
+def displacement_on(motion: Motion, grid: SampleGrid) -> FloatArray:
+    """Displacement on a grid, m, shape (samples,); see :func:`exact_reference`."""
+    return _integrated(motion, 2, grid)
+
+
 def system_response(system: LinearSystem, motion: Motion, grid: SampleGrid, start: Start) -> FloatArray:
     """Output of a linear system under ``motion`` on a grid, shape (samples,); see ``exact_response``."""
     if isinstance(motion, Superposition):

@@ -9,6 +9,7 @@ A contribution changes the measured response by a known pattern over frequency, 
 | phase | −j | rad |
 | mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (a stiff mount well below its resonance) |
 | clock | −f ∂ log H/∂f | relative (sampling rate) |
+| ellipse, cyclic | tabulated by the interferometer's signals | relative |
 
 The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so more data do not
 reduce it.
@@ -67,10 +68,14 @@ def rows_of_effects(
         quantity: of the reference.
         linear: the fit, linearised at ``z``.
     """
-    rows = []
+    rows: list[Row] = []
     for effect in effects:
         shift = shift_of_effect(effect, coordinates, z, quantity, linear)
         rows.append(row_of_effect(effect, np.outer(shift, shift)))
+        if len(rows) > 1 and effect.pattern and rows[-2].source == effect.source:  # parts of one source
+            last, before = rows.pop(), rows.pop()
+            u = float(np.hypot(before.standard_uncertainty or 0.0, effect.standard_uncertainty))
+            rows.append(replace(last, standard_uncertainty=u, covariance=before.covariance + last.covariance))
     return rows
 
 
@@ -105,6 +110,10 @@ def pattern(
         return np.full(len(frequency), -1j)
     if effect.kind == "mounting":
         return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
+    if effect.pattern:
+        at = [f for f, _ in effect.pattern]
+        real, imaginary = [v.real for _, v in effect.pattern], [v.imag for _, v in effect.pattern]
+        return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
     ahead, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 + STEP))
     behind, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 - STEP))
     return -np.log(ahead / behind) / (2.0 * STEP)

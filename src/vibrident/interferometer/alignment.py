@@ -1,0 +1,112 @@
+"""The displacement and the response at the same instants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.interferometer.decimation import Decimator, at_positions, decimated_length, lost_at_an_end, reach
+from vibrident.interferometer.demodulation import Demodulated
+from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.interferometer.survey import BLOCK
+
+#: Sines keep so many samples a period at least, and records so many samples: of a sine, and of other motion.
+PER_PERIOD, MOST_OF_SINE, MOST_OF_OTHERS = 16.0, 1 << 16, 1 << 20
+#: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.
+FINER = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Both channels, all of shape (n,); ``start_s`` is the time of the first sample since the record's begin."""
+
+    displacement_m: FloatArray
+    response: FloatArray
+    valid: BoolArray
+    rate_hz: float
+    start_s: float
+
+
+def thinning(samples: int, rate_hz: float, near_hz: float | None) -> int:
+    """Every so many samples of signals that are recorded together one is kept.
+
+    Args:
+        samples: of each.
+        rate_hz: of them.
+        near_hz: frequency of a sine; None for other motion.
+    """
+    if near_hz is None:
+        return max(samples // MOST_OF_OTHERS, 1)
+    return max(min(int(rate_hz / (PER_PERIOD * near_hz)), samples // MOST_OF_SINE), 1)
+
+
+def finer(rate_hz: float, response_hz: float) -> int:
+    """Every so many optical samples one of the displacement, for a response of another rate."""
+    return max(int(rate_hz / (FINER * response_hz)), 1)
+
+
+def together(
+    found: Demodulated, optical: Signals, offset_s: float, response: Signals, every: int, delay_s: float
+) -> Aligned:
+    """Displacement and response at the same instants.
+
+    Where both are recorded together they pass the same filter, so that what it does cancels.
+
+    Args:
+        found: the displacement.
+        optical: what it was made of.
+        offset_s: time of the first optical sample.
+        response: one signal, its first sample at time zero.
+        every: so many samples of it one is kept.
+        delay_s: the optical channel comes later by this.
+
+    Raises:
+        InputError: too little of the record is left.
+    """
+    values = _decimated(response, every)
+    rate, first = response.rate_hz / every, lost_at_an_end(every) / response.rate_hz
+    time = first + np.arange(values.shape[0]) / rate
+    wanted = ((time + delay_s - offset_s) * optical.rate_hz - found.first) / found.factor
+    spacing = optical.rate_hz / found.factor / rate
+    count = min(values.shape[0], found.displacement_m.shape[0])
+    if abs(spacing - 1.0) < 1e-9 and abs(float(wanted[0])) < 1e-6:
+        return _whole(found.displacement_m[:count], values[:count], found.valid[:count], rate, first)
+    kept, displacement, valid = _moved(found.displacement_m, found.valid, wanted, spacing)
+    return _whole(displacement, values[kept], valid, rate, first + kept.start / rate)
+
+
+def _moved(
+    values: FloatArray, valid: BoolArray, wanted: FloatArray, spacing: float
+) -> tuple[slice, FloatArray, BoolArray]:
+    """The displacement at positions, in its samples: those that it covers, the values, and whether they are valid."""
+    spacing, half = max(spacing, 1.0), reach(max(spacing, 1.0))
+    inside = np.flatnonzero((wanted >= half) & (wanted <= values.shape[0] - 1 - half))
+    kept = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
+    at = wanted[kept]
+    bad = np.concatenate([[0], np.cumsum(~valid)])
+    low, high = np.floor(at).astype(int) - half, np.floor(at).astype(int) + half + 2
+    sound = bad[np.minimum(high, valid.shape[0])] == bad[np.maximum(low, 0)]
+    return kept, at_positions(values, at, spacing) if at.size else np.zeros(0), sound
+
+
+def _decimated(response: Signals, every: int) -> FloatArray:
+    blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
+    if every == 1:
+        return np.concatenate([block[0] for block in blocks])
+    filtered = Decimator(every, 1)
+    values = np.concatenate([filtered.feed(block)[0] for block in blocks])
+    return values[: decimated_length(response.samples, every)]
+
+
+def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float) -> Aligned:
+    if displacement.shape[0] < 8 or not valid.any():
+        raise InputError(
+            "Too little of the record is left beside the ends of the filters.",
+            expected="records of some hundred samples of the slower channel, and channels that cover the same time",
+            found=f"{displacement.shape[0]} samples",
+            where="[interferometer]",
+            remedy="record for longer, or check rate_hz and delay_s",
+        )
+    return Aligned(displacement, values, valid, rate, start)

@@ -1,0 +1,109 @@
+"""A heterodyne signal mixed down from its carrier: two signals in quadrature at a lower rate.
+
+Mixing and filtering are one product: the filter's coefficients times those of the carrier. What the estimated carrier
+is off by is left as a slope of the phase.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.interferometer.decimation import HALF, PASS, Decimator, decimated_length, taps
+from vibrident.interferometer.setting import FloatArray, Signals
+
+#: Pieces of the signal that are looked at, and their lengths; what belongs to the carrier stands above this part of the
+#: largest line and so many times the floor.
+PIECES, PIECE, PART, FLOOR = 48, 8192, 1e-4, 30.0
+#: Band kept, over what the carrier's band is wide, and part of the room beside the carrier that may be used.
+MARGIN, ROOM = 1.6, 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Baseband:
+    """The two signals in quadrature that a heterodyne signal is mixed down to.
+
+    Attributes:
+        raw: the signal, one.
+        carrier_hz: what it is mixed with.
+        factor: every so many samples one is kept.
+    """
+
+    raw: Signals
+    carrier_hz: float
+    factor: int
+
+    @staticmethod
+    def around(raw: Signals, near_hz: float, where: str) -> Baseband:
+        """Find the carrier near a frequency, and how wide its band is.
+
+        Raises:
+            InputError: there is no carrier, or no room beside it.
+        """
+        half = 0.5 * raw.rate_hz
+        if not 0 < near_hz < half:
+            raise InputError(
+                "The carrier lies above what the sampling rate can show.",
+                expected=f"carrier_hz below {half:.9g} Hz, half the sampling rate of the signal",
+                found=f"carrier_hz = {near_hz!r}",
+                where=f"{where}, [interferometer] carrier_hz",
+                remedy="correct carrier_hz, or rate_hz of [interferometer]",
+            )
+        room = ROOM * min(near_hz, half - near_hz)
+        low, high = _band(raw, near_hz, room, where)
+        wide = min(max(0.5 * MARGIN * (high - low), 16.0 * raw.rate_hz / PIECE), room)
+        carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
+        wide = min(wide, ROOM * min(carrier, half - carrier))
+        most = max(raw.samples // (8 * HALF), 2)
+        return Baseband(raw, carrier, int(np.clip(PASS * raw.rate_hz / wide, 2, most)))
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each signal."""
+        return decimated_length(self.raw.samples, self.factor)
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return self.raw.rate_hz / self.factor
+
+    @property
+    def first(self) -> int:
+        """Position of the first sample in the raw signal."""
+        return HALF * self.factor
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
+        begin = start * self.factor
+        end = min((stop - 1) * self.factor + 2 * self.first + 1, self.raw.samples)
+        cycles = self.carrier_hz / self.raw.rate_hz
+        kernel = taps(self.factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * self.first + 1))
+        whole = np.concatenate([self.raw.block(begin, end), np.zeros((1, self.factor))], axis=1)
+        mixed = Decimator(self.factor, 1, kernel).feed(whole)[0, : stop - start]
+        turn = np.mod(cycles * self.factor * np.arange(start, start + mixed.shape[0]), 1.0)
+        mixed = 2.0 * mixed * np.exp(-2j * np.pi * turn)
+        return np.stack([mixed.real, mixed.imag])
+
+
+def _band(raw: Signals, near_hz: float, room: float, where: str) -> tuple[float, float]:
+    """Lowest and highest frequency of what belongs to the carrier."""
+    length = min(PIECE, raw.samples)
+    starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
+    window = np.blackman(length)
+    pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts])
+    power = np.max(np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2, axis=0)
+    lines = np.arange(power.shape[0]) * raw.rate_hz / length
+    inside = np.abs(lines - near_hz) <= room
+    floor = float(np.median(power))
+    strong = inside & (power > max(PART * float(power[inside].max(initial=0.0)), FLOOR * floor))
+    if not strong.any():
+        raise InputError(
+            "There is no carrier.",
+            expected=f"a line near carrier_hz = {near_hz!r}",
+            found="nothing above the noise there",
+            where=f"{where}, [interferometer] carrier_hz",
+            remedy="correct carrier_hz, rate_hz of [interferometer], or the column",
+        )
+    return float(lines[strong].min()), float(lines[strong].max())

@@ -1,0 +1,157 @@
+"""Which ellipse each record of a set-up is demodulated with: its own, one for all, or that of a larger motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from vibrident.interferometer.ellipse import Ellipse
+from vibrident.interferometer.setting import FloatArray
+from vibrident.interferometer.summary import OpticalFinding
+from vibrident.interferometer.survey import SHAPE, Survey, shape, sound
+
+#: Ellipses of records are one ellipse unless their differences are rarer than this.
+CHANCE = 1e-3
+#: A change of centre, ratio or quadrature by this part of the amplitude is said.
+UNSTABLE = 0.02
+#: From p, q, b − a, e back to p, q, a, b, e.
+_BACK = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -0.5, 0], [0, 0, 0.5, 0], [0, 0, 0, 1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """An ellipse for a record.
+
+    Attributes:
+        ellipse: to be used; its covariance is that of what is used.
+        knots: sample index and ellipse, where it changes within the record; else empty.
+        origin: where it is from, in words.
+        group: records of one group have the error of the ellipse in common.
+        changes: how far the shape moves within the record.
+        findings: doubts.
+    """
+
+    ellipse: Ellipse
+    knots: tuple[tuple[float, Ellipse], ...]
+    origin: str
+    group: int
+    changes: float = 0.0
+    findings: tuple[OpticalFinding, ...] = ()
+
+
+def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
+    """Choose an ellipse for each record of a set-up."""
+    steady = [i for i, s in enumerate(surveys) if s.whole and not s.knots]
+    common, scatter = _common([surveys[i].ellipse for i in steady])
+    choices = []
+    for index, (found, name) in enumerate(zip(surveys, names, strict=True)):
+        if found.knots:
+            choices.append(_moving(found, name, index))
+        elif found.whole:
+            choices.append(_own(found, common, index, len(steady)))
+        else:
+            choices.append(_borrowed(found, name, index, surveys, steady, common, scatter))
+    return choices
+
+
+def of_carrier(found: Survey, index: int) -> Choice:
+    """The circle about zero of a heterodyne signal that was mixed down: there is no ellipse to be found."""
+    radius = np.hypot(found.points[0], found.points[1])
+    size = float(np.median(radius))
+    noise = np.full(2, max(float(np.median(np.abs(radius - size))) / 0.6745, 1e-9 * size) ** 2)
+    circle = Ellipse(np.zeros(2), size * np.eye(2), np.zeros((5, 5)), noise)
+    return Choice(circle, (), "none: a carrier", index)
+
+
+@dataclass(frozen=True, eq=False)
+class _Common:
+    first: Ellipse
+    mean: FloatArray
+    covariance: FloatArray
+
+    def of(self, ellipse: Ellipse) -> Ellipse:
+        """The ellipse with the common shape and its own size."""
+        off = self.mean - shape(self.first.difference(ellipse))
+        covariance = _BACK @ self.covariance @ _BACK.T
+        return replace(ellipse.changed(_BACK @ off), covariance=covariance)
+
+
+def _common(found: Sequence[Ellipse]) -> tuple[_Common | None, FloatArray]:
+    """One shape for all where they do not differ, and how much they scatter, shape (4,)."""
+    if len(found) < 2:
+        return None, np.zeros(4)
+    shapes = np.array([shape(found[0].difference(ellipse)) for ellipse in found])
+    weights = [np.linalg.inv(SHAPE @ ellipse.covariance @ SHAPE.T) for ellipse in found]
+    covariance = np.linalg.inv(np.sum(weights, axis=0))
+    mean = covariance @ np.sum([w @ s for w, s in zip(weights, shapes, strict=True)], axis=0)
+    total = sum(float((s - mean) @ w @ (s - mean)) for w, s in zip(weights, shapes, strict=True))
+    same = chdtrc(4 * (len(found) - 1), total) > CHANCE
+    return (_Common(found[0], mean, covariance) if same else None), np.std(shapes, axis=0, ddof=1)
+
+
+def _own(found: Survey, common: _Common | None, index: int, count: int) -> Choice:
+    if common is None:
+        return Choice(found.ellipse, (), "of this record", index)
+    return Choice(common.of(found.ellipse), (), f"common to {count} records", -1)
+
+
+def _moving(found: Survey, name: str, index: int) -> Choice:
+    differences = np.array([shape(found.ellipse.difference(piece)) for _, piece in found.knots])
+    change = float(np.max(np.ptp(differences, axis=0)))
+    said: tuple[OpticalFinding, ...] = ()
+    if change > UNSTABLE:
+        text = (
+            f"{name}: the ellipse of the interferometer changes by {100 * change:.2g} % of its amplitude within the "
+            f"record. It is followed in {len(found.knots)} pieces of time; what changes faster is a cyclic error."
+        )
+        said = (OpticalFinding("ellipse_unstable", text),)
+    covariance = np.mean([piece.covariance for _, piece in found.knots], axis=0) / len(found.knots) * 1.5
+    ellipse = replace(found.ellipse, covariance=covariance)
+    return Choice(ellipse, found.knots, "of this record, followed in time", index, change, said)
+
+
+def _borrowed(
+    found: Survey,
+    name: str,
+    index: int,
+    surveys: Sequence[Survey],
+    steady: Sequence[int],
+    common: _Common | None,
+    scatter: FloatArray,
+) -> Choice:
+    """The ellipse of a larger motion; where there is none, its own arc or a circle, with a warning."""
+    if not steady:
+        kind = "an ellipse through this arc" if found.fitted else "a circle, as the arc does not tell an ellipse"
+        text = (
+            f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and no record of "
+            f"this calibration covers one. The phase is taken from {kind}; its uncertainty is in the budget. "
+            "A record of larger motion in the same set-up gives the ellipse."
+        )
+        return Choice(found.ellipse, (), kind, index, 0.0, (OpticalFinding("few_fringes", text),))
+    source = min(steady, key=lambda i: (abs(i - index), i))
+    ellipse = surveys[source].ellipse if common is None else common.of(surveys[source].ellipse)
+    group, origin = (source, "of a larger motion") if common is None else (-1, "of larger motions")
+    said = []
+    if common is None and len(steady) > 1:
+        shifted = _BACK @ np.diag(scatter**2) @ _BACK.T
+        ellipse, group = replace(ellipse, covariance=ellipse.covariance + shifted), index
+        if float(np.max(scatter)) > UNSTABLE:
+            text = (
+                f"{name}: its ellipse is that of a larger motion, and these differ between records by "
+                f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the uncertainty."
+            )
+            said.append(OpticalFinding("ellipse_unstable", text))
+    points = found.points[:, sound(ellipse, found.points)]
+    off = float(np.mean(np.hypot(*ellipse.round(points)))) - 1.0 if points.shape[1] else 1.0
+    if abs(off) > UNSTABLE + 5.0 * ellipse.radial_noise / np.sqrt(max(points.shape[1], 1)) + ellipse.radial_noise**2:
+        text = (
+            f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that it is taken "
+            "from: offsets or amplitudes have changed between the records."
+        )
+        said.append(OpticalFinding("ellipse_unstable", text))
+        extra = _BACK @ np.diag(np.full(4, off**2)) @ _BACK.T
+        ellipse, group = replace(ellipse, covariance=ellipse.covariance + extra), index
+    return Choice(ellipse, (), origin, group, 0.0, tuple(said))

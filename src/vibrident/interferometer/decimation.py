@@ -1,0 +1,124 @@
+"""Fewer samples, and samples at other instants, by linear-phase filters whose delay is known exactly.
+
+The filters pass all below 0.4 of the new rate to 1e-6 and hold back all above 0.6 of it to the same part, so that
+nothing folds to below 0.4. They are symmetric: a new sample stands at the middle of its filter, and only those whose
+filter lies wholly within the signal are made.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from vibrident.interferometer.setting import BoolArray, FloatArray
+
+#: Edges of pass band and stop band over the new rate, and the attenuation, dB.
+PASS, STOP, ATTENUATION_DB = 0.4, 0.6, 130.0
+#: Half the filter's length in new sampling intervals: Kaiser's formula.
+HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
+#: Places between two samples at which the filter for other instants is tabulated; between them it is a line.
+PLACES = 4096
+
+
+def taps(factor: int) -> FloatArray:
+    """The filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one."""
+    half = HALF * factor
+    index = np.arange(-half, half + 1)
+    window = np.kaiser(2 * half + 1, signal.kaiser_beta(ATTENUATION_DB))
+    values = np.sinc(index / factor) * window
+    return values / values.sum()
+
+
+def lost_at_an_end(factor: int) -> int:
+    """Samples before the first new one, which stands at this index."""
+    return HALF * factor if factor > 1 else 0
+
+
+def decimated_length(samples: int, factor: int) -> int:
+    """Number of new samples."""
+    if factor == 1:
+        return samples
+    return max((samples - 2 * HALF * factor - 1) // factor + 1, 0)
+
+
+class Decimator:
+    """Every ``factor``-th sample of signals that come block by block; sample k of the output stands at
+    ``lost_at_an_end(factor) + k · factor`` of the input."""
+
+    def __init__(self, factor: int, signals: int, kernel: FloatArray | None = None) -> None:
+        """Begin; ``kernel`` in place of :func:`taps` may be complex and then mixes as it filters."""
+        kernel = taps(factor) if kernel is None else kernel
+        self._factor, self._rows = factor, -(-kernel.shape[0] // factor)
+        padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
+        padded[: kernel.shape[0]] = kernel
+        self._matrix = np.ascontiguousarray(padded.reshape(self._rows, factor).T)
+        self._samples = np.zeros((signals, 0))
+        self._partial = np.zeros((signals, 0, self._rows), dtype=kernel.dtype)
+
+    def feed(self, block: FloatArray) -> Any:
+        """The outputs that a block, shape (signals, n), completes, shape (signals, any number)."""
+        values = np.concatenate([self._samples, block], axis=1)
+        rows = values.shape[1] // self._factor
+        used = values[:, : rows * self._factor].reshape(values.shape[0], rows, self._factor)
+        self._samples = values[:, rows * self._factor :]
+        if np.iscomplexobj(self._matrix):  # of real signals, two real products
+            fresh = used @ self._matrix.real + 1j * (used @ self._matrix.imag)
+        else:
+            fresh = used @ self._matrix
+        partial = np.concatenate([self._partial, fresh], axis=1)
+        ready = max(partial.shape[1] - self._rows + 1, 0)
+        self._partial = partial[:, ready:]
+        result = np.zeros((values.shape[0], ready), dtype=self._matrix.dtype)
+        for j in range(self._rows if ready else 0):
+            result += partial[:, j : j + ready, j]
+        return result
+
+
+def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
+    """New samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
+    count = decimated_length(samples, factor)
+    bad = np.zeros(count, dtype=bool)
+    reach = 2 * lost_at_an_end(factor)
+    for start, stop in gaps:
+        first = max(-(-(start - reach) // factor), 0)
+        bad[first : (stop - 1) // factor + 1] = True
+    return bad
+
+
+def at_positions(values: FloatArray, positions: FloatArray, spacing: float) -> FloatArray:
+    """A signal at positions between its samples, low-passed for a new rate.
+
+    Args:
+        values: shape (n,).
+        positions: in samples, shape (m,); from ``reach(spacing)`` to n − 1 − ``reach(spacing)``.
+        spacing: of the new samples, in old ones; 1 or more.
+    """
+    half = reach(spacing)
+    offsets = np.arange(-half, half + 2)
+    fraction = np.arange(PLACES + 1) / PLACES
+    table = _kernel(offsets[None, :] - fraction[:, None], spacing, half)
+    table /= table.sum(axis=1, keepdims=True)
+    found = np.empty(positions.shape[0])
+    for begin in range(0, positions.shape[0], 4096):
+        part = positions[begin : begin + 4096]
+        base = np.minimum(np.floor(part).astype(int), values.shape[0] - 2 - half)
+        place = (part - base) * PLACES
+        index = np.minimum(place.astype(int), PLACES - 1)
+        share = (place - index)[:, None]
+        weights = table[index] * (1.0 - share) + table[index + 1] * share
+        near = np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)
+        found[begin : begin + 4096] = np.sum(weights * values[near], axis=1)
+    return found
+
+
+def reach(spacing: float) -> int:
+    """Samples on either side that :func:`at_positions` needs."""
+    return int(np.ceil(HALF * spacing))
+
+
+def _kernel(distance: FloatArray, spacing: float, half: int) -> FloatArray:
+    inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
+    beta = signal.kaiser_beta(ATTENUATION_DB)
+    return np.where(np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(beta * np.sqrt(inside)), 0.0)

@@ -1,0 +1,237 @@
+"""The main path: optical signals → phase → displacement at fewer samples, with what was left out and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.interferometer import effects, phase
+from vibrident.interferometer.bridging import turns
+from vibrident.interferometer.choice import Choice
+from vibrident.interferometer.decimation import Decimator, decimated_length, lost_at_an_end, spoilt_outputs
+from vibrident.interferometer.noise import displacement_noise
+from vibrident.interferometer.phase import TURN, Gap, Path
+from vibrident.interferometer.setting import BoolArray, FloatArray, Interferometer, Signals
+from vibrident.interferometer.sine import Sine, fit_sine
+from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
+from vibrident.interferometer.survey import Survey
+
+#: More of a record may not be left out; more gaps than this are not looked at one by one.
+MOST_LEFT_OUT, MOST_GAPS = 0.8, 400
+#: Another piece of a sine record joins the longest one where the step is a whole number of turns to this part.
+WHOLE = 0.12
+#: Samples of the excerpt, and of the points kept for pictures.
+EXCERPT, POINTS = 2000, 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Demodulated:
+    """A displacement made of optical signals.
+
+    Attributes:
+        displacement_m: shape (n,).
+        valid: shape (n,), False where it is left out.
+        first: position of the first sample, in samples of the optical signals.
+        factor: distance of the samples, in those.
+        summary: what the signals said of themselves.
+        answer: what the ellipse's errors do to this record.
+    """
+
+    displacement_m: FloatArray
+    valid: BoolArray
+    first: int
+    factor: int
+    summary: OpticalSummary
+    answer: effects.Answer
+
+
+def demodulate(
+    signals: Signals,
+    setting: Interferometer,
+    seen: Survey,
+    choice: Choice,
+    factor: int,
+    name: str,
+    sine: bool,
+    carrier_hz: float | None = None,
+) -> Demodulated:
+    """Make a displacement of two signals in quadrature.
+
+    Args:
+        signals: two of them.
+        setting: the interferometer.
+        seen: what the first look found.
+        choice: the ellipse.
+        factor: every so many samples one of the displacement.
+        name: of the record, for messages.
+        sine: whether the motion is a sine.
+        carrier_hz: of the heterodyne signal that the two were made of.
+
+    Raises:
+        InputError: the signals are lost for most of the record.
+    """
+    path = Path()
+    values = _decimated(signals, choice, factor, path)
+    position = lost_at_an_end(factor) + factor * np.arange(values.shape[0])
+    spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
+    values, piece, unknown = _bridged(signals, choice, path.gaps, values, position)
+    rate = signals.rate_hz / factor
+    found = None
+    if sine:
+        values, piece = _joined(values, piece, ~spoilt, rate)
+        found = fit_sine(values, (piece == _longest(piece, ~spoilt)) & ~spoilt, rate)
+    valid = ~spoilt & (piece == _longest(piece, ~spoilt))
+    if carrier_hz is not None:
+        values, carrier_hz = _without_carrier(values, valid, position / signals.rate_hz, carrier_hz)
+    left_out = 1.0 - float(np.mean(valid)) if valid.size else 1.0
+    _require_enough(left_out, name)
+    values = values - np.mean(values[valid])
+    open_gaps = int(np.unique(piece[~spoilt]).size - 1)
+    noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
+    excerpt = slice(0, EXCERPT)
+    answer = _answer(values, valid, rate, found, choice, signals)
+    summary = OpticalSummary(
+        setting,
+        signals.rate_hz,
+        signals.samples,
+        factor,
+        choice.ellipse,
+        choice.origin,
+        choice.changes,
+        (path.highest - path.lowest) / TURN,
+        path.length / TURN,
+        path.fastest,
+        len(path.gaps),
+        sum(gap.jump for gap in path.gaps),
+        open_gaps,
+        left_out,
+        path.counted,
+        path.by_phase,
+        choice.ellipse.radial_noise,
+        noise_hz,
+        noise_m,
+        seen.points[:, :: max(seen.points.shape[1] // POINTS, 1)],
+        position[excerpt] / signals.rate_hz,
+        values[excerpt] * setting.metres_per_radian,
+        carrier_hz,
+        findings=(*choice.findings, *_slips(path, unknown, left_out, name)),
+    )
+    return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer)
+
+
+def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> FloatArray:
+    knots = [(at, piece.for_phase) for at, piece in choice.knots]
+    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path)
+    if factor == 1:
+        return np.concatenate(list(blocks))
+    filtered = Decimator(factor, 1)
+    values = np.empty(decimated_length(signals.samples, factor))
+    done = 0
+    for block in blocks:
+        part = filtered.feed(block[None, :])[0]
+        part = part[: values.shape[0] - done]
+        values[done : done + part.shape[0]] = part
+        done += part.shape[0]
+    return values[:done]
+
+
+def _bridged(
+    signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
+) -> tuple[FloatArray, np.ndarray, int]:
+    """Values with the turns that gaps swallowed, the piece that each belongs to, and gaps of unknown turns."""
+    shift, piece = np.zeros(values.shape[0]), np.zeros(values.shape[0], dtype=int)
+    unknown = 0
+    for number, gap in enumerate(gaps):
+        behind = int(np.searchsorted(position, gap.start))
+        found = turns(signals, choice.ellipse, gap) if number < MOST_GAPS else None
+        if found is None:
+            piece[behind:] += 1
+            unknown += 1
+        else:
+            shift[behind:] += TURN * found
+    return values + shift, piece, unknown
+
+
+def _longest(piece: np.ndarray, usable: BoolArray) -> int:
+    return int(np.argmax(np.bincount(piece, weights=usable.astype(float)))) if piece.size else 0
+
+
+def _joined(values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float) -> tuple[FloatArray, np.ndarray]:
+    """Pieces of a sine put together: the sine of the longest one says how many turns the others are off."""
+    if piece.size == 0 or piece[-1] == 0:
+        return values, piece
+    values, piece = values.copy(), piece.copy()
+    main = _longest(piece, usable)
+    others = [p for p in np.unique(piece[usable]).tolist() if p != main]
+    for other in sorted(others, key=lambda p: abs(p - main)):
+        known = usable & (piece == main)
+        found = fit_sine(values, known, rate)
+        inside = usable & (piece == other)
+        if found is None or inside.sum() < 3:
+            continue
+        off = (values[inside] - found.at(np.flatnonzero(inside) / rate)) / TURN
+        whole = float(np.median(off))
+        if abs(whole - round(whole)) < WHOLE and float(np.std(off)) < WHOLE:
+            values[piece == other] -= TURN * round(whole)
+            piece[piece == other] = main
+    return values, piece
+
+
+def _without_carrier(
+    values: FloatArray, valid: BoolArray, time_s: FloatArray, carrier_hz: float
+) -> tuple[FloatArray, float]:
+    """Phase without what the carrier is off by, and its drift: a parabola, which no sensor of acceleration answers."""
+    span = max(float(time_s[-1] - time_s[0]), 1e-300)
+    t = 2.0 * (time_s - time_s[0]) / span - 1.0
+    design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
+    found, *_ = np.linalg.lstsq(design[valid], values[valid], rcond=None)
+    return values - design @ found, carrier_hz + float(found[1]) * 2.0 / span / TURN
+
+
+def _answer(
+    values: FloatArray, valid: BoolArray, rate: float, found: Sine | None, choice: Choice, signals: Signals
+) -> effects.Answer:
+    noise = choice.ellipse.radial_noise
+    if found is not None:
+        frequency, harmonics = effects.of_sine(found.amplitude, found.mean, found.frequency_hz)
+        relative_noise = np.array([noise * np.sqrt(2.0 / signals.samples) / max(found.amplitude, 1e-300)])
+    else:
+        frequency, harmonics = effects.of_motion(values + 0.0, valid, rate)
+        size = float(np.std(values[valid]))
+        relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
+    covariance = effects.shape_covariance(choice.ellipse)
+    return effects.Answer(
+        frequency, effects.of_shape(harmonics), harmonics, relative_noise, choice.group, covariance, np.zeros(6)
+    )
+
+
+def _slips(path: Path, unknown: int, left_out: float, name: str) -> list[OpticalFinding]:
+    if not path.gaps and path.counted == path.by_phase:
+        return []
+    lost = [gap for gap in path.gaps if not gap.jump]
+    jumps = len(path.gaps) - len(lost)
+    parts = []
+    if lost:
+        parts.append(f"the amplitude is lost in {len(lost)} stretch{'es' * (len(lost) > 1)}")
+    if jumps:
+        parts.append(f"the phase jumps by nearly half a turn or more in {jumps} place{'s' * (jumps > 1)}")
+    if path.counted != path.by_phase:
+        parts.append(f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase")
+    text = f"{name}: {' and '.join(parts)}; {100 * left_out:.2g} % of the displacement is left out"
+    if unknown:
+        text += f", and behind {unknown} of the gaps nobody knows the fringe by the motion beside it"
+    return [OpticalFinding("fringe_slip", text + ".")]
+
+
+def _require_enough(left_out: float, name: str) -> None:
+    if left_out > MOST_LEFT_OUT:
+        raise InputError(
+            "The interferometer's phase cannot be followed.",
+            expected="two signals whose amplitude holds, with less than half a turn of phase from sample to sample",
+            found=f"{100 * left_out:.3g} % of the record lost",
+            where=name,
+            remedy="look at the Lissajous figure (`vibrident inspect`); sample faster, or move more slowly",
+        )

@@ -1,0 +1,152 @@
+"""What the uncertainty of the ellipse does to the measured response.
+
+An ellipse that is off by p, q (centre), b − a (ratio), e (quadrature) gives a phase that is off by
+
+    −p sin φ + q cos φ + (b − a)/2 sin 2φ + e/2 (1 + cos 2φ).
+
+Of a sine of phase amplitude Φ about φ₀ the part at its frequency is known: J₁(Φ) and J₁(2Φ) (Bessel). Other motion:
+the cross spectrum of that error with the phase, by bands.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.special import j1
+
+from vibrident.effects import SystematicEffect
+from vibrident.interferometer.ellipse import Ellipse
+from vibrident.interferometer.setting import BoolArray, FloatArray
+from vibrident.interferometer.survey import SHAPE
+
+#: Bands of motion that is not a sine; most samples looked at.
+BANDS, MOST = 16, 1 << 18
+#: Most patterns that are kept, the largest ones; a pattern below this part of the noise of its points is dropped.
+MOST_PATTERNS, NEGLIGIBLE = 24, 0.05
+SOURCE = "ellipse of the interferometer"
+CYCLIC = "cyclic error of the interferometer"
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the errors of the ellipse do to the reference of one record.
+
+    Attributes:
+        frequency_hz: shape (m,).
+        relative: change of the reference for one unit of p, q, b − a, e, complex, shape (4, m).
+        harmonics: the same for one radian of cos nφ and sin nφ, n = 1, 2, 4, shape (6, m).
+        noise: relative standard uncertainty of the reference there by the noise of the phase, shape (m,).
+        group: of records with one ellipse.
+        covariance: of the ellipse's shape, shape (4, 4).
+        cyclic: amplitudes of cos nφ and sin nφ, n = 1, 2, 4, that were found to be there, rad, shape (6,).
+    """
+
+    frequency_hz: FloatArray
+    relative: np.ndarray
+    harmonics: np.ndarray
+    noise: FloatArray
+    group: int
+    covariance: FloatArray
+    cyclic: FloatArray
+
+
+ORDERS = (1, 2, 4)
+
+
+def of_sine(amplitude: float, mean: float, frequency_hz: float) -> tuple[FloatArray, np.ndarray]:
+    """Frequency, shape (1,), and change of the reference for one radian of cos nφ, sin nφ, n = 1, 2, 4: (6, 1)."""
+    rows = []
+    for n in ORDERS:
+        part = 2.0 * j1(n * amplitude) / max(amplitude, 1e-300)
+        rows += [-part * np.sin(n * mean), part * np.cos(n * mean)]
+    return np.array([frequency_hz]), np.array(rows, dtype=complex)[:, None]
+
+
+def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, np.ndarray]:
+    """The same for any motion, in bands: frequencies (m,) and changes (6, m)."""
+    phase = np.where(valid, phase, np.mean(phase[valid]))[:MOST]
+    count = phase.shape[0]
+    window = np.hanning(count) if count > 64 else np.ones(count)
+    reference = np.asarray(fft.rfft((phase - phase.mean()) * window))
+    lines = np.arange(reference.shape[0]) * rate_hz / count
+    edges = np.geomspace(max(lines[1], 1e-5 * rate_hz), 0.45 * rate_hz, BANDS + 1)
+    errors = []
+    for n in ORDERS:
+        for wave in (np.cos(n * phase), np.sin(n * phase)):
+            errors.append(np.asarray(fft.rfft((wave - wave.mean()) * window)))
+    frequencies, columns = [], []
+    for low, high in itertools.pairwise(edges):
+        inside = (lines >= low) & (lines < high)
+        power = float(np.sum(np.abs(reference[inside]) ** 2))
+        if inside.any() and power > 0:
+            frequencies.append(float(np.sqrt(low * high)))
+            columns.append([complex(np.sum(e[inside] * np.conj(reference[inside]))) / power for e in errors])
+    return np.array(frequencies), np.array(columns).T
+
+
+def of_shape(harmonics: np.ndarray) -> np.ndarray:
+    """Change of the reference for one unit of p, q, b − a, e from those for cos nφ, sin nφ: (6, m) → (4, m)."""
+    return np.stack([-harmonics[1], harmonics[0], 0.5 * harmonics[3], 0.5 * harmonics[2]])
+
+
+def shape_covariance(ellipse: Ellipse) -> FloatArray:
+    """Of p, q, b − a, e, shape (4, 4)."""
+    return SHAPE @ ellipse.covariance @ SHAPE.T
+
+
+def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
+    """The systematic effects of the ellipses, and of the cyclic errors that were found, on a calibration."""
+    found: list[tuple[float, SystematicEffect]] = []
+    grid = np.unique(np.concatenate([answer.frequency_hz for answer in answers]))
+    for group in dict.fromkeys(answer.group for answer in answers):
+        members = [answer for answer in answers if answer.group == group]
+        stacked = np.concatenate([answer.relative for answer in members], axis=1)
+        noise = np.concatenate([answer.noise for answer in members])
+        values, vectors = np.linalg.eigh(_weighed(stacked, noise, members[0].covariance))
+        root = _root(members[0].covariance)
+        for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
+            if value > NEGLIGIBLE**2:
+                found.append((float(value), _effect(SOURCE, "ellipse", members, root @ vector, grid)))
+    for answer in answers:
+        if np.any(answer.cyclic):
+            change = answer.cyclic @ answer.harmonics
+            found.append((np.inf, _pattern(CYCLIC, "cyclic", [(answer.frequency_hz, -change)], grid)))
+    found.sort(key=lambda item: -item[0])
+    return tuple(effect for _, effect in found[:MOST_PATTERNS])
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _weighed(stacked: np.ndarray, noise: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Σ over points of |change|² over the noise's variance, in directions of unit variance, shape (4, 4)."""
+    rows = (_root(covariance).T @ stacked) / np.maximum(noise, 1e-300)
+    return np.real(rows @ np.conj(rows.T))
+
+
+def _effect(
+    source: str, kind: str, members: Sequence[Answer], direction: FloatArray, grid: FloatArray
+) -> SystematicEffect:
+    return _pattern(source, kind, [(m.frequency_hz, -(direction @ m.relative)) for m in members], grid)
+
+
+def _pattern(
+    source: str, kind: str, parts: Sequence[tuple[FloatArray, np.ndarray]], grid: FloatArray
+) -> SystematicEffect:
+    """An effect with a tabulated pattern: zero at the frequencies of other records."""
+    values = np.zeros(grid.shape, dtype=complex)
+    seen = np.zeros(grid.shape)
+    for frequency, change in parts:
+        at = np.searchsorted(grid, frequency)
+        values[at] += change
+        seen[at] += 1.0
+    values /= np.maximum(seen, 1.0)
+    largest = float(np.max(np.abs(values))) or 1.0
+    shape = tuple((float(f), complex(v / largest)) for f, v in zip(grid, values, strict=True))
+    return SystematicEffect(source, kind, largest, pattern=shape)  # type: ignore[arg-type]

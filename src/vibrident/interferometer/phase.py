@@ -1,0 +1,159 @@
+"""Phase of two signals in quadrature, block by block: unwrapped, with what was lost and where it jumped.
+
+Where the amplitude is lost, or the phase jumps between two samples by nearly half a turn, nobody knows how many turns
+it made. Such samples are a gap: the phase is held over it, and goes on behind it from the nearest turn. How many turns
+that is off is found from the motion on both sides (:mod:`bridging`), or what is behind it is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibrident.interferometer.ellipse import Ellipse
+from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.interferometer.survey import BLOCK, TOO_LARGE, lost_radius
+
+#: Most change of phase from sample to sample, rad, and most change of that: beyond, a turn may have been missed.
+FASTEST, ROUGHEST = 2.8, 2.5
+#: Samples beside a lost one that are left out with it.
+GUARD = 3
+#: Counting fringes needs samples that are closer than this, rad, and a signal beyond this part of its amplitude.
+CLOSE, BEYOND = 1.0, 0.5
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples from ``start`` up to ``stop`` that are left out; ``jump`` where the phase jumped at sound amplitude."""
+
+    start: int
+    stop: int
+    jump: bool
+
+
+@dataclass
+class Path:
+    """What is learned on the way through a record."""
+
+    gaps: list[Gap] = field(default_factory=list)
+    lowest: float = np.inf
+    highest: float = -np.inf
+    length: float = 0.0
+    fastest: float = 0.0
+    counted: int = 0
+    by_phase: int = 0
+    compared: int = 0
+
+
+def unwrapped(
+    signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], path: Path
+) -> Iterator[FloatArray]:
+    """The unwrapped phase, rad, block by block; ``path`` is filled on the way."""
+    last, before = 0.0, None
+    carried: tuple[float, int] | None = None
+    for start in range(0, signals.samples, BLOCK):
+        stop = min(start + BLOCK, signals.samples)
+        v = _round(signals.block(start, stop), ellipse, knots, start)
+        angle = np.arctan2(v[1], v[0])
+        good = _good(v, ellipse)
+        phase, last, before = _followed(angle, good, last, before, start, path)
+        carried = _counted(v[0], phase, good, carried, path)
+        yield phase
+
+
+def _round(u: FloatArray, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], start: int) -> FloatArray:
+    if not knots:
+        return ellipse.round(u)
+    at = np.array([at for at, _ in knots])
+    index = np.arange(start, start + u.shape[1])
+
+    def along(values: Sequence[float]) -> FloatArray:
+        return np.interp(index, at, values)
+
+    pieces = [piece for _, piece in knots]
+    first = (u[0] - along([p.centre[0] for p in pieces])) / along([p.matrix[0, 0] for p in pieces])
+    second = (u[1] - along([p.centre[1] for p in pieces])) - along([p.matrix[1, 0] for p in pieces]) * first
+    return np.stack([first, second / along([p.matrix[1, 1] for p in pieces])])
+
+
+def _good(v: FloatArray, ellipse: Ellipse) -> BoolArray:
+    radius = v[0] * v[0] + v[1] * v[1]
+    good = (radius > lost_radius(ellipse) ** 2) & (radius < TOO_LARGE**2)
+    if good.all():
+        return good
+    bad = np.flatnonzero(~good)
+    for shift in range(-GUARD, GUARD + 1):
+        good[np.clip(bad + shift, 0, good.shape[0] - 1)] = False
+    return good
+
+
+def _followed(
+    angle: FloatArray, good: BoolArray, last: float, before: float | None, start: int, path: Path
+) -> tuple[FloatArray, float, float | None]:
+    """Phase of a block that follows the phase ``last``; ``before`` is the last change, None behind a gap."""
+    whole = bool(good.all())
+    kept = angle if whole else angle[good]
+    if kept.shape[0] == 0:
+        _add_gaps(path, good, start)
+        return np.full(angle.shape, last), last, None
+    change = np.diff(kept, prepend=last)
+    change -= TURN * np.rint(change / TURN)
+    phase = last + np.cumsum(change)
+    sizes = np.abs(change)
+    if start == 0:
+        sizes[0] = 0.0
+    previous = change[0] if before is None else before
+    bend = np.abs(np.diff(change, prepend=previous))
+    if start == 0 and bend.shape[0] > 1:
+        bend[:2] = 0.0
+    top = float(np.max(sizes))
+    if top > FASTEST or float(np.max(bend)) > ROUGHEST or not whole:
+        places = np.arange(angle.shape[0]) if whole else np.flatnonzero(good)
+        beside = np.diff(places, prepend=places[0] - 1) == 1
+        beside[0] &= before is not None
+        jump = beside & ((sizes > FASTEST) | (bend > ROUGHEST))
+        jump[1:] &= beside[:-1] | (sizes[1:] > FASTEST)
+        _add_gaps(path, good, start)
+        for place in places[jump].tolist():
+            _add(path, Gap(start + max(place - 1, 0), start + place + 1, True))
+        top = float(np.max(np.where(jump | ~beside, 0.0, sizes)))
+    path.fastest = max(path.fastest, top)
+    path.length += float(np.sum(sizes))
+    path.lowest, path.highest = min(path.lowest, float(phase.min())), max(path.highest, float(phase.max()))
+    if whole:
+        return phase, float(phase[-1]), float(change[-1])
+    index = np.cumsum(good) - 1
+    held = np.where(index >= 0, phase[np.maximum(index, 0)], last)
+    return held, float(phase[-1]), float(change[-1]) if good[-1] else None
+
+
+def _add_gaps(path: Path, good: BoolArray, start: int) -> None:
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], good, [True]]).astype(np.int8)))
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        _add(path, Gap(start + first, start + end, False))
+
+
+def _add(path: Path, gap: Gap) -> None:
+    """Add a gap, one with the last where they touch."""
+    if path.gaps and gap.start <= path.gaps[-1].stop:
+        last = path.gaps.pop()
+        gap = Gap(min(last.start, gap.start), max(last.stop, gap.stop), last.jump and gap.jump)
+    path.gaps.append(gap)
+
+
+def _counted(
+    signal: FloatArray, phase: FloatArray, good: BoolArray, carried: tuple[float, int] | None, path: Path
+) -> tuple[float, int] | None:
+    """Count half fringes twice: by changes of sign of the first signal, and by the phase."""
+    far = (np.abs(signal) > BEYOND) & good
+    if path.fastest > CLOSE or not far.any():
+        return None
+    sign, cell = np.sign(signal[far]), np.rint(phase[far] / np.pi)
+    first = carried or (float(sign[0]), int(cell[0]))
+    path.counted += int(np.count_nonzero(np.diff(sign, prepend=first[0])))
+    path.by_phase += int(np.sum(np.abs(np.diff(cell, prepend=float(first[1])))))
+    path.compared += signal.shape[0]
+    return float(sign[-1]), int(cell[-1])

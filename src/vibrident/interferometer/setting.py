@@ -1,0 +1,79 @@
+"""The interferometer as it is set up, and what gives its signals block by block."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Kind = Literal["quadrature", "heterodyne"]
+
+
+@dataclass(frozen=True)
+class Interferometer:
+    """A laser interferometer that looks at the reference surface.
+
+    Attributes:
+        kind: ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier.
+        wavelength_m: in the medium.
+        wavelength_relative_uncertainty: relative standard uncertainty of it.
+        passes: times the beam goes to the target and back.
+        carrier_hz: of a heterodyne signal, to begin with; estimated near this value.
+        direction: sign of the displacement for growing phase; None where it is not known.
+        delay_s: the optical channel comes later than the response channel by this time.
+        delay_standard_uncertainty_s: of that.
+    """
+
+    kind: Kind
+    wavelength_m: float
+    wavelength_relative_uncertainty: float = 0.0
+    passes: int = 1
+    carrier_hz: float | None = None
+    direction: int | None = None
+    delay_s: float = 0.0
+    delay_standard_uncertainty_s: float = 0.0
+
+    @property
+    def metres_per_radian(self) -> float:
+        """Displacement for one radian of phase, with its sign: phase = 4π · passes · x / wavelength."""
+        return (self.direction or 1) * self.wavelength_m / (4.0 * math.pi * self.passes)
+
+
+class Signals(Protocol):
+    """Signals that are read block by block; all of one sampling rate and length."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        ...
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Signals in memory, shape (signals, samples)."""
+
+    values: FloatArray
+    rate_hz: float
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each."""
+        return int(self.values.shape[1])
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
+        return np.asarray(self.values[:, start:stop], dtype=float)

@@ -1,0 +1,72 @@
+"""The sine-approximation of ISO 16063-11, method 3: amplitude, phase and frequency of the unwrapped phase, by fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vibrident.interferometer.setting import BoolArray, FloatArray
+
+#: Most samples that the fit looks at, Gauss–Newton steps of the frequency, and the least periods.
+MOST, ITERATIONS, FEWEST_PERIODS = 1 << 17, 12, 0.9
+
+
+@dataclass(frozen=True)
+class Sine:
+    """amplitude · cos(2π f t + angle) + mean + slope · t, t in s from the first sample."""
+
+    amplitude: float
+    angle: float
+    frequency_hz: float
+    mean: float
+    slope: float
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Value at times in s."""
+        wave = self.amplitude * np.cos(2.0 * np.pi * self.frequency_hz * time_s + self.angle)
+        return wave + self.mean + self.slope * time_s
+
+
+def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float) -> Sine | None:
+    """Fit a sine, offset and slope to the valid samples; None where there is less than a period."""
+    index = np.flatnonzero(valid)
+    if index.size < 8:
+        return None
+    every = max(index.size // MOST, 1)
+    first = peak(values, valid, rate_hz)
+    if every > 1 and first * every > 0.1 * rate_hz:
+        every = max(int(0.1 * rate_hz / first), 1)
+    index = index[::every]
+    time, seen = index / rate_hz, values[index]
+    span = float(time[-1] - time[0])
+    if first * span < FEWEST_PERIODS:
+        return None
+    omega, middle = 2.0 * np.pi * first, 0.5 * float(time[0] + time[-1])
+    t = time - middle
+    for _ in range(ITERATIONS):
+        c, s = np.cos(omega * t), np.sin(omega * t)
+        design = np.stack([c, s, np.ones_like(t), t / span], axis=1)
+        found, *_ = np.linalg.lstsq(design, seen, rcond=None)
+        slope = (found[1] * c - found[0] * s) * t
+        whole = np.column_stack([design, slope])
+        step, *_ = np.linalg.lstsq(whole, seen - design @ found, rcond=None)
+        change = float(np.clip(step[-1], -np.pi / span, np.pi / span))
+        omega += change
+        if abs(change) * span < 1e-9:
+            break
+    mean = float(found[2] - found[3] * middle / span)
+    angle = float(np.arctan2(-found[1], found[0]) - omega * middle)
+    return Sine(float(np.hypot(found[0], found[1])), angle, omega / (2.0 * np.pi), mean, float(found[3]) / span)
+
+
+def peak(values: FloatArray, valid: BoolArray, rate_hz: float) -> float:
+    """Frequency of the largest line, Hz."""
+    index = np.arange(values.shape[0])
+    whole = np.interp(index, index[valid], values[valid])
+    line = np.polynomial.Polynomial.fit(index[valid], values[valid], 1)
+    whole = (whole - line(index)) * np.hanning(values.shape[0])
+    size = int(fft.next_fast_len(2 * values.shape[0], real=True) or 1)
+    power = np.abs(np.asarray(fft.rfft(whole, size)))
+    return float(max(int(np.argmax(power)), 1) * rate_hz / size)

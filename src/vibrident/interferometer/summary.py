@@ -1,0 +1,119 @@
+"""What an interferometer's signals said of themselves: kept with the record that was made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from vibrident.interferometer.setting import FloatArray, Interferometer
+
+if TYPE_CHECKING:
+    from vibrident.interferometer.ellipse import Ellipse
+
+OpticalCode = Literal["fringe_slip", "few_fringes", "ellipse_unstable"]
+
+
+@dataclass(frozen=True)
+class OpticalFinding:
+    """One doubt about the optical signals."""
+
+    code: OpticalCode
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class OpticalSummary:
+    """Of one record.
+
+    Attributes:
+        setting: the interferometer.
+        rate_hz: of the optical signals.
+        samples: of each.
+        factor: every so many of them one sample of the displacement was made.
+        ellipse: that the phase was taken from.
+        origin: where the ellipse is from, in words.
+        changes: how far the shape of the ellipse moves within the record, relative; 0 where it does not.
+        fringes: range of the phase in turns.
+        path_fringes: length of its path in turns.
+        fastest_rad: largest change of phase from sample to sample.
+        gaps: stretches left out; ``jumps`` of them at sound amplitude, ``open_gaps`` whose turns nobody knows.
+        left_out: part of the displacement's samples that is left out.
+        counted, by_phase: half fringes by the signs of a signal, and by the phase; 0 where samples are too far apart.
+        phase_noise_rad: standard deviation of the noise of one sample's phase.
+        noise_hz, noise_m: spectrum of the displacement between lines, m/√Hz.
+        points: some samples of both signals, shape (2, n).
+        excerpt_s, excerpt_m: a piece of the displacement.
+        carrier_hz: of a heterodyne signal, as found; None for others.
+        cyclic: order → (amplitude, standard uncertainty) of the cyclic error of the phase, rad.
+        findings: doubts.
+    """
+
+    setting: Interferometer
+    rate_hz: float
+    samples: int
+    factor: int
+    ellipse: Ellipse
+    origin: str
+    changes: float
+    fringes: float
+    path_fringes: float
+    fastest_rad: float
+    gaps: int
+    jumps: int
+    open_gaps: int
+    left_out: float
+    counted: int
+    by_phase: int
+    phase_noise_rad: float
+    noise_hz: FloatArray
+    noise_m: FloatArray
+    points: FloatArray
+    excerpt_s: FloatArray
+    excerpt_m: FloatArray
+    carrier_hz: float | None = None
+    cyclic: tuple[tuple[int, float, float], ...] = ()
+    findings: tuple[OpticalFinding, ...] = ()
+
+    @property
+    def noise_density_m(self) -> float:
+        """Displacement that the noise of the phase makes, m/√Hz, were it white."""
+        return abs(self.setting.metres_per_radian) * self.phase_noise_rad * float(np.sqrt(2.0 / self.rate_hz))
+
+    def as_settings(self) -> dict[str, Any]:
+        """As plain values, for a result."""
+        first, second = self.ellipse.amplitudes
+        change = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
+        u = np.sqrt(np.diag(change @ self.ellipse.covariance @ change.T))
+        found: dict[str, Any] = {
+            "kind": self.setting.kind,
+            "rate_hz": self.rate_hz,
+            "samples": self.samples,
+            "decimated_by": self.factor,
+            "fringes": self.fringes,
+            "path_fringes": self.path_fringes,
+            "half_fringes_counted": self.counted,
+            "half_fringes_by_phase": self.by_phase,
+            "fastest_rad_per_sample": self.fastest_rad,
+            "gaps": self.gaps,
+            "jumps": self.jumps,
+            "gaps_of_unknown_turns": self.open_gaps,
+            "left_out": self.left_out,
+            "phase_noise_rad": self.phase_noise_rad,
+            "noise_density_m": self.noise_density_m,
+            "cyclic_error_rad": {str(n): {"amplitude": size, "u": u_n} for n, size, u_n in self.cyclic},
+        }
+        if self.setting.kind == "heterodyne":
+            return {**found, "carrier_hz": self.carrier_hz}
+        found["ellipse"] = {
+            "origin": self.origin,
+            "centre": self.ellipse.centre.tolist(),
+            "amplitudes": [first, second],
+            "quadrature_error_rad": self.ellipse.quadrature_error_rad,
+            "standard_uncertainties": dict(
+                zip(("centre_1", "centre_2", "ratio", "quadrature"), u.tolist(), strict=True)
+            ),
+            "changes": self.changes,
+        }
+        return found

@@ -1,0 +1,186 @@
+"""The first look at two signals in quadrature: their ellipse, whether it changes, how much of it the motion covers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from vibrident.interferometer import ellipse as ellipses
+from vibrident.interferometer import moments
+from vibrident.interferometer.ellipse import Ellipse
+from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
+
+#: Samples for the first guess and for pictures: so many stretches of so many samples, spread over the record.
+STRETCHES, STRETCH = 64, 1024
+#: Samples that are worked on at a time, and the most that an ellipse is fitted to; of more, stretches.
+BLOCK, MOST = 1 << 16, 1 << 23
+#: Blocks of a record at least, and samples of each at least, so that their scatter tells.
+FEWEST_BLOCKS, LEAST_BLOCK = 64, 64
+#: A sample is lost below this radius, over the amplitude, or below so many standard deviations of the noise …
+LOST, LOST_SIGMA, MOST_LOST = 0.3, 6.0, 0.6
+#: … and above this one.
+TOO_LARGE = 2.0
+#: Parts of the circle that are looked at, to see how much is covered.
+PARTS = 32
+#: Pieces of time of an ellipse that may change; an ellipse of a piece is known to this part of its amplitude; a change
+#: is believed below this chance.
+PIECES, KNOWN, CHANCE = 16, 0.05, 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What the first look found.
+
+    Attributes:
+        ellipse: of the whole record.
+        fitted: False for a circle, where the arc does not tell an ellipse.
+        covered_rad: part of the circle that the motion covers; 2π for a fringe or more.
+        points: some samples, shape (2, n).
+        knots: sample index and ellipse of pieces of time, where it changes; else empty.
+    """
+
+    ellipse: Ellipse
+    fitted: bool
+    covered_rad: float
+    points: FloatArray
+    knots: tuple[tuple[float, Ellipse], ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Whether the motion covers a fringe or more."""
+        return self.fitted and self.covered_rad > 2.0 * np.pi * (1.0 - 1.5 / PARTS)
+
+
+def lost_radius(ellipse: Ellipse) -> float:
+    """Radius over the amplitude below which a sample is lost."""
+    return float(np.clip(LOST_SIGMA * ellipse.radial_noise, LOST, MOST_LOST))
+
+
+def sound(ellipse: Ellipse, u: FloatArray) -> BoolArray:
+    """Samples, shape (2, n), that are neither lost nor far outside."""
+    v = ellipse.round(u)
+    radius = v[0] * v[0] + v[1] * v[1]
+    return (radius > lost_radius(ellipse) ** 2) & (radius < TOO_LARGE**2)
+
+
+def survey(signals: Signals) -> Survey:
+    """Look at two signals in quadrature."""
+    points = _sample(signals)
+    coarse = _coarse(points)
+    scale = np.array(coarse.amplitudes)
+    blocks, middles = _blocks(signals, coarse, scale)
+    start = _scaled(coarse, coarse.centre, scale)
+    found = ellipses.fit(blocks, start) if blocks else None
+    if found is None:
+        kept = points[:, sound(coarse, points)]
+        circle = ellipses.as_circle(kept if kept.shape[1] >= 8 else points, float(signals.samples))
+        return Survey(circle, False, _covered(circle, points), points)
+    knots = _knots(blocks, middles, found)
+    back = [(at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots]
+    whole = _unscaled(found, coarse.centre, scale)
+    return Survey(whole, True, _covered(whole, points), points, tuple(back))
+
+
+def _sample(signals: Signals) -> FloatArray:
+    length = min(STRETCH, max(signals.samples // STRETCHES, 1))
+    if signals.samples <= STRETCHES * STRETCH:
+        return signals.block(0, signals.samples)
+    starts = np.linspace(0, signals.samples - length, STRETCHES).astype(int)
+    return np.concatenate([signals.block(int(s), int(s) + length) for s in starts], axis=1)
+
+
+def _coarse(points: FloatArray) -> Ellipse:
+    """An ellipse through the sample, without what is lost, and the ratio of the noise of the two signals."""
+    found = ellipses.circle(points)
+    for _ in range(4):
+        kept = points[:, sound(found, points)]
+        kept = kept if kept.shape[1] > max(0.2 * points.shape[1], 8) else points
+        start = ellipses.circle(kept)
+        scale = np.array(start.amplitudes)
+        normal = _scaled(start, start.centre, scale)
+        fitted = ellipses.fit([moments.sums(*((kept - start.centre[:, None]) / scale[:, None]))], normal)
+        found = start if fitted is None else _unscaled(fitted, start.centre, scale)
+    return replace(found, noise=_noise_ratio(found, points[:, sound(found, points)]) * found.noise)
+
+
+def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
+    """Factors on the noise variances of both signals, from how the radial noise changes round the circle; (2,)."""
+    if u.shape[1] < 1000:
+        return np.ones(2)
+    v = ellipse.round(u)
+    radius = np.hypot(v[0], v[1])
+    pull = ellipse.inverse.T @ (v / radius)  # of noise of each signal on the radius
+    design = (pull * pull * ellipse.noise[:, None]).T
+    square = (radius - np.mean(radius)) ** 2
+    normal = design.T @ design
+    if np.linalg.cond(normal) > 100.0:
+        return np.ones(2)
+    return np.clip(np.linalg.solve(normal, design.T @ square), 0.1, 10.0)
+
+
+def _blocks(signals: Signals, coarse: Ellipse, scale: FloatArray) -> tuple[list[FloatArray], list[float]]:
+    """Sums of blocks in coordinates of the coarse ellipse, and the index of the middle of each."""
+    length = int(np.clip(signals.samples // FEWEST_BLOCKS, LEAST_BLOCK, BLOCK))
+    count = max(signals.samples // length, 1)
+    every = max(int(np.ceil(count * length / MOST)), 1)
+    found, middles = [], []
+    for index in range(0, count, every):
+        u = signals.block(index * length, min((index + 1) * length, signals.samples))
+        good = sound(coarse, u)
+        u = u if good.all() else u[:, good]
+        if u.shape[1] < 0.5 * length:
+            continue
+        found.append(moments.sums((u[0] - coarse.centre[0]) / scale[0], (u[1] - coarse.centre[1]) / scale[1]))
+        middles.append((index + 0.5) * length)
+    return found, middles
+
+
+def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse) -> list[tuple[float, Ellipse]]:
+    """Ellipses of pieces of time where they differ; empty where they do not, or cannot be told."""
+    pieces = min(PIECES, len(blocks) // 4)
+    if pieces < 3:
+        return []
+    found = []
+    for part in np.array_split(np.arange(len(blocks)), pieces):
+        piece = ellipses.fit([blocks[i] for i in part], whole)
+        if piece is None or np.sqrt(np.max(np.diag(piece.covariance))) > KNOWN:
+            return []
+        found.append((float(np.mean([middles[i] for i in part])), piece))
+    differences = np.array([shape(whole.difference(piece)) for _, piece in found])
+    spread = [SHAPE @ piece.covariance @ SHAPE.T for _, piece in found]
+    mean = np.mean(differences, axis=0)
+    total = sum(float(d @ np.linalg.solve(c, d)) for d, c in zip(differences - mean, spread, strict=True))
+    return found if chdtrc(4 * (len(found) - 1), total) < CHANCE else []
+
+
+#: From (p, q, a, b, e) to what moves the phase: p, q, b − a, e.
+SHAPE = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
+
+
+def shape(difference: FloatArray) -> FloatArray:
+    """What of (p, q, a, b, e) moves the phase: p, q, b − a, e."""
+    return SHAPE @ difference
+
+
+def _covered(ellipse: Ellipse, points: FloatArray) -> float:
+    v = ellipse.round(points[:, sound(ellipse, points)])
+    counts, _ = np.histogram(np.arctan2(v[1], v[0]), bins=PARTS, range=(-np.pi, np.pi))
+    empty = np.concatenate([counts == 0, counts == 0])
+    longest = run = 0
+    for value in empty.tolist():
+        run = run + 1 if value else 0
+        longest = max(longest, run)
+    return 2.0 * np.pi * (1.0 - min(longest, PARTS) / PARTS)
+
+
+def _scaled(ellipse: Ellipse, centre: FloatArray, scale: FloatArray) -> Ellipse:
+    matrix, noise = ellipse.matrix / scale[:, None], ellipse.noise / scale**2
+    return replace(ellipse, centre=(ellipse.centre - centre) / scale, matrix=matrix, noise=noise)
+
+
+def _unscaled(ellipse: Ellipse, centre: FloatArray, scale: FloatArray) -> Ellipse:
+    matrix, noise = ellipse.matrix * scale[:, None], ellipse.noise * scale**2
+    return replace(ellipse, centre=centre + ellipse.centre * scale, matrix=matrix, noise=noise)

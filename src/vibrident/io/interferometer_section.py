@@ -1,0 +1,107 @@
+"""[interferometer]: photodetector signals in place of a reference channel."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from vibrident.errors import InputError
+from vibrident.interferometer.setting import Interferometer
+
+#: What [reference] may not state beside [interferometer].
+_TAKEN = ("column", "quantity", "scale", "unit", "full_scale")
+
+
+def _column(value: int | str) -> int | str:
+    if value == "" or (isinstance(value, int) and value < 1):
+        raise ValueError("not a column")
+    return value
+
+
+_Column = Annotated[int | str, AfterValidator(_column), Field(description="a column number from 1, or a header name")]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
+_Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
+
+
+class InterferometerSection(BaseModel):
+    """[interferometer]: what the photodetectors gave, and what one radian of their phase is."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    kind: Literal["quadrature", "heterodyne"]
+    columns: Annotated[
+        list[_Column], Field(min_length=1, max_length=2, description="a list of column numbers or names")
+    ]
+    wavelength_m: _Positive
+    wavelength_relative_uncertainty: _NotNegative = 0.0
+    passes: Annotated[int, Field(ge=1, le=1000, description="a whole number, 1 or above")] = 1
+    carrier_hz: _Positive | None = None
+    direction: Annotated[Literal[1, -1] | None, Field(description="1 or -1: the sign of x for growing phase")] = None
+    delay_s: _Number = 0.0
+    delay_standard_uncertainty_s: _NotNegative = 0.0
+    rate_hz: _Positive | None = None
+
+    @property
+    def setting(self) -> Interferometer:
+        """The section as the interferometer that it describes."""
+        return Interferometer(
+            self.kind,
+            self.wavelength_m,
+            self.wavelength_relative_uncertainty,
+            self.passes,
+            self.carrier_hz,
+            self.direction,
+            self.delay_s,
+            self.delay_standard_uncertainty_s,
+        )
+
+
+def check_interferometer(section: InterferometerSection, reference: Collection[str], table: bool, where: str) -> None:
+    """Check what the section's keys mean together, and with the other sections.
+
+    Args:
+        section: as read.
+        reference: keys that [reference] states.
+        table: whether there is a [table].
+        where: the calibration file, for messages.
+
+    Raises:
+        InputError: they contradict each other.
+    """
+    here = f"{where}, [interferometer]"
+    if table:
+        raise InputError(
+            "An interferometer needs records.",
+            expected="[[records]] with the photodetectors' signals",
+            found="[table] and [interferometer]",
+            where=here,
+            remedy="keep one of the two",
+        )
+    taken = [key for key in _TAKEN if key in reference]
+    if taken:
+        raise InputError(
+            "The reference is given twice.",
+            expected="[interferometer], and in [reference] at most standard_uncertainty",
+            found=", ".join(f"[reference] {key}" for key in taken),
+            where=here,
+            remedy="remove these keys, or [interferometer]",
+        )
+    wanted = 2 if section.kind == "quadrature" else 1
+    if len(section.columns) != wanted:
+        raise InputError(
+            f"The kind {section.kind!r} has {'two signals' if wanted == 2 else 'one signal'}.",
+            expected=f"columns with {wanted} entr{'ies' if wanted == 2 else 'y'}",
+            found=f"columns = {section.columns!r}",
+            where=f"{here} columns",
+            remedy="name the column of each photodetector signal, or correct kind",
+        )
+    if (section.carrier_hz is None) == (section.kind == "heterodyne"):
+        raise InputError(
+            "A heterodyne signal has a carrier, signals in quadrature have none.",
+            expected='carrier_hz with kind = "heterodyne" alone',
+            found=f"kind = {section.kind!r}, carrier_hz = {section.carrier_hz!r}",
+            where=f"{here} carrier_hz",
+            remedy="add carrier_hz = …" if section.kind == "heterodyne" else "remove carrier_hz, or correct kind",
+        )

@@ -1,0 +1,245 @@
+"""From photodetector signals in files to records with a displacement as their reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.effects import SystematicEffect
+from vibrident.errors import InputError
+from vibrident.interferometer import alignment
+from vibrident.interferometer.carrier import Baseband
+from vibrident.interferometer.choice import Choice, choose, of_carrier
+from vibrident.interferometer.demodulation import Demodulated, demodulate
+from vibrident.interferometer.effects import effects
+from vibrident.interferometer.rough import rough_frequency
+from vibrident.interferometer.setting import FloatArray, Interferometer, Signals
+from vibrident.interferometer.survey import Survey, survey
+from vibrident.io.calibration_file import CalibrationFile
+from vibrident.io.checksum import sha256
+from vibrident.io.clocks import SAME_RATE, agreed_rate
+from vibrident.io.columns import ColumnFile
+from vibrident.io.finite import require_finite
+from vibrident.io.header_units import seconds_per_unit
+from vibrident.io.interferometer_section import InterferometerSection
+from vibrident.io.readers import open_columns
+from vibrident.io.record_files import Part, named_parts, read_record
+from vibrident.io.sampling import Sampling, cut, sampling_from_times
+from vibrident.records import Calibration, Provenance, Record
+
+_REPAIR = "repair the file, or leave that part out with start_s / stop_s"
+
+
+@dataclass(frozen=True, eq=False)
+class FileSignals:
+    """Columns of a file, read block by block."""
+
+    source: ColumnFile
+    positions: tuple[int, ...]
+    rate_hz: float
+    kept: slice
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each."""
+        return self.kept.stop - self.kept.start
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (signals, stop − start).
+
+        Raises:
+            InputError: a value is not finite.
+        """
+        first = self.kept.start + start
+        values = self.source.block(self.positions, first, self.kept.start + stop)
+        if not np.isfinite(np.sum(values)):
+            for position, column in zip(self.positions, values, strict=True):
+                require_finite(self.source, position, column, first, _REPAIR)
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """One record to be made; ``beside`` where response and optical signals are sampled together."""
+
+    part: Part
+    name: str
+    optical: Signals
+    response: FileSignals
+    sampling: Sampling
+    beside: bool
+    carrier_hz: float | None = None
+    offset_s: float = 0.0
+
+
+def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Calibration:
+    """Read a calibration whose reference is an interferometer's signals.
+
+    Args:
+        calibration: the checked calibration file.
+        folder: where its relative paths start.
+        where: the calibration file, for messages.
+
+    Raises:
+        InputError: a file cannot be used, or the signals cannot be followed.
+    """
+    section = calibration.interferometer
+    assert section is not None
+    setting, made = section.setting, []
+    parts = named_parts(calibration, folder, where)
+    opened = [
+        _open(part, name, calibration, section, folder) for part, name in parts if part.entry.excitation != "decay"
+    ]
+    seen, choices = _looked_at(opened, setting)
+    records: dict[str, Record] = {}
+    for one, look, choice in zip(opened, seen, choices, strict=True):
+        found, record = _record(one, look, choice, setting, calibration, folder)
+        made.append(found)
+        records[one.name] = record
+    ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
+    stated = calibration.reference.standard_uncertainty
+    return Calibration(
+        records=tuple(ordered),
+        model=calibration.sensor.model,
+        quantity="displacement",
+        reference_unit="m",
+        reference_standard_uncertainty=stated,
+        response_unit=calibration.response.unit,
+        sensor=calibration.sensor_text,
+        source=where,
+        certificate=calibration.certificate.stated(),
+        effects=(
+            *(entry.effect for entry in calibration.uncertainty),
+            *_stated_effects(setting),
+            *(effects([found.answer for found in made]) if made else ()),
+        ),
+    )
+
+
+def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
+    found = []
+    if setting.wavelength_relative_uncertainty > 0:
+        u = setting.wavelength_relative_uncertainty
+        found.append(SystematicEffect("wavelength of the interferometer", "gain", u))
+    if setting.delay_standard_uncertainty_s > 0:
+        u = setting.delay_standard_uncertainty_s
+        found.append(SystematicEffect("delay of the interferometer", "timing", u))
+    return found
+
+
+def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[Survey], list[Choice]]:
+    seen = [survey(one.optical) for one in opened]
+    if setting.kind == "heterodyne":
+        return seen, [of_carrier(look, index) for index, look in enumerate(seen)]
+    return seen, choose(seen, [one.name for one in opened])
+
+
+def _open(part: Part, name: str, calibration: CalibrationFile, section: InterferometerSection, folder: Path) -> _Opened:
+    main = open_columns(folder / part.file)
+    other = main if part.entry.reference_file is None else open_columns(folder / part.entry.reference_file)
+    column = calibration.response.column
+    assert column is not None  # checked with the calibration file
+    at = main.position_of(column, "[response] column")
+    places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
+    sampling = _sampling(part, calibration, main, at)
+    optical_hz = _optical_rate(section, other, main, places, sampling, part)
+    optical = FileSignals(other, places, optical_hz, _kept(part, other.length(places[0]), optical_hz))
+    response = FileSignals(main, (at,), sampling.rate_hz, _kept(part, main.length(at), sampling.rate_hz))
+    beside = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
+    if beside and optical.samples != response.samples:
+        raise InputError(
+            "The optical signals and the response differ in length.",
+            expected=f"{response.samples} samples, as the response has in {main.file}",
+            found=f"{optical.samples} samples in {other.file}",
+            where=part.where,
+            remedy="give both over the same samples, or rate_hz of [interferometer] where they are sampled faster",
+        )
+    if section.carrier_hz is None:
+        return _Opened(part, name, optical, response, sampling, beside)
+    mixed = Baseband.around(optical, section.carrier_hz, part.where)
+    return _Opened(part, name, mixed, response, sampling, beside, mixed.carrier_hz, mixed.first / optical_hz)
+
+
+def _kept(part: Part, samples: int, rate_hz: float) -> slice:
+    return cut(samples, rate_hz, part.entry.start_s, part.entry.stop_s, part.where)
+
+
+def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: int) -> Sampling:
+    entry, column = part.entry, calibration.sampling.time_column
+    if column is not None and entry.rate_hz is None:
+        place = main.position_of(column, "[sampling] time_column")
+        (times,) = main.load([place])
+        require_finite(main, place, times, 0, "repair the time column, or give rate_hz")
+        found, seconds = sampling_from_times(times, lambda row: main.locate(place, row)), seconds_per_unit(main, place)
+        return Sampling(found.rate_hz / seconds, found.start_time_s * seconds)
+    stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
+    agreed = agreed_rate(stated, [(main, at)], part.where, part.file)
+    if agreed is None:
+        raise InputError(
+            "The sampling rate is not given.",
+            expected="rate_hz or time_column",
+            found="neither",
+            where=f"{part.where.split(', [[records]]')[0]}, [sampling]",
+            remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
+        )
+    return Sampling(agreed.rate_hz, entry.start_time_s or 0.0)
+
+
+def _optical_rate(
+    section: InterferometerSection,
+    other: ColumnFile,
+    main: ColumnFile,
+    places: Sequence[int],
+    sampling: Sampling,
+    part: Part,
+) -> float:
+    agreed = agreed_rate(section.rate_hz, [(other, place) for place in places], part.where, other.file)
+    rate_hz = sampling.rate_hz if agreed is None else agreed.rate_hz
+    if rate_hz < sampling.rate_hz * (1.0 - SAME_RATE):
+        raise InputError(
+            "The optical signals are sampled more slowly than the response.",
+            expected=f"[interferometer] rate_hz of {sampling.rate_hz:.9g} Hz or more",
+            found=f"{rate_hz:.9g} Hz",
+            where=f"{part.where}, for {other.file}",
+            remedy="correct rate_hz of [interferometer] or of [sampling]",
+        )
+    return rate_hz
+
+
+def _record(
+    one: _Opened, look: Survey, choice: Choice, setting: Interferometer, calibration: CalibrationFile, folder: Path
+) -> tuple[Demodulated, Record]:
+    entry, sine = one.part.entry, one.part.entry.excitation == "sine"
+    near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
+    every = alignment.thinning(one.response.samples, one.response.rate_hz, near) if one.beside else 1
+    alike = one.beside and one.carrier_hz is None
+    factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
+    found = demodulate(one.optical, setting, look, choice, factor, one.name, sine, one.carrier_hz)
+    aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
+    to_response = calibration.response
+    unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"
+    history = (
+        f"response: {one.response.source.file}, column {one.response.positions[0] + 1} × {to_response.scale!r} → "
+        f"{to_response.unit}",
+        f"reference: displacement from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {factor}, in m"
+        f"{unsure}",
+        *([f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}"]
+          if entry.reference_file is not None else []),
+    )  # fmt: skip
+    record = Record(
+        name=one.name,
+        reference=aligned.displacement_m,
+        response=aligned.response * to_response.scale,
+        sampling_rate_hz=aligned.rate_hz,
+        excitation=entry.excitation,
+        frequency_hz=entry.frequency_hz,
+        valid=aligned.valid,
+        start_time_s=one.sampling.start_time_s + (entry.start_s or 0.0) + aligned.start_s,
+        provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
+        response_full_scale=None if to_response.full_scale is None else to_response.full_scale * abs(to_response.scale),
+        optical=found.summary,
+    )
+    return replace(found, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

@@ -1,0 +1,138 @@
+"""The photodetector signals that an interferometer would give of a motion, with the faults that real ones have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibrident.interferometer.setting import FloatArray, Interferometer
+from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.motion import Motion
+from vibrident.simulation.scheme import Seed
+from vibrident.simulation.streams import stream
+from vibrident.simulation.truth import displacement_on
+
+#: Orders of the cyclic error that can be given.
+ORDERS = (1, 2, 4)
+#: Part of a converter's range that the signals use.
+USED = 0.85
+
+
+@dataclass(frozen=True)
+class Optics:
+    """An interferometer and its faults.
+
+    Attributes:
+        setting: as the calibration file states it.
+        rate_hz: of the optical signals; None: that of the response.
+        offsets, amplitudes: of both signals (heterodyne: the first), V.
+        quadrature_error_rad: the second signal is sin(phase + this).
+        noise: of each signal, white, over its mean amplitude.
+        bits: of the converter; 0 leaves the signals as they are.
+        dropouts: so many times a record the light is lost, each for ``dropout_s``.
+        drift: offsets and ratio of the amplitudes change by this part of the amplitude over the record.
+        fading: the common amplitude changes by this part over the record, as by speckle.
+        cyclic_rad: amplitudes of the cyclic error, first, second and fourth harmonic of the phase.
+        table_m: rms of the motion of the optical table against the sensor, 0.5 to 10 Hz.
+        delay_s: the optical channel comes later than the response; stated in the file unless ``hidden_delay``.
+        hidden_delay: the file states no delay.
+        carrier_drift_hz: change of the carrier over the record.
+        random: draws offsets, amplitudes and quadrature error anew, one ellipse for all records.
+    """
+
+    setting: Interferometer = field(default_factory=lambda: Interferometer("quadrature", 632.991e-9, direction=1))
+    rate_hz: float | None = None
+    offsets: tuple[float, float] = (0.06, -0.04)
+    amplitudes: tuple[float, float] = (1.0, 0.92)
+    quadrature_error_rad: float = 0.06
+    noise: float = 0.01
+    bits: int = 14
+    dropouts: int = 0
+    dropout_s: float = 2e-5
+    drift: float = 0.0
+    fading: float = 0.0
+    cyclic_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    table_m: float = 0.0
+    delay_s: float = 0.0
+    hidden_delay: bool = False
+    carrier_drift_hz: float = 0.0
+    random: bool = False
+
+    @property
+    def full_scale(self) -> float:
+        """Largest magnitude that the converter holds, V."""
+        largest = max(abs(o) + a for o, a in zip(self.offsets, self.amplitudes, strict=True))
+        mean = float(np.mean(self.amplitudes))
+        return (largest + mean * (5.0 * self.noise + abs(self.drift) + abs(self.fading))) / USED
+
+    @property
+    def volts_per_code(self) -> float:
+        """One step of the converter, V; 1 where there is none."""
+        return self.full_scale / 2.0 ** (self.bits - 1) if self.bits else 1.0
+
+
+def optical_signals(
+    motion: Motion, optics: Optics, rate_hz: float, samples: int, seed: Seed, record: int
+) -> FloatArray:
+    """The signals of one record, in codes of the converter (or V without one): shape (2 or 1, samples).
+
+    Args:
+        motion: of the sensor's base.
+        optics: the interferometer.
+        rate_hz: of the signals.
+        samples: of them.
+        seed: of the calibration.
+        record: index of the record.
+    """
+    random = stream(seed, record, "optics")
+    time = np.arange(samples) / rate_hz
+    moved = displacement_on(motion, SampleGrid(-optics.delay_s, rate_hz, samples))
+    moved = moved + _table(optics, time, random)
+    phase = moved / optics.setting.metres_per_radian + random.uniform(0.0, 2.0 * np.pi)
+    for order, size in zip(ORDERS, optics.cyclic_rad, strict=True):
+        if size:
+            phase = phase + size * np.sin(order * phase + 0.7 * order)
+    light = _light(optics, time, random)
+    signals = _heterodyne(optics, phase, light, time) if optics.setting.kind == "heterodyne" else None
+    if signals is None:
+        signals = _quadrature(optics, phase, light, time)
+    size = optics.noise * float(np.mean(optics.amplitudes[: signals.shape[0]]))
+    signals += size * random.standard_normal(signals.shape)
+    if not optics.bits:
+        return signals
+    top = 2 ** (optics.bits - 1)
+    return np.clip(np.rint(signals / optics.volts_per_code), -top, top - 1)
+
+
+def _quadrature(optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray) -> FloatArray:
+    part = time / max(float(time[-1]), 1e-300) - 0.5
+    (p, q), (a, b) = optics.offsets, optics.amplitudes
+    mean, moved = 0.5 * (a + b), optics.drift * part
+    first = p + mean * moved + a * (1.0 + 0.5 * moved) * light * np.cos(phase)
+    second = q - mean * moved + b * (1.0 - 0.5 * moved) * light * np.sin(phase + optics.quadrature_error_rad)
+    return np.stack([first, second])
+
+
+def _heterodyne(optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray) -> FloatArray:
+    carrier = optics.setting.carrier_hz or 0.0
+    turns = carrier * time + 0.5 * optics.carrier_drift_hz * time**2 / max(float(time[-1]), 1e-300)
+    angle = 2.0 * np.pi * np.mod(turns, 1.0) + phase
+    return (optics.offsets[0] + optics.amplitudes[0] * light * np.cos(angle))[None, :]
+
+
+def _light(optics: Optics, time: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Amplitude over its nominal value: fading, and stretches without light."""
+    span = max(float(time[-1]), 1e-300)
+    light = 1.0 + optics.fading * 0.5 * np.sin(2.0 * np.pi * (1.3 * time / span + random.uniform()))
+    for middle in random.uniform(0.1, 0.9, optics.dropouts) * span:
+        light *= 1.0 - np.exp(-(((time - middle) / (0.5 * optics.dropout_s)) ** 8))
+    return light
+
+
+def _table(optics: Optics, time: FloatArray, random: np.random.Generator) -> FloatArray:
+    if optics.table_m == 0.0:
+        return np.zeros(time.shape)
+    tones, angles = random.uniform(0.5, 10.0, 8), random.uniform(0.0, 2.0 * np.pi, 8)
+    waves = sum(np.cos(2.0 * np.pi * f * time + a) for f, a in zip(tones, angles, strict=True))
+    return np.asarray(optics.table_m * waves / 2.0)
