@@ -98,16 +98,19 @@ def simulate(
     behind = _behind_filter(takes, antialias, method, start)
     responses = _responses(chosen, takes, start, method, substeps, behind)
     made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"
-    calibration = Calibration(
-        records=tuple(
-            _record(take, row, quantity, made, b) for take, row, b in zip(takes, responses, behind, strict=True)
-        ),
-        model=chosen.model,
-        quantity=quantity,
-        response_unit=chosen.response_unit,
-        sensor={"manufacturer": "simulated", "type": chosen.title},
-    )
+    records = [_record(take, row, quantity, made, b) for take, row, b in zip(takes, responses, behind, strict=True)]
+    calibration = _calibration(records, chosen, quantity)
     return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
+
+
+def _calibration(records: Sequence[Record], sensor: Sensor, quantity: Quantity) -> Calibration:
+    return Calibration(
+        records=tuple(records),
+        model=sensor.model,
+        quantity=quantity,
+        response_unit=sensor.response_unit,
+        sensor={"manufacturer": "simulated", "type": sensor.title},
+    )
 
 
 def _peak(sensor: Sensor, amplitude: float | None) -> float:
