@@ -40,9 +40,8 @@ CHANCE = 1e-4
 MOST_PHASE, MOST_DECIBELS = 0.5, 400.0
 #: So many frequencies are of a series by no chance, each within this part, as they may be rounded.
 FEWEST_NOMINAL, ROUNDED = 5, 2e-3
-#: Correction of a bias by noise of the reference that is itself in doubt by more than this many standard
-#: uncertainties.
-DOUBTED_BIAS = 1.5
+#: Part of a standard uncertainty beyond which noise of the reference that cannot be told makes up most of it.
+DOUBTED_BIAS = 0.8
 
 
 def second_thoughts(
@@ -236,8 +235,8 @@ def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
         return []
     name = max(suspects, key=lambda key: suspects[key])
     text = (
-        "Noise of the reference that the sensor did not feel cannot be told from noise of the response here; it may "
-        f"have moved the {in_words(name)} by up to {suspects[name]:.1f} standard uncertainties."
+        "Noise of the reference that the sensor did not feel cannot be told from noise of the response here; it makes "
+        f"up {100 * suspects[name]:.0f} % of the standard uncertainty of the {in_words(name)}."
     )
     return [ResultWarning("reference_noise", text)]
 

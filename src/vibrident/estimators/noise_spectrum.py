@@ -56,6 +56,7 @@ class NoiseSpectrum:
         excited: part of what a line says that is let count, shape (samples // 2 + 1,): none where the prediction is no
             more than noise of the reference could make it.
         tones: where a tone stands in the residual (mains hum), in lines and parts of one.
+        free: whether the motion leaves lines free, in which noise of the reference would show.
     """
 
     level: FloatArray
@@ -64,6 +65,7 @@ class NoiseSpectrum:
     doubt: FloatArray
     excited: FloatArray
     tones: tuple[float, ...] = ()
+    free: bool = False
 
 
 def noise_spectrum(
@@ -82,6 +84,7 @@ def noise_spectrum(
     power = np.abs(lines) ** 2 / count
     passed, doubt = 0.0, np.zeros_like(power)
     unfelt: FloatArray | float = 0.0
+    free = False
     if through is None:
         shape = np.ones_like(power)
     else:
@@ -102,6 +105,7 @@ def noise_spectrum(
         most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
         doubt = np.full_like(power, most)
         told = _unfelt(lines, predicted, through, power, count, edges)
+        free = _leaves_lines(predicted[: edges[-1]], lines[: edges[-1]])
         by_reference = amounts[2] / scale * through
         if told.passed > 0.0:
             passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
@@ -124,7 +128,7 @@ def noise_spectrum(
     tones = _tones(lines, TONE * shape * smooth * count, alone)
     level = np.maximum(level, floor)
     excited = np.ones_like(level) if through is None else _excited(expected / count, around, level)
-    return NoiseSpectrum(level, passed, unfelt * smooth, doubt, excited, tones)
+    return NoiseSpectrum(level, passed, unfelt * smooth, doubt, excited, tones, free)
 
 
 def _excited(expected: FloatArray, around: int, level: FloatArray) -> FloatArray:
@@ -227,8 +231,7 @@ def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tup
 
 def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[float, ...]:
     """Places of lines that stand out so far that their skirts hide others, the strongest first."""
-    power = np.zeros(lines.shape)  # under Hann's window, which is three lines
-    power[1:-1] = np.abs(0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) ** 2 / 0.375
+    power = _windowed(lines)
     peak = np.zeros(power.shape, dtype=bool)
     peak[2:-2] = (power[2:-2] >= power[1:-3]) & (power[2:-2] > power[3:-1])
     peak &= (power > least) & ~alone
@@ -236,6 +239,20 @@ def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[fl
     places = places[np.argsort(-power[places])][:TONES]
     low, middle, high = (np.log(power[places + shift]) for shift in (-1, 0, 1))
     return tuple((places + 0.5 * (low - high) / (low - 2.0 * middle + high)).tolist())
+
+
+def _leaves_lines(predicted: ComplexArray, rest: ComplexArray) -> bool:
+    """Whether enough lines hold no motion; under a window, as the ends of a record leak over all."""
+    around = max(int(len(rest) * SHARE), FEWEST)
+    motion, left = (_typical(_windowed(lines)[1:-1], around) for lines in (predicted, rest))
+    return bool(np.sum(motion < QUIET * left) >= FEWEST_QUIET)
+
+
+def _windowed(lines: ComplexArray) -> FloatArray:
+    """Power under Hann's window, which is three lines; zero at both ends."""
+    power = np.zeros(lines.shape)
+    power[1:-1] = np.abs(0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) ** 2 / 0.375
+    return power
 
 
 def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:

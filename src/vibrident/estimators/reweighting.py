@@ -69,7 +69,7 @@ class Reweighted:
         normal: the network at ``z``.
         reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel, SI
             unit of the reference; zero where it is not seen, shape (records,).
-        doubt: by how much such noise that is not seen may have moved z, in standard deviations by all else, shape (p,).
+        doubt: part of z's standard deviation for such noise where motion leaves no line free, 0 … 1, shape (p,).
         hum_hz: tones in each record's response that do not come from the motion.
     """
 
@@ -153,14 +153,17 @@ def reweighted(
     shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
     if not far <= ASTRAY or (not seen and chi2.sf(shift, len(z)) < DIFFERENT):
         return None
-    pulls = [inverse @ _draw(record, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
+    pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
+    covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
+    untold = [pull**2 for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free]
+    doubt = np.sqrt(np.sum([np.zeros(len(z)), *untold], axis=0) / np.maximum(np.diag(covariance), 1e-300))
     return Reweighted(
         z,
-        covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0) / DOUBT**2,
+        covariance,
         sum(4.0 * (_width(record) - NEAREST) for record in lines),
         normal,
         np.sqrt([share.spectrum.passed for share in shares]) * noise,
-        np.abs(np.sum(pulls, axis=0)) / deviation,
+        doubt,
         tuple(
             tuple(place * given.sampling_rate_hz / record.samples for place in share.spectrum.tones)
             for given, record, share in zip(problem.records, lines, shares, strict=True)
