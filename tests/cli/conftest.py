@@ -34,7 +34,7 @@ def made(run, tmp_path_factory) -> Path:
 def identified(run, made, tmp_path_factory) -> Path:
     """The result.json of that calibration; do not change it."""
     folder = tmp_path_factory.mktemp("identified") / "out"
-    done = run("identify", made / "calibration.toml", "--out", folder, "--no-plots")
+    done = run("identify", made / "calibration.toml", "--out", folder, "--no-pictures")
     assert done.exit_code == 0, done.output
     return folder / "result.json"
 

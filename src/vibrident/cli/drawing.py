@@ -95,10 +95,12 @@ def work() -> None:
     import matplotlib.backends.backend_agg
     import matplotlib.figure
     import matplotlib.style  # noqa: F401
+    from pydantic import TypeAdapter
 
     from vibrident import plots
     from vibrident.result import Result
 
+    TypeAdapter(Result)  # what reading a result takes longest for
     task = sys.stdin.buffer.read()
     if not task:
         return

@@ -183,8 +183,10 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
     """
     best, best_score = (BLANKS, ".", 1), 0.0
     for delimiter, decimal in _CANDIDATES:
+        if delimiter != BLANKS and not any(delimiter in line for line in sample):
+            continue
         rows = [split_line(line, delimiter) for line in sample]
-        fields = _usual_length(rows, [split_line(line, delimiter) for line in lines])
+        fields = _usual_length(rows, lines, delimiter)
         regular = [row for row in rows if len(row) == fields]
         numbers = sum(is_number(cell, decimal) for row in regular for cell in row)
         filled = sum(cell != "" for row in regular for cell in row)
@@ -194,9 +196,12 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
     return best
 
 
-def _usual_length(sample: list[list[str]], rows: list[list[str]]) -> int:
-    """Return the most frequent length in the sample; of two as frequent, the one more frequent in all rows."""
-    in_sample, in_all = Counter(map(len, sample)), Counter(map(len, rows))
+def _usual_length(sample: list[list[str]], lines: list[str], delimiter: str) -> int:
+    """Return the most frequent length in the sample; of two as frequent, the one more frequent in all lines."""
+    in_sample = Counter(map(len, sample))
+    if len(in_sample) == 1:
+        return next(iter(in_sample))
+    in_all = Counter(len(split_line(line, delimiter)) for line in lines)
     return max(in_sample, key=lambda length: (in_sample[length], in_all[length]), default=1)
 
 

@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from vibrident.measure.verdict import probability
 from vibrident.problem import Coordinates
@@ -85,6 +84,8 @@ def explain(
         quantity: of the reference.
         linear: the fit, linearised at ``z``.
     """
+    from scipy.optimize import least_squares  # slow to load
+
     p = len(z)
 
     def residual(x: FloatArray) -> FloatArray:

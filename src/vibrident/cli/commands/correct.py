@@ -44,7 +44,7 @@ def correct(
             show_default="estimated from each record",
         ),
     ] = None,
-    no_plots: Annotated[bool, typer.Option("--no-plots", help="Draw no picture.")] = False,
+    no_plots: Annotated[bool, typer.Option("--no-pictures", "--no-plots", help="Draw no picture.")] = False,
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 

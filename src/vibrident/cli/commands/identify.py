@@ -131,7 +131,10 @@ def identify(
         ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
-    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw pictures (PNG) into the folder.")] = True,
+    pictures: Annotated[
+        bool, typer.Option("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.")
+    ] = True,
+    plots: Annotated[bool | None, typer.Option("--plots/--no-plots", hidden=True)] = None,  # the older name
     weights: Annotated[
         bool, typer.Option("--weights", help="Print the network's weights, the paper's Table 1.")
     ] = False,
@@ -160,7 +163,7 @@ def identify(
         raise _one_at_a_time(len(calibrations))
     asked = _Asked(calibrations, _models(model), (estimator_name, settings), uncertainty, shared, posterior)
     with written_whole(folder) as output:
-        results = _identified(asked, output.path, plots)
+        results = _identified(asked, output.path, pictures if plots is None else plots)
     _show(results, output.files, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
@@ -234,9 +237,11 @@ def _run(asked: _Asked, calibrations: list[Any], progress: Any) -> list[Any]:
 
         if models is not None and len(models) > 1:
             raise _several("--model A,B", f"--model {','.join(models)}")
-        from vibrident.uncertainty.posterior import Sampling
+        model, sampling = None if models is None else models[0], None
+        if asked.posterior:
+            from vibrident.uncertainty.posterior import Sampling
 
-        model, sampling = None if models is None else models[0], Sampling() if asked.posterior else None
+            sampling = Sampling()
         return [
             run(calibrations[0], model, chosen, uncertainty=asked.uncertainty, posterior=sampling, progress=progress)
         ]
