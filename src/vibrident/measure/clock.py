@@ -83,9 +83,7 @@ def _tone(record: Record) -> float | None:
     """
     assert record.frequency_hz is not None
     mask, rate = record.mask, record.sampling_rate_hz
-    t = record.time_s[mask]
-    reference = np.asarray(record.reference)
-    motion = np.where(mask, reference - np.polyval(np.polyfit(t, reference[mask], 1), record.time_s), 0.0)
+    motion = _without_trend(np.asarray(record.reference), mask)
     start = spectral_peak(motion, mask, rate, None)
     if start * record.duration_s < FEWEST_PERIODS:
         return None
@@ -100,12 +98,20 @@ def _tone(record: Record) -> float | None:
     return found
 
 
+def _without_trend(values: FloatArray, mask: BoolArray) -> FloatArray:
+    """What is left of a series without its offset and trend, zero where it is not valid; shape (samples,)."""
+    place = np.arange(values.size) - np.flatnonzero(mask).mean()
+    level = values[mask].mean()
+    slope = np.sum(place[mask] * (values[mask] - level)) / max(float(np.sum(place[mask] ** 2)), 1.0)
+    return np.where(mask, values - level - slope * place, 0.0)
+
+
 def _without_tone(motion: FloatArray, mask: BoolArray, rate_hz: float, frequency_hz: float) -> tuple[float, FloatArray]:
     """Amplitude of a tone, and what is left without it, shape (samples,)."""
     angle = 2 * np.pi * frequency_hz / rate_hz * np.arange(motion.size)
-    waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    parts, *_ = np.linalg.lstsq(waves[mask], motion[mask], rcond=None)
-    return float(np.hypot(*parts)), np.where(mask, motion - waves @ parts, 0.0)
+    waves = np.stack([np.cos(angle), np.sin(angle)]) * mask
+    parts, *_ = np.linalg.lstsq(waves @ waves.T, waves @ motion, rcond=None)
+    return float(np.hypot(*parts)), motion - parts @ waves
 
 
 def _stated(records: Sequence[Record]) -> list[float]:

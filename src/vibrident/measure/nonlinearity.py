@@ -28,6 +28,7 @@ from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import converter_step
+from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
 #: Longer records are looked at in parts.
@@ -196,7 +197,7 @@ def _motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> FloatA
 def _loud(one: _Series, tone: float | None) -> FloatArray:
     """Frequencies that stand out of a residual and are no harmonics of the record's own tone: hum, for one."""
     lines = line_frequencies(one.record.samples, one.record.sampling_rate_hz)
-    power = np.abs(np.asarray(fft.rfft(one.residual * np.hanning(one.residual.size)))) ** 2
+    power = np.abs(np.asarray(fft.rfft(one.residual * hann(one.residual.size)))) ** 2
     loud = lines[power > STANDS_OUT * _median_level(power)]
     if tone is not None:
         loud = loud[np.abs(loud - np.maximum(np.round(loud / tone), 1.0) * tone) > NEAR * lines[1]]
@@ -353,6 +354,14 @@ def _median_level(power: FloatArray) -> FloatArray:
     values = []
     for place in places:
         reach = max(MEDIAN_LINES, int(MEDIAN_SHARE * place))
-        values.append(np.median(power[max(place - reach, 0) : place + reach + 1]) / MEDIAN_OF_POWER)
-    smooth = np.log(np.maximum(values, np.finfo(float).tiny))
+        values.append(_median(power[max(place - reach, 0) : place + reach + 1]))
+    smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
     return np.exp(np.interp(np.arange(count), places, smooth))
+
+
+def _median(values: FloatArray) -> float:
+    """As ``np.median``, which takes longer to look at its arguments than for so few numbers."""
+    middle = values.size // 2
+    if values.size % 2:
+        return float(np.partition(values, middle)[middle])
+    return float(np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1].mean())
