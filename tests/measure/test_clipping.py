@@ -15,7 +15,7 @@ from vibrident.io import read
 from vibrident.measure import screen
 from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
-from vibrident.measure.spikes import wild
+from vibrident.measure.spikes import breaks, wild
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.simulation import SENSORS, simulate
 
@@ -196,6 +196,30 @@ def test_what_both_channels_show_is_motion(rng: np.random.Generator) -> None:
     _, (said,) = screen([Record("r", reference + blow, response, 1e3, "random")])
     assert said.code == "dead_channel"
     assert "reference channel is far off its neighbours in 1 single sample(s), the first at 1.2 s" in said.message
+
+
+@pytest.mark.parametrize("motion", ["random", "multisine", "sine"])
+def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -> None:
+    """Both channels lose 37 samples: the longer part stays, whatever the response is. Whole ones stay whole."""
+    for part in (0.3, 0.6) * 5:
+        motion_, at = MOTIONS[motion](rng), int(part * N)
+        response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)), mode="same")
+        channels = [v + 1e-3 * np.std(v) * rng.standard_normal(N) for v in (motion_, response)]
+        assert breaks(*channels, ALL).size == 0
+        cut = [np.delete(values, slice(at, at + 37)) for values in channels]
+        (place,) = breaks(*cut, np.ones(N - 37, dtype=bool))
+        assert abs(place - at) <= 2
+    (kept,), (said,) = screen([Record("r", *cut, 1e3, motion)])  # type: ignore[arg-type]
+    assert said.code == "clock_suspect"
+    assert "break off at 2.4" in said.message or "break off at 2.39" in said.message
+    assert not kept.mask[at + 2 :].any()
+    assert kept.mask[: at - 4].all()
+
+
+def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
+    for noise in (1e-6, 1e-3):
+        channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]
+        assert breaks(*channels, ALL).size == 0
 
 
 @pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])

@@ -13,7 +13,7 @@ from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.spikes import wild
+from vibrident.measure.spikes import breaks, wild
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
@@ -25,6 +25,8 @@ FEWEST_PERIODS = 2.0
 REACH, LEAST_WHOLE, FEWEST_WHOLE = 40, 0.05, 128
 #: Wild samples of both channels that are so many samples apart, or fewer, are one event.
 TOGETHER = 2
+#: Motions that go on evenly; others may break off by themselves.
+STEADY = ("sine", "multisine", "random")
 #: A tone is heard above this many standard deviations of its amplitude.
 SILENT_SIGMA = 5.0
 #: A sine may come with this much other motion that the sensor answers, over the power of its tone: noise that it feels.
@@ -124,7 +126,28 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
         )
         findings.append(Finding("dead_channel", text))
         record = _without(record, label, bad, f"{label} wild in single samples")
-    return record, findings
+    record, broken = _longest_part(record)
+    return record, findings + broken
+
+
+def _longest_part(record: Record) -> tuple[Record, list[Finding]]:
+    """The longest part of a steady motion in which no time was lost."""
+    if record.reference is None or record.excitation not in STEADY:
+        return record, []
+    places = breaks(record.reference, record.response, record.mask & record.reference_mask)
+    if places.size == 0:
+        return record, []
+    edges = np.concatenate([[0], places, [record.samples]])
+    longest = int(np.argmax(np.diff(edges)))
+    outside = np.ones(record.samples, dtype=bool)
+    # Which of the samples at a break is the last, or the first, is not known.
+    outside[edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)] = False
+    times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
+    text = (
+        f"{record.name}: both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
+        f"only the longest unbroken part is used; {_left_out(outside, record)}"
+    )
+    return record.without(outside, "the longest part without lost time"), [Finding("clock_suspect", text)]
 
 
 def _wild(record: Record) -> dict[str, BoolArray]:

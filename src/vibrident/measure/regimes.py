@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from vibrident.measure.quality import Finding
+from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 
@@ -26,8 +26,6 @@ ROBUST = 1e-4
 MOST_BLOCKS, FEWEST_BLOCKS, FEWEST_SAMPLES, BESIDE = 32, 8, 24, 2
 #: Mains, and the power over that of white noise at which it is heard.
 MAINS_HZ, HEARD = (50.0, 60.0), 12.0
-#: Motions that are the same throughout; under others a misfit over frequency looks like one over time.
-STEADY = ("sine", "multisine", "random")
 #: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
 ODD = 0.9
 #: Fewest records among which one may be odd.
@@ -67,6 +65,7 @@ def changes(
     """
     found = []
     for record, series, frequency in zip(records, predicted, frequency_hz, strict=True):
+        # Under other motion a misfit over frequency looks like one over time.
         if record.excitation in STEADY and record.reference is not None:
             change = _change(record, series, frequency, CHANCE / PLACES / len(records))
             found += [] if change is None else [change]

@@ -1,4 +1,4 @@
-"""Single wild samples: bit errors, contacts that fail, discharges.
+"""Single wild samples (bit errors, contacts that fail, discharges), and places where time was lost.
 
 A sample is told by its neighbours on both sides as well as the record's own noise and band allow: the interpolation
 x[n] ≈ c + Σ a_k (x[n−k] + x[n+k]) is fitted by least squares to the record itself, without the samples that it tells
@@ -36,6 +36,13 @@ ISOLATED = 0.3
 IN_A_ROW, MOST = 2, 0.01
 #: A corner of the motion looks like a wild sample of at most half the slope beside it; a wild one is so many times it.
 CORNER = 0.75
+#: A break stands out by so many standard deviations of the errors in one channel, and in the other so near by so many;
+#: of a record so many are believed.
+BREAKS, BREAKS_ALSO, TOGETHER, MOST_BREAKS = 8.0, 5.0, 2, 8
+#: … and by this part of the motion's deviation: smoother changes are its own.
+LEAST_BREAK = 2e-3
+#: The motion goes on after a break: so many samples on one side of it have this part of the others' deviation, or more.
+BESIDE, ALIKE = 64, 0.2
 #: Values closer than this part of the range are the same; on a grid are values of which fewer than this part differ.
 SAME, GRID = 1e-12, 0.5
 #: Normal errors have this median of their size; 98 % are within so many standard deviations.
@@ -73,20 +80,73 @@ def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
         values: one channel, shape (samples,).
         valid: samples to look at, shape (samples,); neighbours of others are not judged.
     """
-    found = np.zeros(values.shape, dtype=bool)
-    judged = ~_around(~valid, REACH)
-    judged[:REACH] = judged[-REACH:] = False
-    middle = float(np.median(values[valid])) if valid.any() else 0.0
-    size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
-    if np.sum(judged) < 8 * REACH or size == 0.0:
-        return found
-    series = np.where(valid, (values - middle) / size, 0.0)
+    series, judged = _scaled(values, valid)
+    if not judged.any():
+        return np.zeros(values.shape, dtype=bool)
     least = max(STEPS * _step(series[valid]), ROUNDING)
     clean = _told_well(series, judged)
     sizes = _in_the_middle(series, judged, clean, least)
     sizes += _at_the_beginning(series - sizes, valid, clean, least)
     sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], clean[::-1], least)[::-1]
     return sizes != 0.0
+
+
+def breaks(first: FloatArray, second: FloatArray, valid: BoolArray) -> NDArray[np.int_]:
+    """Samples at which both channels of a steady motion break off and go on elsewhere: time was lost between them.
+
+    There a few errors in a row stand out of both, and nothing else does. A motion that only begins or ends is none.
+
+    Args:
+        first: one channel, shape (samples,).
+        second: the other, shape (samples,).
+        valid: samples to look at, shape (samples,).
+    """
+    channels = [_scaled(values, valid) for values in (first, second)]
+    if not all(judged.any() for _, judged in channels):
+        return np.zeros(0, dtype=int)
+    far = [_far_off(series, judged, max(STEPS * _step(series[valid]), ROUNDING)) for series, judged in channels]
+    both = np.minimum(*(sliding_window_view(np.pad(f, TOGETHER), 2 * TOGETHER + 1).max(axis=1) for f in far))
+    surely = np.maximum(*far) > BREAKS
+    single = _around(wild(first, valid), TOGETHER) & _around(wild(second, valid), TOGETHER)
+    places = np.flatnonzero(surely & (both > BREAKS_ALSO) & ~_around(single, REACH))
+    rows = np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1) if places.size else []
+    if len(rows) > MOST_BREAKS:
+        return np.zeros(0, dtype=int)
+    found = [int(row[np.argmax(np.maximum(*far)[row])]) for row in rows if row[-1] - row[0] <= 2 * REACH]
+    moving = [place for place in found if all(_moves_on_both_sides(series, place) for series, _ in channels)]
+    return np.array(moving, dtype=int)
+
+
+def _far_off(series: FloatArray, judged: BoolArray, least: float) -> FloatArray:
+    """Error of each sample in its usual standard deviation, shape (samples,); zero where it does not stand out."""
+    long = _interpolation(series, _told_well(series, judged))
+    error = long.errors(series, judged)
+    least = max(least, LEAST_BREAK * float(np.std(series)))
+    places = np.flatnonzero(np.abs(error) > max(BREAKS_ALSO * long.deviation, least))
+    far = np.zeros(series.shape)
+    far[places] = np.abs(error[places]) / long.around(error, places)
+    return far
+
+
+def _moves_on_both_sides(series: FloatArray, place: int) -> bool:
+    """Whether the motion is about as large before a sample as after it."""
+    before = series[max(place - BESIDE - REACH, 0) : place - REACH]
+    after = series[place + REACH : place + REACH + BESIDE]
+    if min(before.size, after.size) < REACH:
+        return False
+    sizes = sorted((float(np.std(before)), float(np.std(after))))
+    return sizes[0] > ALIKE * sizes[1]
+
+
+def _scaled(values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """The channel about its median over its largest size, and samples with all their neighbours; none where too few."""
+    judged = ~_around(~valid, REACH)
+    judged[:REACH] = judged[-REACH:] = False
+    middle = float(np.median(values[valid])) if valid.any() else 0.0
+    size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
+    if np.sum(judged) < 8 * REACH or size == 0.0:
+        return values, np.zeros(values.shape, dtype=bool)
+    return np.where(valid, (values - middle) / size, 0.0), judged
 
 
 def _in_the_middle(series: FloatArray, judged: BoolArray, clean: BoolArray, least: float) -> FloatArray:
