@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.errors import InputError
-from vibrident.interferometer.decimation import Decimator, at_positions, decimated_length, lost_at_an_end, reach
+from vibrident.interferometer.decimation import at_positions, decimated, lost_at_an_end, reach
 from vibrident.interferometer.demodulation import Demodulated
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK
@@ -93,11 +93,7 @@ def _moved(
 
 def _decimated(response: Signals, every: int) -> FloatArray:
     blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
-    if every == 1:
-        return np.concatenate([block[0] for block in blocks])
-    filtered = Decimator(every, 1)
-    values = np.concatenate([filtered.feed(block)[0] for block in blocks])
-    return values[: decimated_length(response.samples, every)]
+    return decimated((block[0] for block in blocks), response.samples, every)
 
 
 def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float) -> Aligned:

@@ -7,6 +7,8 @@ filter lies wholly within the signal are made.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -74,6 +76,18 @@ class Decimator:
         for j in range(self._rows if ready else 0):
             result += partial[:, j : j + ready, j]
         return result
+
+
+def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatArray:
+    """One signal of so many samples that comes block by block, each of shape (n,): all new samples."""
+    if factor == 1:
+        return np.concatenate(list(blocks))
+    filtered, values, done = Decimator(factor, 1), np.empty(decimated_length(samples, factor)), 0
+    for block in itertools.chain(blocks, [np.zeros(factor)]):  # the last filter ends before a whole step
+        part = filtered.feed(block[None, :])[0][: values.shape[0] - done]
+        values[done : done + part.shape[0]] = part
+        done += part.shape[0]
+    return values
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:

@@ -11,11 +11,13 @@ from vibrident.errors import InputError
 from vibrident.interferometer import effects, phase
 from vibrident.interferometer.bridging import turns
 from vibrident.interferometer.choice import Choice
-from vibrident.interferometer.decimation import Decimator, decimated_length, lost_at_an_end, spoilt_outputs
+from vibrident.interferometer.cyclic import Cyclic, cyclic_error
+from vibrident.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
 from vibrident.interferometer.noise import displacement_noise
 from vibrident.interferometer.phase import TURN, Gap, Path
 from vibrident.interferometer.setting import BoolArray, FloatArray, Interferometer, Signals
 from vibrident.interferometer.sine import Sine, fit_sine
+from vibrident.interferometer.slow import without_slow_motion
 from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.interferometer.survey import Survey
 
@@ -55,7 +57,7 @@ def demodulate(
     choice: Choice,
     factor: int,
     name: str,
-    sine: bool,
+    near_hz: float | None,
     carrier_hz: float | None = None,
 ) -> Demodulated:
     """Make a displacement of two signals in quadrature.
@@ -67,7 +69,7 @@ def demodulate(
         choice: the ellipse.
         factor: every so many samples one of the displacement.
         name: of the record, for messages.
-        sine: whether the motion is a sine.
+        near_hz: frequency of a sine, nearly; None for other motion.
         carrier_hz: of the heterodyne signal that the two were made of.
 
     Raises:
@@ -79,20 +81,22 @@ def demodulate(
     spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
     values, piece, unknown = _bridged(signals, choice, path.gaps, values, position)
     rate = signals.rate_hz / factor
-    found = None
-    if sine:
-        values, piece = _joined(values, piece, ~spoilt, rate)
-        found = fit_sine(values, (piece == _longest(piece, ~spoilt)) & ~spoilt, rate)
+    if near_hz is not None:
+        values, piece = _joined(values, piece, ~spoilt, rate, near_hz)
     valid = ~spoilt & (piece == _longest(piece, ~spoilt))
-    if carrier_hz is not None:
-        values, carrier_hz = _without_carrier(values, valid, position / signals.rate_hz, carrier_hz)
     left_out = 1.0 - float(np.mean(valid)) if valid.size else 1.0
     _require_enough(left_out, name)
+    if carrier_hz is not None:
+        values, carrier_hz = _without_carrier(values, valid, position / signals.rate_hz, carrier_hz)
+    found = None
+    if near_hz is not None:
+        values, found = without_slow_motion(values, valid, rate, near_hz)
     values = values - np.mean(values[valid])
     open_gaps = int(np.unique(piece[~spoilt]).size - 1)
     noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
     excerpt = slice(0, EXCERPT)
-    answer = _answer(values, valid, rate, found, choice, signals)
+    around = cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples)
+    answer = _answer(values, valid, rate, found, choice, signals, around)
     summary = OpticalSummary(
         setting,
         signals.rate_hz,
@@ -117,6 +121,7 @@ def demodulate(
         position[excerpt] / signals.rate_hz,
         values[excerpt] * setting.metres_per_radian,
         carrier_hz,
+        () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
         findings=(*choice.findings, *_slips(path, unknown, left_out, name)),
     )
     return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer)
@@ -125,17 +130,7 @@ def demodulate(
 def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> FloatArray:
     knots = [(at, piece.for_phase) for at, piece in choice.knots]
     blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path)
-    if factor == 1:
-        return np.concatenate(list(blocks))
-    filtered = Decimator(factor, 1)
-    values = np.empty(decimated_length(signals.samples, factor))
-    done = 0
-    for block in blocks:
-        part = filtered.feed(block[None, :])[0]
-        part = part[: values.shape[0] - done]
-        values[done : done + part.shape[0]] = part
-        done += part.shape[0]
-    return values[:done]
+    return decimated(blocks, signals.samples, factor)
 
 
 def _bridged(
@@ -159,7 +154,9 @@ def _longest(piece: np.ndarray, usable: BoolArray) -> int:
     return int(np.argmax(np.bincount(piece, weights=usable.astype(float)))) if piece.size else 0
 
 
-def _joined(values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float) -> tuple[FloatArray, np.ndarray]:
+def _joined(
+    values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float, near_hz: float
+) -> tuple[FloatArray, np.ndarray]:
     """Pieces of a sine put together: the sine of the longest one says how many turns the others are off."""
     if piece.size == 0 or piece[-1] == 0:
         return values, piece
@@ -168,7 +165,7 @@ def _joined(values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: floa
     others = [p for p in np.unique(piece[usable]).tolist() if p != main]
     for other in sorted(others, key=lambda p: abs(p - main)):
         known = usable & (piece == main)
-        found = fit_sine(values, known, rate)
+        found = fit_sine(values, known, rate, near_hz)
         inside = usable & (piece == other)
         if found is None or inside.sum() < 3:
             continue
@@ -192,7 +189,13 @@ def _without_carrier(
 
 
 def _answer(
-    values: FloatArray, valid: BoolArray, rate: float, found: Sine | None, choice: Choice, signals: Signals
+    values: FloatArray,
+    valid: BoolArray,
+    rate: float,
+    found: Sine | None,
+    choice: Choice,
+    signals: Signals,
+    around: Cyclic | None,
 ) -> effects.Answer:
     noise = choice.ellipse.radial_noise
     if found is not None:
@@ -204,7 +207,7 @@ def _answer(
         relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
     covariance = effects.shape_covariance(choice.ellipse)
     return effects.Answer(
-        frequency, effects.of_shape(harmonics), harmonics, relative_noise, choice.group, covariance, np.zeros(6)
+        frequency, effects.of_shape(harmonics), harmonics, relative_noise, choice.group, covariance, around
     )
 
 

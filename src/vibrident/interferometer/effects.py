@@ -19,6 +19,7 @@ from scipy import fft
 from scipy.special import j1
 
 from vibrident.effects import SystematicEffect
+from vibrident.interferometer.cyclic import ORDERS, Cyclic, together
 from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray
 from vibrident.interferometer.survey import SHAPE
@@ -27,6 +28,8 @@ from vibrident.interferometer.survey import SHAPE
 BANDS, MOST = 16, 1 << 18
 #: Most patterns that are kept, the largest ones; a pattern below this part of the noise of its points is dropped.
 MOST_PATTERNS, NEGLIGIBLE = 24, 0.05
+#: A harmonic of the cyclic error is there where it is rarer than this by chance.
+CHANCE = 1e-4
 SOURCE = "ellipse of the interferometer"
 CYCLIC = "cyclic error of the interferometer"
 
@@ -42,7 +45,7 @@ class Answer:
         noise: relative standard uncertainty of the reference there by the noise of the phase, shape (m,).
         group: of records with one ellipse.
         covariance: of the ellipse's shape, shape (4, 4).
-        cyclic: amplitudes of cos nφ and sin nφ, n = 1, 2, 4, that were found to be there, rad, shape (6,).
+        cyclic: the cyclic error that was measured; None where it could not be.
     """
 
     frequency_hz: FloatArray
@@ -51,10 +54,7 @@ class Answer:
     noise: FloatArray
     group: int
     covariance: FloatArray
-    cyclic: FloatArray
-
-
-ORDERS = (1, 2, 4)
+    cyclic: Cyclic | None
 
 
 def of_sine(amplitude: float, mean: float, frequency_hz: float) -> tuple[FloatArray, np.ndarray]:
@@ -111,12 +111,21 @@ def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
         for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
             if value > NEGLIGIBLE**2:
                 found.append((float(value), _effect(SOURCE, "ellipse", members, root @ vector, grid)))
-    for answer in answers:
-        if np.any(answer.cyclic):
-            change = answer.cyclic @ answer.harmonics
-            found.append((np.inf, _pattern(CYCLIC, "cyclic", [(answer.frequency_hz, -change)], grid)))
+    waves = _cyclic(answers)
+    if np.any(waves):
+        parts = [(answer.frequency_hz, -(waves @ answer.harmonics)) for answer in answers]
+        found.append((np.inf, _pattern(CYCLIC, "cyclic", parts, grid)))
     found.sort(key=lambda item: -item[0])
     return tuple(effect for _, effect in found[:MOST_PATTERNS])
+
+
+def _cyclic(answers: Sequence[Answer]) -> FloatArray:
+    """Amplitudes of the cyclic error of the set-up, rad, shape (6,): of the orders that stand out of all records."""
+    whole = together([answer.cyclic for answer in answers if answer.cyclic is not None])
+    if whole is None:
+        return np.zeros(6)
+    there = np.array([whole.rarity(i) < CHANCE for i in range(len(ORDERS))])
+    return np.where(np.repeat(there, 2), whole.waves, 0.0)
 
 
 def _root(covariance: FloatArray) -> FloatArray:

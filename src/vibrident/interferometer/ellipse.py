@@ -181,6 +181,12 @@ def as_circle(u: FloatArray, samples: float) -> Ellipse:
     return replace(found, covariance=change @ (part + PRIOR**2 * both @ both.T) @ change.T)
 
 
+def excess(block: FloatArray, ellipse: Ellipse) -> float:
+    """Mean of |v|² − 1 of a block without its noise: twice what its amplitude differs by."""
+    clean = _rounded(block, ellipse, ellipse.noise)
+    return float(_EXCESS @ clean[:, 0] / clean[0, 0])
+
+
 def _rounded(found: FloatArray, ellipse: Ellipse, noise: FloatArray | None) -> FloatArray:
     """Matrix of products of the six functions of v, without the noise where that is given."""
     change = moments.moved(ellipse.centre, ellipse.inverse)

@@ -149,7 +149,7 @@ def _counted(
 ) -> tuple[float, int] | None:
     """Count half fringes twice: by changes of sign of the first signal, and by the phase."""
     far = (np.abs(signal) > BEYOND) & good
-    if path.fastest > CLOSE or not far.any():
+    if path.fastest > CLOSE or not good.all() or not far.any():
         return None
     sign, cell = np.sign(signal[far]), np.rint(phase[far] / np.pi)
     first = carried or (float(sign[0]), int(cell[0]))

@@ -11,6 +11,8 @@ from vibrident.interferometer.setting import BoolArray, FloatArray
 
 #: Most samples that the fit looks at, Gauss–Newton steps of the frequency, and the least periods.
 MOST, ITERATIONS, FEWEST_PERIODS = 1 << 17, 12, 0.9
+#: A frequency that is known nearly is right to this factor.
+NEAR = 1.3
 
 
 @dataclass(frozen=True)
@@ -29,13 +31,13 @@ class Sine:
         return wave + self.mean + self.slope * time_s
 
 
-def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float) -> Sine | None:
+def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> Sine | None:
     """Fit a sine, offset and slope to the valid samples; None where there is less than a period."""
     index = np.flatnonzero(valid)
     if index.size < 8:
         return None
     every = max(index.size // MOST, 1)
-    first = peak(values, valid, rate_hz)
+    first = peak(values, valid, rate_hz, near_hz)
     if every > 1 and first * every > 0.1 * rate_hz:
         every = max(int(0.1 * rate_hz / first), 1)
     index = index[::every]
@@ -61,12 +63,18 @@ def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float) -> Sine | Non
     return Sine(float(np.hypot(found[0], found[1])), angle, omega / (2.0 * np.pi), mean, float(found[3]) / span)
 
 
-def peak(values: FloatArray, valid: BoolArray, rate_hz: float) -> float:
-    """Frequency of the largest line, Hz."""
-    index = np.arange(values.shape[0])
-    whole = np.interp(index, index[valid], values[valid])
-    line = np.polynomial.Polynomial.fit(index[valid], values[valid], 1)
-    whole = (whole - line(index)) * np.hanning(values.shape[0])
-    size = int(fft.next_fast_len(2 * values.shape[0], real=True) or 1)
+def peak(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> float:
+    """Frequency of the largest line, Hz: within a factor 1.3 of ``near_hz``, else of the displacement's velocity."""
+    known = np.flatnonzero(valid)
+    index = np.arange(known[0], known[-1] + 1)
+    whole = np.interp(index, known, values[known])
+    line = np.polynomial.Polynomial.fit(known, values[known], 1)
+    whole = (whole - line(index)) * np.hanning(index.shape[0])
+    size = int(fft.next_fast_len(2 * index.shape[0], real=True) or 1)
     power = np.abs(np.asarray(fft.rfft(whole, size)))
+    lines = np.arange(power.shape[0]) * rate_hz / size
+    if near_hz is None:
+        power *= lines
+    else:
+        power[(lines < near_hz / NEAR - 2.0 * rate_hz / size) | (lines > near_hz * NEAR + 2.0 * rate_hz / size)] = 0.0
     return float(max(int(np.argmax(power)), 1) * rate_hz / size)

@@ -25,9 +25,13 @@ LOST, LOST_SIGMA, MOST_LOST = 0.3, 6.0, 0.6
 TOO_LARGE = 2.0
 #: Parts of the circle that are looked at, to see how much is covered.
 PARTS = 32
+#: Blocks with a lost sample are left out where this part of all is without.
+LEAST_WHOLE = 0.5
 #: Pieces of time of an ellipse that may change; an ellipse of a piece is known to this part of its amplitude; a change
 #: is believed below this chance.
 PIECES, KNOWN, CHANCE = 16, 0.05, 1e-5
+#: The amplitude fades where its variance from block to block is so many times that of noise; of so many blocks.
+FADES, FEWEST_TO_FADE = 8.0, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +78,9 @@ def survey(signals: Signals) -> Survey:
     blocks, middles = _blocks(signals, coarse, scale)
     start = _scaled(coarse, coarse.centre, scale)
     found = ellipses.fit(blocks, start) if blocks else None
+    if found is not None:
+        blocks = _steadied(blocks, found)
+        found = ellipses.fit(blocks, found)
     if found is None:
         kept = points[:, sound(coarse, points)]
         circle = ellipses.as_circle(kept if kept.shape[1] >= 8 else points, float(signals.samples))
@@ -126,7 +133,7 @@ def _blocks(signals: Signals, coarse: Ellipse, scale: FloatArray) -> tuple[list[
     length = int(np.clip(signals.samples // FEWEST_BLOCKS, LEAST_BLOCK, BLOCK))
     count = max(signals.samples // length, 1)
     every = max(int(np.ceil(count * length / MOST)), 1)
-    found, middles = [], []
+    found, middles, whole = [], [], []
     for index in range(0, count, every):
         u = signals.block(index * length, min((index + 1) * length, signals.samples))
         good = sound(coarse, u)
@@ -135,7 +142,25 @@ def _blocks(signals: Signals, coarse: Ellipse, scale: FloatArray) -> tuple[list[
             continue
         found.append(moments.sums((u[0] - coarse.centre[0]) / scale[0], (u[1] - coarse.centre[1]) / scale[1]))
         middles.append((index + 0.5) * length)
+        whole.append(bool(good.all()))
+    if np.mean(whole or [True]) > LEAST_WHOLE:  # beside a lost stretch the light comes and goes
+        found, middles = ([v for v, kept in zip(values, whole, strict=True) if kept] for values in (found, middles))
     return found, middles
+
+
+def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
+    """Blocks with their common amplitude taken out where it fades: it moves no phase, and is no noise."""
+    count = np.array([block[0, 0] for block in blocks])
+    excess = np.array([ellipses.excess(block, whole) for block in blocks])
+    expected = 4.0 * whole.radial_noise**2 / count
+    if len(blocks) < FEWEST_TO_FADE or np.var(excess) < FADES * float(np.mean(expected)):
+        return blocks
+    steadied = []
+    for block, more in zip(blocks, excess, strict=True):
+        change = moments.moved(whole.centre, np.eye(2) / np.sqrt(max(1.0 + more, 0.1)))
+        back = moments.moved(-whole.centre, np.eye(2)) @ change
+        steadied.append(moments.from_matrix(back @ moments.matrix(block) @ back.T))
+    return steadied
 
 
 def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse) -> list[tuple[float, Ellipse]]:

@@ -217,7 +217,7 @@ def _record(
     every = alignment.thinning(one.response.samples, one.response.rate_hz, near) if one.beside else 1
     alike = one.beside and one.carrier_hz is None
     factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
-    found = demodulate(one.optical, setting, look, choice, factor, one.name, sine, one.carrier_hz)
+    found = demodulate(one.optical, setting, look, choice, factor, one.name, near, one.carrier_hz)
     aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
     to_response = calibration.response
     unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"

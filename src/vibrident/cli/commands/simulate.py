@@ -10,9 +10,10 @@ import typer
 from vibrident.cli import options
 from vibrident.cli.console import out, wrote
 from vibrident.cli.folder import refuse_used, written_whole
+from vibrident.cli.optics import INTERFEROMETERS, KEYS, optics_of, write_optical
 from vibrident.cli.options import choice
 
-_NOISE = "Noise"
+_NOISE, _LIGHT = "Noise", "Raw light"
 
 _ExcitationSnr = Annotated[
     float | None,
@@ -25,6 +26,25 @@ _ReferenceNoise = Annotated[
 ]
 _ResponseNoise = Annotated[
     float, typer.Option("--response-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE)
+]
+_Interferometer = Annotated[
+    str | None,
+    choice(
+        "--interferometer",
+        INTERFEROMETERS,
+        "Write an interferometer's raw signals in place of the reference.",
+        rich_help_panel=_LIGHT,
+    ),
+]
+_Optics = Annotated[
+    str | None,
+    typer.Option(
+        "--optics",
+        metavar="KEY=VALUE,…",
+        help=f"Its faults: {', '.join(KEYS)}.",
+        show_default=False,
+        rich_help_panel=_LIGHT,
+    ),
 ]
 
 
@@ -70,6 +90,8 @@ def simulate(
     excitation_snr: _ExcitationSnr = None,
     reference_noise: _ReferenceNoise = 0.0,
     response_noise: _ResponseNoise = 0.0,
+    interferometer: _Interferometer = None,
+    optics: _Optics = None,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.", rich_help_panel=_NOISE)
     ] = 0,
@@ -92,13 +114,25 @@ def simulate(
     from vibrident.cli.progress import Busy
 
     with written_whole(folder) as output, Busy("Simulating"):
-        write(output.path, sensor, excitation, **settings)
-    records = [file for file in output.files if file.suffix == ".csv"]
-    others = [file for file in output.files if file not in records]
+        if interferometer is None:
+            write(output.path, sensor, excitation, **settings)
+        else:
+            _write_light(output.path, sensor, excitation, interferometer, optics, settings)
+    records = [file for file in output.files if file.suffix in (".csv", ".h5") and "_optical" not in file.name]
+    others = [file for file in output.files if file.suffix not in (".csv", ".h5")]
     out().print(
         f"Simulated: sensor {sensor}, {excitation}, {len(records)} record{'s' * (len(records) != 1)}, seed {seed}."
     )
-    wrote([*others, folder / "*.csv"])
+    wrote([*others, folder / ("*.csv" if interferometer is None else "*.h5")])
+
+
+def _write_light(
+    folder: Path, sensor: str, excitation: str, kind: str, optics: str | None, settings: dict[str, Any]
+) -> None:
+    from vibrident.simulation import sensor_named
+
+    rate = settings["sampling_rate_hz"] or sensor_named(sensor).sampling_rate_hz
+    write_optical(folder, sensor, excitation, optics_of(kind, optics, rate, settings["seed"]), **settings)
 
 
 def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:

@@ -1,0 +1,122 @@
+"""The options of ``vibrident simulate`` that make an interferometer's raw signals."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.errors import InputError, did_you_mean
+
+if TYPE_CHECKING:
+    from vibrident.simulation.optics import Optics
+
+INTERFEROMETERS = ("quadrature", "heterodyne")
+#: What may stand in --optics: key, what it takes, what it is.
+KEYS = {
+    "rate": ("HZ", "of the optical signals; that of the response without it"),
+    "carrier": ("HZ", "of a heterodyne signal; a quarter of the rate without it"),
+    "noise": ("REL", "of each signal, over its amplitude"),
+    "bits": ("N", "of the converter, 8 to 16; 0 for none"),
+    "dropouts": ("N", "a record"),
+    "dropout": ("S", "length of one"),
+    "drift": ("REL", "of offsets and amplitudes over a record"),
+    "fading": ("REL", "of the common amplitude"),
+    "cyclic1": ("RAD", "cyclic error, first harmonic"),
+    "cyclic2": ("RAD", "second"),
+    "cyclic4": ("RAD", "fourth"),
+    "table": ("M", "rms of the optical table's motion"),
+    "delay": ("S", "of the optical channel, stated in the file"),
+    "hidden-delay": ("S", "the same, not stated"),
+    "carrier-drift": ("HZ", "over a record"),
+    "passes": ("N", "of the beam"),
+    "ellipse": ("random", "offsets, amplitudes and quadrature drawn anew"),
+}
+
+
+def optics_of(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
+    """The interferometer that --interferometer and --optics ask for.
+
+    Args:
+        kind: of INTERFEROMETERS.
+        text: KEY=VALUE joined by commas.
+        rate_hz: of the response.
+        seed: of what is drawn.
+
+    Raises:
+        InputError: a key is not known, or a value is no number.
+    """
+    from vibrident.interferometer.setting import Interferometer
+    from vibrident.simulation.interferometer import drawn
+    from vibrident.simulation.optics import Optics
+
+    given = _given(text)
+    carrier = None
+    if kind == "heterodyne":
+        carrier = given.pop("carrier", 0.25 * given.get("rate", rate_hz))
+    setting = Interferometer(
+        "heterodyne" if kind == "heterodyne" else "quadrature",
+        632.991e-9,
+        passes=int(given.pop("passes", 1)),
+        carrier_hz=carrier,
+        direction=1,
+    )
+    cyclic = tuple(given.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
+    hidden = given.pop("hidden-delay", None)
+    names = {"rate": "rate_hz", "dropout": "dropout_s", "table": "table_m", "delay": "delay_s"}
+    names |= {"carrier-drift": "carrier_drift_hz", "ellipse": "random"}
+    values: dict[str, Any] = {names.get(key, key): value for key, value in given.items()}
+    for key in ("bits", "dropouts"):
+        if key in values:
+            values[key] = int(values[key])
+    if hidden is not None:
+        values |= {"delay_s": hidden, "hidden_delay": True}
+    return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
+
+
+def _given(text: str | None) -> dict[str, Any]:
+    given: dict[str, Any] = {}
+    for part in (text or "").split(","):
+        if not part.strip():
+            continue
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in KEYS:
+            raise InputError(
+                f"{key!r} is no part of --optics.",
+                expected="KEY=VALUE, joined by commas; keys: " + ", ".join(KEYS),
+                found=repr(part),
+                where="--optics",
+                remedy=did_you_mean(key, KEYS),
+            )
+        given[key] = True if key == "ellipse" and value == "random" else _number(key, value)
+    return given
+
+
+def _number(key: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise InputError(
+            f"The value of {key!r} is no number.",
+            expected=f"{key}={KEYS[key][0]}, {KEYS[key][1]}",
+            found=repr(value),
+            where="--optics",
+            remedy="write a number with a point, without a unit",
+        ) from None
+
+
+def write_optical(folder: Path, sensor: str, excitation: str, optics: Optics, *, seed: int, **settings: Any) -> None:
+    """Write a simulated calibration with an interferometer's raw signals, and its truth."""
+    from vibrident.cli.truth import write_truth
+    from vibrident.simulation import sensor_named
+    from vibrident.simulation.interferometer import write_optical_calibration
+
+    chosen = sensor_named(sensor)
+    settings.pop("quantity", None)
+    calibration = write_optical_calibration(folder, chosen, excitation, optics, seed=seed, **settings)
+    path = folder / "truth.json"
+    write_truth(path, chosen, calibration, seed)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    document["interferometer"] = asdict(optics)
+    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,0 +1,113 @@
+"""The cyclic error that is left in the phase: what of it goes round with the phase itself, in harmonics 1, 2 and 4.
+
+Short pieces of the unwrapped phase are taken for a polynomial of time (the motion) and harmonics of the phase. What the
+polynomial could be is taken out of both, and one set of harmonics is fitted to all pieces. Motion of less than a fringe
+a piece looks like a polynomial, which shows as a large uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.interferometer.ellipse import Ellipse
+from vibrident.interferometer.phase import Path, unwrapped
+from vibrident.interferometer.setting import FloatArray, Held, Signals
+
+ORDERS = (1, 2, 4)
+#: Pieces, their shortest and longest length, fringes of each, and the degree of the polynomial.
+PIECES, SHORTEST, LONGEST, FRINGES, DEGREE = 64, 256, 1 << 15, 5.0, 11
+FEWEST = 16
+#: Waves that (p, q, a, b, e) of an ellipse make.
+_OF_ELLIPSE = np.zeros((6, 5))
+_OF_ELLIPSE[0, 1], _OF_ELLIPSE[1, 0], _OF_ELLIPSE[2, 4], _OF_ELLIPSE[3, 2], _OF_ELLIPSE[3, 3] = (
+    1.0,
+    -1.0,
+    0.5,
+    -0.5,
+    0.5,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Cyclic:
+    """Amplitudes of cos nφ and sin nφ for n = 1, 2, 4.
+
+    Attributes:
+        waves: amplitudes, rad, shape (6,).
+        covariance: of them by noise, shape (6, 6).
+        freedom: degrees of freedom behind it.
+        by_ellipse: what the uncertainty of the ellipse lets them be, shape (6, 6).
+    """
+
+    waves: FloatArray
+    covariance: FloatArray
+    freedom: float
+    by_ellipse: FloatArray
+
+    def amplitude(self, index: int) -> tuple[float, float]:
+        """Amplitude of one of the orders and its standard uncertainty, rad."""
+        part = slice(2 * index, 2 * index + 2)
+        u = float(np.sqrt(0.5 * np.trace(self.covariance[part, part])))
+        return float(np.hypot(*self.waves[part])), u
+
+    def rarity(self, index: int) -> float:
+        """Probability of an amplitude at least as large by chance."""
+        part = slice(2 * index, 2 * index + 2)
+        wave = self.waves[part]
+        covariance = self.covariance[part, part] + self.by_ellipse[part, part]
+        square = float(wave @ np.linalg.solve(covariance, wave))
+        return float(np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom)))  # Hotelling's T² of two
+
+
+def waves(phase: FloatArray) -> FloatArray:
+    """Waves cos nφ and sin nφ for the orders, shape (6, …)."""
+    return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
+
+
+def cyclic_error(
+    signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], fringes_a_sample: float
+) -> Cyclic | None:
+    """Measure the cyclic error of a record; None where the record is too short, or lost where it was looked at."""
+    length = int(np.clip(FRINGES / max(fringes_a_sample, 1e-9), SHORTEST, LONGEST))
+    if signals.samples < 2 * length:
+        return None
+    starts = np.unique(np.linspace(0, signals.samples - length, min(PIECES, signals.samples // length)).astype(int))
+    polynomials, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), DEGREE))
+    normals, scores = [], []
+    for start in starts.tolist():
+        path = Path()
+        piece = Held(signals.block(start, start + length), signals.rate_hz)
+        moved = [(at - start, knot) for at, knot in knots]
+        phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))
+        if path.gaps:
+            continue
+        smooth = polynomials @ (polynomials.T @ phase)  # its own noise would make a wave look like one
+        rows = np.concatenate([waves(smooth), phase[None, :]])
+        rows = rows - (rows @ polynomials) @ polynomials.T
+        normals.append(rows[:6] @ rows[:6].T)
+        scores.append(rows[:6] @ rows[6])
+    if len(normals) < FEWEST:
+        return None
+    whole = np.sum(normals, axis=0)
+    if np.linalg.cond(whole) > 1e10:
+        return None
+    inverse = np.linalg.inv(whole)
+    found = inverse @ np.sum(scores, axis=0)
+    left = np.array([score - normal @ found for score, normal in zip(scores, normals, strict=True)])
+    spread = left.T @ left * len(left) / (len(left) - 6.0)
+    allowed = _OF_ELLIPSE @ ellipse.covariance @ _OF_ELLIPSE.T
+    return Cyclic(found, inverse @ spread @ inverse, len(left) - 7.0, allowed)
+
+
+def together(found: Sequence[Cyclic]) -> Cyclic | None:
+    """The mean of several records' by their covariances; None of none."""
+    if not found:
+        return None
+    weights = [np.linalg.inv(one.covariance) for one in found]
+    covariance = np.linalg.inv(np.sum(weights, axis=0))
+    mean = covariance @ np.sum([w @ one.waves for w, one in zip(weights, found, strict=True)], axis=0)
+    best = min(found, key=lambda one: float(np.trace(one.covariance)))
+    return Cyclic(mean, covariance, best.freedom, np.mean([one.by_ellipse for one in found], axis=0))

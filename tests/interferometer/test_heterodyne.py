@@ -1,0 +1,42 @@
+"""A heterodyne signal: mixed down from a carrier that is known only nearly, and drifts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.interferometer.setting import Interferometer
+from vibrident.interferometer.sine import fit_sine
+from vibrident.simulation.interferometer import write_optical_calibration
+from vibrident.simulation.optics import Optics
+
+SETTING = Interferometer("heterodyne", 632.991e-9, carrier_hz=2.0e5, direction=-1)
+
+
+@pytest.mark.parametrize(
+    ("optics", "together"),
+    [
+        (Optics(SETTING, noise=0.05), True),
+        (Optics(SETTING, rate_hz=1e6, carrier_drift_hz=300.0, dropouts=2), False),
+    ],
+)
+def test_displacement_of_a_heterodyne_signal(tmp_path, optics, together):
+    rate, samples = (1e6, 60_000) if together else (5e4, 4000)
+    settings = {"start": "steady", "sampling_rate_hz": rate, "samples": samples, "response_noise": 1e-3}
+    settings |= {"frequencies_hz": [200.0, 600.0], "amplitude": 10.0}
+    truth = write_optical_calibration(tmp_path, "paper", "sine", optics, seed=5, **settings)
+    calibration = vibrident.read(tmp_path / "calibration.toml")
+    for record, exact in zip(calibration.records, truth.records, strict=True):
+        sine = fit_sine(record.reference, record.mask, record.sampling_rate_hz, record.frequency_hz)
+        true = fit_sine(exact.reference, exact.mask, exact.sampling_rate_hz, exact.frequency_hz)
+        turns = 2.0 * np.pi * record.start_time_s * sine.frequency_hz
+        phase = np.angle(np.exp(1j * (sine.angle - turns - true.angle)))
+        metres = abs(SETTING.metres_per_radian)
+        noise = np.sqrt(2.0) * optics.noise * metres / true.amplitude * np.sqrt(2.0 / record.optical.samples)
+        # The band that is kept is a part of all, so this noise is an upper bound.
+        assert abs(sine.amplitude / true.amplitude - 1.0) < 4.0 * noise + 2e-6
+        assert abs(phase) < 4.0 * noise + 2e-5
+        assert abs(record.optical.carrier_hz - 2.0e5) < 250.0
+    said = {finding.code for record in calibration.records for finding in record.optical.findings}
+    assert said == ({"fringe_slip"} if optics.dropouts else set())
