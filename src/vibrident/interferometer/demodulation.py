@@ -27,6 +27,8 @@ MOST_LEFT_OUT, MOST_GAPS = 0.8, 400
 WHOLE = 0.12
 #: Samples of the excerpt, and of the points kept for pictures.
 EXCERPT, POINTS = 2000, 4000
+#: Rounds of the fits of carrier and sine.
+CARRIER_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,8 @@ def demodulate(
     left_out = 1.0 - float(np.mean(valid)) if valid.size else 1.0
     _require_enough(left_out, name)
     if carrier_hz is not None:
-        values, carrier_hz = _without_carrier(values, valid, position / signals.rate_hz, carrier_hz)
+        values, off_hz = _without_carrier(values, valid, rate, near_hz)
+        carrier_hz += off_hz
     found = None
     if near_hz is not None:
         values, found = without_slow_motion(values, valid, rate, near_hz)
@@ -178,14 +181,25 @@ def _joined(
 
 
 def _without_carrier(
-    values: FloatArray, valid: BoolArray, time_s: FloatArray, carrier_hz: float
+    values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None
 ) -> tuple[FloatArray, float]:
-    """Phase without what the carrier is off by, and its drift: a parabola, which no sensor of acceleration answers."""
-    span = max(float(time_s[-1] - time_s[0]), 1e-300)
-    t = 2.0 * (time_s - time_s[0]) / span - 1.0
+    """Phase without what the carrier is off by, and its drift: a parabola, which no sensor of acceleration answers.
+
+    Beside a sine it is fitted in rounds, so that neither takes part of the other. The second value is how far the
+    carrier is off in the mean, Hz.
+    """
+    t = np.linspace(-1.0, 1.0, values.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
-    found, *_ = np.linalg.lstsq(design[valid], values[valid], rcond=None)
-    return values - design @ found, carrier_hz + float(found[1]) * 2.0 / span / TURN
+    time = np.arange(values.shape[0]) / rate
+    wave, slope_hz = np.zeros(values.shape), 0.0
+    for _ in range(1 if near_hz is None else CARRIER_ROUNDS):
+        found, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
+        values = values - design @ found
+        slope_hz += float(found[1]) * 2.0 / time[-1] / TURN
+        sine = None if near_hz is None else fit_sine(values, valid, rate, near_hz)
+        if sine is not None:
+            wave = sine.at(time) - sine.mean - sine.slope * time
+    return values, slope_hz
 
 
 def _answer(
