@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibrident.measure import measure_bands
-from vibrident.measure.bands import coherent_remainder
+from vibrident.measure.bands import band_edges, coherent_remainder
 from vibrident.models import parse
 from vibrident.records import Record
 from vibrident.simulation import simulate
@@ -78,3 +78,8 @@ def test_a_response_that_comes_late_is_moved_back_before_bands_are_taken(motion,
     expected = parse("accelerometer+delay").frequency_response(p, found.frequency_hz)
     assert found.points > 20
     assert np.median(np.abs(found.ratio / expected - 1.0)) < 0.03
+
+
+def test_every_band_has_lines_enough_to_tell_its_noise():
+    """Whatever the length of a record."""
+    assert min(np.min(np.diff(band_edges(samples, 1e3))) for samples in range(40, 4000)) >= 3

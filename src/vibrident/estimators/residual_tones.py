@@ -15,10 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.discretize import method
+from vibrident.discretize.inputs import half_width_for
 from vibrident.errors import InputError
 from vibrident.measure import MeasuredResponse, measure_tones
 from vibrident.problem import Coordinates, Evidence, TimeProblem
 from vibrident.records import FloatArray
+
+#: Interpolation by so many samples on either side is good to 1e-5.
+FINE = 32
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> TimeProblem | None:
@@ -57,8 +61,10 @@ def residual_tones(
         reached = False
         if series is not None:
             used = record.mask & np.isfinite(series)
-            # Where the network reaches too little, the record keeps all its samples and its felt noise.
-            reached = bool(used.sum() > 0.5 * record.mask.sum())
+            # Where the network reaches too little, or interpolates by too few samples, the record keeps all its samples
+            # and its felt noise.
+            fine = half_width_for(record.samples) >= FINE
+            reached = bool(fine and used.sum() > 0.5 * record.mask.sum())
             if reached:
                 record = replace(record, response=np.where(used, record.response - series, 0.0), valid=used)
         records.append(record)

@@ -51,8 +51,8 @@ NEAR, MOST_LOUD = 4.0, 60
 PREFERRED = 1.1
 #: A line of the motion counts beyond so many times the noise power there.
 HEARD = 2.0
-#: Fewest samples of a record.
-SHORTEST = 256
+#: Fewest samples of a record, and periods of a sine.
+SHORTEST, FEWEST_PERIODS = 256, 6.0
 #: A distortion below so many steps of a digitiser is its own.
 STEPS = 2.0
 #: The first lines of a transform hold drift and what a record's ends leave.
@@ -164,7 +164,8 @@ def _series(
     tones: list[float | None] = []
     for record, series, tone in zip(records, predicted, tones_hz, strict=True):
         used = record.mask & np.isfinite(series)
-        if used.sum() < SHORTEST or record.reference is None:
+        few = tone is not None and tone * used.sum() < FEWEST_PERIODS * record.sampling_rate_hz
+        if used.sum() < SHORTEST or few or record.reference is None:
             continue
         residual = np.where(used, record.response - series, 0.0)
         residual = np.where(used, residual - np.mean(residual[used]), 0.0)

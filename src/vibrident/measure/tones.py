@@ -31,6 +31,8 @@ BAND_FACTOR = 1.5
 #: or where they take more from the residual than so many times what as many numbers take from noise.
 MOST_COST, HEARD = 1.3, 10.0
 FEWEST_LINES, MOST_LINES = 48, 400
+#: In records of at most so many samples a line that keeps less than this part of its noise beside the fit says nothing.
+SHORT, KEPT = 4096, 0.5
 
 
 def measure_tones(
@@ -146,22 +148,23 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
     mask, times = record.mask, record.time_s
     channels = np.stack([np.asarray(record.reference), record.response])
-    design, inflation = _told_apart(_design(times, frequency, record.sampling_rate_hz), channels, mask)
+    design = _told_apart(_design(times, frequency, record.sampling_rate_hz), channels, mask)
     extra = _free_response(times, poles, record.sampling_rate_hz)
+    whole = design if extra is None else np.concatenate([design, extra])
     if extra is None:
         found, residual = _least_squares(design, channels, mask)
     else:
         first, residual_reference = _least_squares(design, channels[:1], mask)
-        second, residual_response = _least_squares(np.concatenate([design, extra]), channels[1:], mask)
+        second, residual_response = _least_squares(whole, channels[1:], mask)
         found = np.concatenate([first, second[: design.shape[0]]], axis=1)
         residual = np.concatenate([residual_reference, residual_response])
     harmonics = (design.shape[0] - 2) // 2
     # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
     amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
-    lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics)
-    fitted = design.shape[0] + (0 if extra is None else extra.shape[0])
-    lines *= np.sqrt(mask.sum() / max(float(mask.sum()) - fitted, 1.0))  # what the fit took from the residual
-    lines *= np.sqrt(inflation)
+    left = np.stack([_noise_left(design, mask), _noise_left(whole, mask)])
+    lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics, left)
+    lines *= np.sqrt(_cost(whole, mask))
+    free = max(float(mask.sum()) - whole.shape[0], 1.0)
     overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
     count = lines_hz.shape[0]
     return MeasuredResponse(
@@ -172,7 +175,7 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         lines[:1],
         lines[1:],
         np.ones((1, count)),
-        np.array([2.0 * count / HANN_CORRELATION]),
+        np.array([min(2.0 * count / HANN_CORRELATION, free)]),
         np.array([index]),
         overtones[None, :],
     )
@@ -195,26 +198,25 @@ def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
     return rows
 
 
-def _told_apart(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """The design without harmonics that samples left out make one with the tone, and what the rest costs the tone.
+def _told_apart(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """The design without harmonics that samples left out make one with the tone.
 
     Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times
     a factor, which grows with the harmonics. Those that are heard in either channel stay whatever they cost: without
     them the tone would be wrong.
     """
     if mask.all():
-        return design, 1.0
-    whole, every = _cost_of_gaps(design, mask), _left(design, channels, mask)
-    alone = _cost_of_gaps(np.concatenate([design[:2], design[-2:]]), mask)
+        return design
+    every = _left(design, channels, mask)
+    alone = _cost(np.concatenate([design[:2], design[-2:]]), mask)
     for highest in range((design.shape[0] - 2) // 2, 0, -1):
         kept = np.concatenate([design[: 2 * highest], design[-2:]])
-        cost = _cost_of_gaps(kept, mask)
-        if cost > MOST_COST * alone and highest > 1:
+        if _cost(kept, mask) > MOST_COST * alone and highest > 1:
             continue
         dropped = design.shape[0] - kept.shape[0]
         heard = _left(kept, channels, mask) > every * (1.0 + HEARD * dropped / mask.sum())
-        return (design, whole) if np.any(heard) else (kept, cost)
-    return design, whole
+        return design if np.any(heard) else kept
+    return design
 
 
 def _left(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
@@ -222,9 +224,12 @@ def _left(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> 
     return np.sum(_least_squares(design, channels, mask)[1] ** 2, axis=1)
 
 
-def _cost_of_gaps(design: FloatArray, mask: NDArray[np.bool_]) -> float:
-    """Variance of the tone's amplitude over what as many samples without gaps would give, at the worst phase."""
-    used = design * mask
+def _cost(design: FloatArray, mask: NDArray[np.bool_]) -> float:
+    """Variance of the tone's amplitude over what as many samples of a long record would give, at the worst phase.
+
+    Gaps, few periods, and a free response of nearly its frequency make a tone hard to tell from what is fitted along.
+    """
+    used = design if mask.all() else design * mask
     inverse = np.linalg.pinv(used @ used.T, rcond=1e-10, hermitian=True)[:2, :2]
     return max(float(np.max(np.linalg.eigvalsh(inverse))) * float(mask.sum()) / 2.0, 1.0)
 
@@ -261,10 +266,29 @@ def _least_squares(design: FloatArray, channels: FloatArray, mask: NDArray[np.bo
     return found, (channels - found.T @ design) * mask
 
 
+def _noise_left(design: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """Part of white noise that the fit leaves of each windowed line, shape (lines,).
+
+    Few periods: harmonics, offset and free response take nearly all of the lines beside the tone. In a long record they
+    take the same of all.
+    """
+    count = float(mask.sum())
+    if mask.size > SHORT:
+        return np.full(mask.size // 2 + 1, max(count - design.shape[0], 1.0) / count)
+    window = hann(mask.size) * mask
+    left, size, _ = np.linalg.svd((design * mask).T, full_matrices=False)
+    basis = left[:, size > 1e-5 * size[0]].T
+    taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(window**2)
+    return np.maximum(1.0 - taken, 1e-3)
+
+
 def _noise_lines(
-    residual: FloatArray, mask: NDArray[np.bool_], frequency: float, rate: float, harmonics: int
+    residual: FloatArray, mask: NDArray[np.bool_], frequency: float, rate: float, harmonics: int, left: FloatArray
 ) -> tuple[FloatArray, ComplexArray]:
-    """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K)."""
+    """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K).
+
+    ``left`` is the part of white noise that the fit left of each, shape (2, samples // 2 + 1).
+    """
     n = residual.shape[1]
     window = hann(n) if mask.all() else hann(n) * mask
     spectrum = np.asarray(fft.rfft(residual * window, axis=1))
@@ -280,14 +304,16 @@ def _noise_lines(
     allowed = np.ones(bins.shape, dtype=bool)
     for h in range(1, harmonics + 1):
         allowed &= np.abs(bins - h * centre) >= guard
-    candidates = bins[allowed] if allowed.any() else bins
+    telling = np.min(left[:, bins], axis=0)
+    allowed &= telling >= KEPT
+    candidates = bins[allowed] if allowed.any() else bins[telling >= np.sort(telling)[-3:][0]]
     distance = np.abs(np.log(candidates / max(centre, 0.5)))
     order = np.argsort(distance, kind="stable")
     count = int(np.sum(distance <= np.log(BAND_FACTOR)))
     chosen = np.sort(candidates[order[: int(np.clip(count, FEWEST_LINES, MOST_LINES))]])
     # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
     scale = np.sqrt(2.0 / (np.sum(window**2) * max(int(mask.sum()), 1)))
-    return chosen * rate / n, scale * spectrum[:, chosen]
+    return chosen * rate / n, scale * spectrum[:, chosen] / np.sqrt(left[:, chosen])
 
 
 @functools.lru_cache(maxsize=8)
