@@ -217,3 +217,23 @@ def test_joined_measurements_keep_their_points(rng):
     np.testing.assert_allclose(both.ratio, [one.ratio[0], two.ratio[0]])
     separate = [m.error_deviation(response_of)[0] for m in (one, two)]
     np.testing.assert_allclose(both.error_deviation(response_of), separate, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("samples", "periods"), [(60, 0.8), (60, 1.7), (200, 2.5), (20, 3.2)])
+def test_few_periods_are_as_uncertain_as_they_scatter(samples, periods):
+    """Offset, harmonics and a free response take the noise beside the tone, and make the tone itself less certain."""
+    rate, rng = 1000.0, np.random.default_rng(5)
+    t = np.arange(samples) / rate
+    omega, pole = 2.0 * np.pi * periods * rate / samples, -60.0 + 700.0j
+    tone = np.cos(omega * t)
+    scatter = []
+    for _ in range(200):
+        free = np.real(0.3 * np.exp(2j * np.pi * rng.random()) * np.exp(pole * t))
+        response = 2.0 * tone + free + 0.01 * rng.standard_normal(samples)
+        record = Record(
+            name="short", reference=tone, response=response, sampling_rate_hz=rate, excitation="sine",
+            frequency_hz=omega / (2.0 * np.pi),
+        )  # fmt: skip
+        found = measure_tones([record], [omega / (2.0 * np.pi)], np.array([pole, np.conj(pole)]))
+        scatter.append(abs(found.ratio[0] - 2.0) ** 2 / 2.0 / found.error_deviation()[0] ** 2)
+    assert 0.3 < np.median(scatter) / np.log(2.0) < 1.5  # as at the worst phase

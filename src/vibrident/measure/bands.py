@@ -18,6 +18,8 @@ from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredRe
 from vibrident.records import BoolArray, FloatArray, Record
 
 LINES_IN_BAND = 6
+#: Fewer lines do not tell the noise of a band beside its response.
+FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
 #: Of a wider band every second, third … line tells its noise: they are plenty, and all would be most of the memory.
 MOST_LINES = 4096
@@ -49,6 +51,8 @@ def band_edges(samples: int, rate: float) -> FloatArray:
     while edges[-1] < last:
         edges.append(max(edges[-1] + LINES_IN_BAND, int(edges[-1] * 2 ** (1 / BANDS_PER_OCTAVE))))
     edges[-1] = max(last, edges[-2] + 1) if len(edges) > 1 else last
+    if len(edges) > 2 and edges[-1] - edges[-2] < FEWEST_LINES:
+        del edges[-2]  # what is left over belongs to the band below
     return np.array(edges, dtype=float)
 
 
