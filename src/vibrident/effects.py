@@ -32,7 +32,8 @@ class SystematicEffect:
         standard_uncertainty: in ``unit``.
         frequency_hz: of a mounting effect; None otherwise.
         degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.
-        pattern: frequency in Hz and change of log H for one unit of the effect, where that has no formula.
+        pattern: frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where that
+            has no formula.
     """
 
     source: str
@@ -40,7 +41,7 @@ class SystematicEffect:
     standard_uncertainty: float
     frequency_hz: float | None = None
     degrees_of_freedom: float = math.inf
-    pattern: tuple[tuple[float, complex], ...] = field(default=(), repr=False)
+    pattern: tuple[tuple[float, float, float], ...] = field(default=(), repr=False)
 
     @property
     def unit(self) -> str:

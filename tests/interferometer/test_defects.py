@@ -35,7 +35,7 @@ def amplitudes_off(calibration, truth):
         scale, optical = abs(record.optical.setting.metres_per_radian), record.optical
         noise = optical.phase_noise_rad * scale / true.amplitude * np.sqrt(2.0 / optical.samples)
         effects = [
-            effect.standard_uncertainty * np.interp(true.frequency_hz, *np.real(np.array(effect.pattern)).T)
+            effect.standard_uncertainty * np.interp(true.frequency_hz, *np.array(effect.pattern).T[:2])
             for effect in calibration.effects
             if effect.pattern
         ]
@@ -91,7 +91,7 @@ def test_a_small_motion_takes_its_ellipse_from_a_larger_one(tmp_path):
 
 
 def test_motion_that_is_too_fast_for_the_sampling_is_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot be followed"):
+    with pytest.raises(InputError, match="too fast"):
         read(tmp_path, Optics(), [20.0], 10.0, sampling_rate_hz=1e5, samples=30_000)
 
 

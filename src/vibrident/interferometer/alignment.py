@@ -12,8 +12,8 @@ from vibrident.interferometer.demodulation import Demodulated
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK
 
-#: Sines keep so many samples a period at least, and records so many samples: of a sine, and of other motion.
-PER_PERIOD, MOST_OF_SINE, MOST_OF_OTHERS = 16.0, 1 << 16, 1 << 20
+#: So many samples are kept of a period of the highest frequency, and of a record, at least.
+PER_PERIOD, FEWEST = 16.0, 1 << 14
 #: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.
 FINER = 2.5
 
@@ -29,17 +29,15 @@ class Aligned:
     start_s: float
 
 
-def thinning(samples: int, rate_hz: float, near_hz: float | None) -> int:
+def thinning(samples: int, rate_hz: float, near_hz: float) -> int:
     """Every so many samples of signals that are recorded together one is kept.
 
     Args:
         samples: of each.
         rate_hz: of them.
-        near_hz: frequency of a sine; None for other motion.
+        near_hz: frequency of a sine, or the highest that stands above the noise.
     """
-    if near_hz is None:
-        return max(samples // MOST_OF_OTHERS, 1)
-    return max(min(int(rate_hz / (PER_PERIOD * near_hz)), samples // MOST_OF_SINE), 1)
+    return max(min(int(rate_hz / (PER_PERIOD * near_hz)), samples // FEWEST), 1)
 
 
 def finer(rate_hz: float, response_hz: float) -> int:

@@ -22,13 +22,15 @@ from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.interferometer.survey import Survey
 
 #: More of a record may not be left out; more gaps than this are not looked at one by one.
-MOST_LEFT_OUT, MOST_GAPS = 0.8, 400
+MOST_LEFT_OUT, MOST_GAPS = 0.5, 400
 #: Another piece of a sine record joins the longest one where the step is a whole number of turns to this part.
 WHOLE = 0.12
 #: Samples of the excerpt, and of the points kept for pictures.
 EXCERPT, POINTS = 2000, 4000
 #: Rounds of the fits of carrier and sine.
 CARRIER_ROUNDS = 4
+#: Where the phase jumps, and changes by more than this from sample to sample elsewhere, turns are missed beside it.
+NEARLY_TOO_FAST = 2.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,7 @@ def demodulate(
     spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
     values, piece, unknown = _bridged(signals, choice, path.gaps, values, position)
     rate = signals.rate_hz / factor
+    _require_slow(path, name)
     if near_hz is not None:
         values, piece = _joined(values, piece, ~spoilt, rate, near_hz)
     valid = ~spoilt & (piece == _longest(piece, ~spoilt))
@@ -120,7 +123,7 @@ def demodulate(
         choice.ellipse.radial_noise,
         noise_hz,
         noise_m,
-        seen.points[:, :: max(seen.points.shape[1] // POINTS, 1)],
+        seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1],
         position[excerpt] / signals.rate_hz,
         values[excerpt] * setting.metres_per_radian,
         carrier_hz,
@@ -241,6 +244,17 @@ def _slips(path: Path, unknown: int, left_out: float, name: str) -> list[Optical
     if unknown:
         text += f", and behind {unknown} of the gaps nobody knows the fringe by the motion beside it"
     return [OpticalFinding("fringe_slip", text + ".")]
+
+
+def _require_slow(path: Path, name: str) -> None:
+    if any(gap.jump for gap in path.gaps) and path.fastest > NEARLY_TOO_FAST:
+        raise InputError(
+            "The motion is too fast for the sampling of the optical signals.",
+            expected="less than half a turn of phase (an eighth of the wavelength, for one pass) from sample to sample",
+            found=f"{path.fastest:.3g} rad, and beyond, from sample to sample",
+            where=name,
+            remedy="sample the optical signals faster, or move more slowly",
+        )
 
 
 def _require_enough(left_out: float, name: str) -> None:

@@ -157,5 +157,7 @@ def _pattern(
         seen[at] += 1.0
     values /= np.maximum(seen, 1.0)
     largest = float(np.max(np.abs(values))) or 1.0
-    shape = tuple((float(f), complex(v / largest)) for f, v in zip(grid, values, strict=True))
+    shape = tuple(
+        (float(f), float(v.real) / largest, float(v.imag) / largest) for f, v in zip(grid, values, strict=True)
+    )
     return SystematicEffect(source, kind, largest, pattern=shape)  # type: ignore[arg-type]

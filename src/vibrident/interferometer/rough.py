@@ -1,4 +1,4 @@
-"""The frequency of a sine from a piece of its phase, to a few per cent: enough to say how many samples it needs."""
+"""The frequency of a motion from a piece of its phase, nearly: enough to say how many samples it needs."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from vibrident.interferometer.sine import peak
 
 #: Samples looked at, and means of them that are made.
 PIECE, MEANS = 1 << 20, 1 << 14
+#: Samples of a spectrum, lines that are averaged, and times the floor that motion stands above it.
+LINES, SMOOTH, ABOVE = 1 << 14, 5, 6.0
 
 
 def rough_frequency(signals: Signals, choice: Choice) -> float:
@@ -21,3 +23,21 @@ def rough_frequency(signals: Signals, choice: Choice) -> float:
     every = max(samples // MEANS, 1)
     means = phase[: samples // every * every].reshape(-1, every).mean(axis=1)
     return peak(means, np.ones(means.shape[0], dtype=bool), signals.rate_hz / every)
+
+
+def highest_frequency(signals: Signals, choice: Choice) -> float:
+    """Frequency up to which the motion stands above the noise of the phase, Hz."""
+    samples = min(signals.samples, PIECE)
+    piece = Held(signals.block(0, samples), signals.rate_hz)
+    phase = np.concatenate(list(unwrapped(piece, choice.ellipse, (), Path())))
+    length = min(samples, LINES)
+    window = np.blackman(length) ** 2
+    starts = np.linspace(0, samples - length, max(2 * samples // length - 1, 1)).astype(int)
+    parts = np.stack([phase[s : s + length] for s in starts])
+    t = np.stack([np.ones(length), np.linspace(-1.0, 1.0, length)])
+    parts = parts - (parts @ np.linalg.pinv(t)) @ t
+    power = np.mean(np.abs(np.fft.rfft(parts * window, axis=1)) ** 2, axis=0)
+    smooth = np.convolve(power, np.full(SMOOTH, 1.0 / SMOOTH), "same")
+    floor = float(np.median(power[power.shape[0] // 2 :])) / np.log(2.0)
+    above = np.flatnonzero(smooth > ABOVE * floor)
+    return float(max(int(above[-1]) if above.size else 1, 1)) * signals.rate_hz / length

@@ -15,7 +15,7 @@ from vibrident.interferometer.carrier import Baseband
 from vibrident.interferometer.choice import Choice, choose, of_carrier
 from vibrident.interferometer.demodulation import Demodulated, demodulate
 from vibrident.interferometer.effects import effects
-from vibrident.interferometer.rough import rough_frequency
+from vibrident.interferometer.rough import highest_frequency, rough_frequency
 from vibrident.interferometer.setting import FloatArray, Interferometer, Signals
 from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
@@ -214,7 +214,8 @@ def _record(
 ) -> tuple[Demodulated, Record]:
     entry, sine = one.part.entry, one.part.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
-    every = alignment.thinning(one.response.samples, one.response.rate_hz, near) if one.beside else 1
+    top = near or (highest_frequency(one.optical, choice) if one.beside else 0.0)
+    every = alignment.thinning(one.response.samples, one.response.rate_hz, top) if one.beside else 1
     alike = one.beside and one.carrier_hz is None
     factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
     found = demodulate(one.optical, setting, look, choice, factor, one.name, near, one.carrier_hz)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.plots import deviation, inspection, residuals, sensitivity, signals, style, training
+from vibrident.plots import deviation, inspection, light, residuals, sensitivity, signals, style, training
 from vibrident.result import Result
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ __all__ = [
     "applicable",
     "deviation",
     "inspection",
+    "light",
     "residuals",
     "save",
     "save_all",

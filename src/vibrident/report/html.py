@@ -11,6 +11,7 @@ from vibrident.report.budget import budget
 from vibrident.report.certificate import certificate
 from vibrident.report.coverage import parameter_factor
 from vibrident.report.history import drift_table, histories
+from vibrident.report.light import light
 from vibrident.report.numbers import COVERAGE_FACTOR, NONE, plain, stated
 from vibrident.report.page import Page
 from vibrident.report.residual_tests import residual_tests
@@ -40,12 +41,13 @@ def report_html(result: Result) -> str:
     made.add("signals", "Signals", _signals(made, result))
     made.add("residuals", "Residuals", *_residuals(made, result))
     made.add("budget", "Uncertainty budget", *_budget(result))
+    made.add("interferometer", "Interferometer", page.table(light(result)))
     correlation = page.table(tables.correlation(result))
     made.add("correlation", "Correlation", correlation)
     made.add("training", "Training", *_training(made, result))
     if result.has_gain:
         made.add("certificate", "Certificate", *_certificate(result))
-    others = {key: value for key, value in result.settings.items() if "budget" not in key}
+    others = {key: value for key, value in result.settings.items() if "budget" not in key and key != "interferometer"}
     made.add("settings", "Settings", page.tree(others) if others else "")
     made.add("provenance", "Provenance", *_provenance(result))
     return made.html()

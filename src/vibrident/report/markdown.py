@@ -13,6 +13,7 @@ from vibrident.plots import applicable
 from vibrident.plots.units import sensor_name
 from vibrident.report import tables, words
 from vibrident.report.history import drift_table, histories
+from vibrident.report.light import light
 from vibrident.report.side_by_side import comparison_tables
 from vibrident.result import Result
 
@@ -50,12 +51,13 @@ def render(
         *(links[name] for name in ("signals", "residuals") if name in links),
         _tabled("Measured points and the model", tables.measured(result)),
         links.get("deviation"),
+        _tabled("Interferometer", light(result)),
         _warnings(result),
         _section("Training", markdown_paragraph(tables.training(result))),
         links.get("training"),
         _tabled("Weights of the network", tables.weights(result)),
         _section("Stated for a certificate", _tree(result.certificate)),
-        _section("Settings", _tree(result.settings)),
+        _section("Settings", _tree({k: v for k, v in result.settings.items() if k != "interferometer"})),
         _section("Provenance", _tree(result.provenance)),
     ]
     return "\n\n".join(part.strip("\n") for part in parts if part) + "\n"

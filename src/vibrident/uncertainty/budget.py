@@ -111,8 +111,7 @@ def pattern(
     if effect.kind == "mounting":
         return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
     if effect.pattern:
-        at = [f for f, _ in effect.pattern]
-        real, imaginary = [v.real for _, v in effect.pattern], [v.imag for _, v in effect.pattern]
+        at, real, imaginary = np.array(effect.pattern).T
         return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
     ahead, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 + STEP))
     behind, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 - STEP))

@@ -15,7 +15,7 @@ from vibrident.cli.folder import written_whole
 if TYPE_CHECKING:
     from vibrident.io import ChannelSummary, RecordSummary, TableSummary
     from vibrident.measure import Finding
-    from vibrident.records import Calibration
+    from vibrident.records import Calibration, Record
 
 
 def inspect(
@@ -35,6 +35,8 @@ def inspect(
         from vibrident import plots
 
         plots.save(plots.inspection.figure(screened), output.path / name)
+        if any(record.optical is not None for record in screened.records):
+            plots.save(plots.light.figure(screened), output.path / name.replace("inspect.png", "light.png"))
     _show(screened, findings, output.files)
 
 
@@ -47,7 +49,8 @@ def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     once = without_copies(calibration.records)
     for text in said_of_copies((record.name, record.provenance.history) for record in once):
         note(text)
-    records, findings = [], []
+    optical = [found for record in once if record.optical is not None for found in record.optical.findings]
+    records, findings = [], [Finding(found.code, found.message) for found in optical]
     for record in once:
         try:
             (record,), found = screen([record])
@@ -71,6 +74,8 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     console.print()
     rows = _telling([_row(summary) for summary in io.describe(calibration)])
     console.print(terminal.inspection_table(rows, "Tabulated response" if calibration.table else "Records"))
+    if light := [_light_row(record) for record in calibration.records if record.optical is not None]:
+        console.print(terminal.inspection_table(light, "Interferometer"))
     for code in dict.fromkeys(finding.code for finding in findings):
         console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
         for finding in findings:
@@ -123,6 +128,32 @@ def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
         **_channel("reference", summary.reference),
         **_channel("response", summary.response),
     }
+
+
+def _light_row(record: Record) -> dict[str, Any]:
+    """What an interferometer's signals said of themselves."""
+    optical = record.optical
+    assert optical is not None
+    first, second = optical.ellipse.amplitudes
+    row: dict[str, Any] = {
+        "record": record.name,
+        "fringes": optical.fringes,
+        "half fringes counted": optical.counted or None,
+        "by phase": optical.by_phase or None,
+        "fastest / rad": optical.fastest_rad,
+        "gaps": optical.gaps,
+        "left out / %": 100.0 * optical.left_out,
+        "phase noise / rad": optical.phase_noise_rad,
+        "noise / (m/√Hz)": optical.noise_density_m,
+    }
+    if optical.carrier_hz is not None:
+        return {**row, "carrier / Hz": optical.carrier_hz}
+    offsets = [float(centre) / size for centre, size in zip(optical.ellipse.centre, (first, second), strict=True)]
+    row |= {"offsets": ", ".join(f"{offset:.4f}" for offset in offsets), "ratio": second / first}
+    row |= {"quadrature / rad": optical.ellipse.quadrature_error_rad, "ellipse": optical.origin}
+    if optical.cyclic:
+        row["cyclic error / rad"] = ", ".join(f"{size:.1g}" for _, size, _ in optical.cyclic)
+    return row
 
 
 def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -1,0 +1,50 @@
+"""Raw light through the commands: simulate, inspect, identify, report."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from vibrident.cli import main
+from vibrident.report import light as light_table
+from vibrident.report.markdown import render
+from vibrident.result import Result
+
+
+def run(monkeypatch, *words):
+    monkeypatch.setattr("sys.argv", ["vibrident", *map(str, words)])
+    with pytest.raises(SystemExit) as done:
+        main()
+    return done.value.code or 0
+
+
+def test_light_goes_through_the_commands(tmp_path, monkeypatch, capsys):
+    made, looked, found = tmp_path / "made", tmp_path / "looked", tmp_path / "found"
+    optics = "noise=0.02,bits=12,dropouts=1,ellipse=random"
+    settings = ["--rate", "400000", "--samples", "24000", "--frequencies", "150,400,1000", "--start", "steady"]
+    settings += ["--response-noise", "0.001", "--seed", "3", "--optics", optics]
+    assert run(monkeypatch, "simulate", "--interferometer", "quadrature", "--out", made, *settings) == 0
+    truth = json.loads((made / "truth.json").read_text(encoding="utf-8"))
+    assert truth["interferometer"]["bits"] == 12
+    capsys.readouterr()
+    assert run(monkeypatch, "inspect", made / "calibration.toml", "--out", looked) == 0
+    printed = capsys.readouterr().out
+    assert "Interferometer" in printed
+    assert "fringe_slip" in printed
+    assert (looked / "light.png").stat().st_size > 10_000
+    assert run(monkeypatch, "identify", made / "calibration.toml", "--out", found) == 0
+    result = Result.load(found / "result.json")
+    for name, stated in truth["parameters"].items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - stated["value"]) < 4.0 * parameter.standard_uncertainty
+    assert "fringe_slip" in result.warning_codes
+    assert light_table.light(result).rows[0][0] == "150 Hz"
+    assert "## Interferometer" in render(result)
+
+
+@pytest.mark.parametrize(("optics", "word"), [("nosie=1", "noise"), ("noise=much", "number")])
+def test_a_wrong_key_of_the_optics_is_refused(tmp_path, monkeypatch, capsys, optics, word):
+    code = run(monkeypatch, "simulate", "--interferometer", "quadrature", "--out", tmp_path / "x", "--optics", optics)
+    assert code == 2
+    assert word in capsys.readouterr().err
