@@ -15,7 +15,7 @@ from vibrident.io import read
 from vibrident.measure import screen
 from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
-from vibrident.measure.spikes import breaks, wild
+from vibrident.measure.spikes import Channel, breaks, wild
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.simulation import SENSORS, simulate
 
@@ -205,9 +205,9 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
         motion_, at = MOTIONS[motion](rng), int(part * N)
         response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)), mode="same")
         channels = [v + 1e-3 * np.std(v) * rng.standard_normal(N) for v in (motion_, response)]
-        assert breaks(*channels, ALL).size == 0
+        assert breaks(*(Channel.of(one, ALL) for one in channels)).size == 0
         cut = [np.delete(values, slice(at, at + 37)) for values in channels]
-        (place,) = breaks(*cut, np.ones(N - 37, dtype=bool))
+        (place,) = breaks(*(Channel.of(one, np.ones(N - 37, dtype=bool)) for one in cut))
         assert abs(place - at) <= 2
     (kept,), (said,) = screen([Record("r", *cut, 1e3, motion)])  # type: ignore[arg-type]
     assert said.code == "clock_suspect"
@@ -219,7 +219,7 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
     for noise in (1e-6, 1e-3):
         channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]
-        assert breaks(*channels, ALL).size == 0
+        assert breaks(*(Channel.of(one, ALL) for one in channels)).size == 0
 
 
 @pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])

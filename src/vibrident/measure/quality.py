@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.spikes import breaks, wild
+from vibrident.measure.spikes import Channel, breaks
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
@@ -118,7 +118,8 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
             )
             findings.append(Finding("dead_channel", text))
             record = _without(record, label, bad, f"{label} stands still")
-    for label, bad in _wild(record).items():
+    channels = {label: Channel.of(values, record.mask) for label, values, _ in _channels(record)}
+    for label, bad in _wild(channels).items():
         first = float(np.argmax(bad)) / record.sampling_rate_hz
         text = (
             f"{record.name}: the {label} channel is far off its neighbours in {int(bad.sum())} single sample(s), the "
@@ -126,15 +127,18 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
         )
         findings.append(Finding("dead_channel", text))
         record = _without(record, label, bad, f"{label} wild in single samples")
-    record, broken = _longest_part(record)
+    record, broken = _longest_part(record, channels)
     return record, findings + broken
 
 
-def _longest_part(record: Record) -> tuple[Record, list[Finding]]:
-    """The longest part of a steady motion in which no time was lost."""
+def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
+    """The longest part of a steady motion in which no time was lost; ``channels`` as seen before."""
     if record.reference is None or record.excitation not in STEADY:
         return record, []
-    places = breaks(record.reference, record.response, record.mask & record.reference_mask)
+    valid = record.mask & record.reference_mask
+    if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
+        channels = {label: Channel.of(values, valid) for label, values, _ in _channels(record)}
+    places = breaks(*channels.values())
     if places.size == 0:
         return record, []
     edges = np.concatenate([[0], places, [record.samples]])
@@ -150,11 +154,11 @@ def _longest_part(record: Record) -> tuple[Record, list[Finding]]:
     return record.without(outside, "the longest part without lost time"), [Finding("clock_suspect", text)]
 
 
-def _wild(record: Record) -> dict[str, BoolArray]:
+def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
     """Wild samples of each channel that has any; what both channels show together is motion."""
-    found = {label: wild(values, record.mask) for label, values, _ in _channels(record)}
+    found = {label: channel.wild for label, channel in channels.items()}
     near = {label: np.convolve(bad, np.ones(2 * TOGETHER + 1), mode="same") > 0.5 for label, bad in found.items()}
-    together = np.all(list(near.values()), axis=0) if len(near) > 1 else np.zeros(record.samples, dtype=bool)
+    together = np.all(list(near.values()), axis=0) if len(near) > 1 else np.zeros_like(found["response"])
     return {label: bad & ~together for label, bad in found.items() if np.any(bad & ~together)}
 
 

@@ -10,6 +10,7 @@ explains them.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +46,13 @@ LEAST_BREAK = 2e-3
 BESIDE, ALIKE = 64, 0.2
 #: Values closer than this part of the range are the same; on a grid are values of which fewer than this part differ.
 SAME, GRID = 1e-12, 0.5
+#: Scaled normal equations with eigenvalues above this are solved to six digits.
+WELL_POSED = 1e-10
+#: Where no error is above this part of the least size of a wild sample, so many samples tell as much as all.
+EXACTLY, ENOUGH = 0.1, 1000
 #: Normal errors have this median of their size; 98 % are within so many standard deviations.
 MEDIAN, QUANTILE, DEVIATES = 0.6745, 0.98, 2.326
+_EACH = range(1, REACH + 1)
 
 
 @dataclass(frozen=True)
@@ -73,55 +79,92 @@ class _Interpolation:
         return np.maximum(np.median(windows[places], axis=1) / MEDIAN, self.deviation)
 
 
-def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
-    """Wild samples, shape (samples,).
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A channel to look for wild samples and breaks in.
 
-    Args:
-        values: one channel, shape (samples,).
+    Attributes:
+        series: about its median, over its largest size, zero where not valid; shape (samples,).
         valid: samples to look at, shape (samples,); neighbours of others are not judged.
+        judged: samples with all their neighbours, shape (samples,); none where there are too few.
     """
-    series, judged = _scaled(values, valid)
-    if not judged.any():
-        return np.zeros(values.shape, dtype=bool)
-    least = max(STEPS * _step(series[valid]), ROUNDING)
-    clean = _told_well(series, judged)
-    sizes = _in_the_middle(series, judged, clean, least)
-    sizes += _at_the_beginning(series - sizes, valid, clean, least)
-    sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], clean[::-1], least)[::-1]
-    return sizes != 0.0
+
+    series: FloatArray
+    valid: BoolArray
+    judged: BoolArray
+
+    @classmethod
+    def of(cls, values: FloatArray, valid: BoolArray) -> Channel:
+        """A channel.
+
+        Args:
+            values: shape (samples,).
+            valid: samples to look at, shape (samples,); neighbours of others are not judged.
+        """
+        return cls(*_scaled(values, valid))
+
+    @functools.cached_property
+    def least(self) -> float:
+        """Size that a wild sample has at least."""
+        return max(STEPS * _step(self.series[self.valid]), ROUNDING)
+
+    @functools.cached_property
+    def clean(self) -> BoolArray:
+        """Samples that are told well, shape (samples,)."""
+        return _told_well(self.series, self.judged, self.least)
+
+    @functools.cached_property
+    def long(self) -> _Interpolation:
+        """The interpolation fitted to these."""
+        return _interpolation(self.series, self.clean)
+
+    @functools.cached_property
+    def wild(self) -> BoolArray:
+        """Wild samples, shape (samples,)."""
+        if not self.judged.any():
+            return np.zeros(self.series.shape, dtype=bool)
+        series, valid, clean, least = self.series, self.valid, self.clean, self.least
+        if _all_told(self.long.errors(series, self.judged), least):  # then a part of the samples tells as much
+            clean = clean & (np.arange(clean.size) % max(1, clean.size // ENOUGH) == 0)
+        sizes = _in_the_middle(series, self.judged, self.long, least)
+        sizes += _at_the_beginning(series - sizes, valid, clean, least)
+        sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], clean[::-1], least)[::-1]
+        return sizes != 0.0
 
 
-def breaks(first: FloatArray, second: FloatArray, valid: BoolArray) -> NDArray[np.int_]:
+def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
+    """Wild samples of a channel, shape (samples,); arguments as :meth:`Channel.of`."""
+    return Channel.of(values, valid).wild
+
+
+def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
     """Samples at which both channels of a steady motion break off and go on elsewhere: time was lost between them.
 
     There a few errors in a row stand out of both, and nothing else does. A motion that only begins or ends is none.
-
-    Args:
-        first: one channel, shape (samples,).
-        second: the other, shape (samples,).
-        valid: samples to look at, shape (samples,).
     """
-    channels = [_scaled(values, valid) for values in (first, second)]
-    if not all(judged.any() for _, judged in channels):
+    channels = (first, second)
+    if not all(channel.judged.any() for channel in channels):
         return np.zeros(0, dtype=int)
-    far = [_far_off(series, judged, max(STEPS * _step(series[valid]), ROUNDING)) for series, judged in channels]
-    both = np.minimum(*(sliding_window_view(np.pad(f, TOGETHER), 2 * TOGETHER + 1).max(axis=1) for f in far))
+    far = [_far_off(channel) for channel in channels]
     surely = np.maximum(*far) > BREAKS
-    single = _around(wild(first, valid), TOGETHER) & _around(wild(second, valid), TOGETHER)
+    if not surely.any():
+        return np.zeros(0, dtype=int)
+    both = np.minimum(*(_largest_near(f, TOGETHER) for f in far))
+    single = _around(first.wild, TOGETHER) & _around(second.wild, TOGETHER)
     places = np.flatnonzero(surely & (both > BREAKS_ALSO) & ~_around(single, REACH))
     rows = np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1) if places.size else []
     if len(rows) > MOST_BREAKS:
         return np.zeros(0, dtype=int)
     found = [int(row[np.argmax(np.maximum(*far)[row])]) for row in rows if row[-1] - row[0] <= 2 * REACH]
-    moving = [place for place in found if all(_moves_on_both_sides(series, place) for series, _ in channels)]
+    moving = [place for place in found if all(_moves_on_both_sides(c.series, place) for c in channels)]
     return np.array(moving, dtype=int)
 
 
-def _far_off(series: FloatArray, judged: BoolArray, least: float) -> FloatArray:
+def _far_off(channel: Channel) -> FloatArray:
     """Error of each sample in its usual standard deviation, shape (samples,); zero where it does not stand out."""
-    long = _interpolation(series, _told_well(series, judged))
-    error = long.errors(series, judged)
-    least = max(least, LEAST_BREAK * float(np.std(series)))
+    long, series = channel.long, channel.series
+    error = long.errors(series, channel.judged)
+    least = max(channel.least, LEAST_BREAK * float(np.std(series)))
     places = np.flatnonzero(np.abs(error) > max(BREAKS_ALSO * long.deviation, least))
     far = np.zeros(series.shape)
     far[places] = np.abs(error[places]) / long.around(error, places)
@@ -138,20 +181,19 @@ def _moves_on_both_sides(series: FloatArray, place: int) -> bool:
     return sizes[0] > ALIKE * sizes[1]
 
 
-def _scaled(values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """The channel about its median over its largest size, and samples with all their neighbours; none where too few."""
+def _scaled(values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """What a :class:`Channel` is made of."""
     judged = ~_around(~valid, REACH)
     judged[:REACH] = judged[-REACH:] = False
     middle = float(np.median(values[valid])) if valid.any() else 0.0
     size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
     if np.sum(judged) < 8 * REACH or size == 0.0:
-        return values, np.zeros(values.shape, dtype=bool)
-    return np.where(valid, (values - middle) / size, 0.0), judged
+        return values, valid, np.zeros(values.shape, dtype=bool)
+    return np.where(valid, (values - middle) / size, 0.0), valid, judged
 
 
-def _in_the_middle(series: FloatArray, judged: BoolArray, clean: BoolArray, least: float) -> FloatArray:
+def _in_the_middle(series: FloatArray, judged: BoolArray, long: _Interpolation, least: float) -> FloatArray:
     """Size of each wild sample with neighbours on both sides, zero for the others, shape (samples,)."""
-    long = _interpolation(series, clean)
     sizes = _sizes(series, judged, long, least)
     places = _few_in_a_row(np.flatnonzero(sizes * (judged & ~_around(~judged, REACH))))
     kept = np.zeros(series.shape)
@@ -174,7 +216,7 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
     rows = np.flatnonzero(clean[: -first or None])
     rows = rows[:: max(1, rows.size // MOST_ROWS)]
     windows = sliding_window_view(series[1:], first)
-    amounts, *_ = np.linalg.lstsq(windows[rows], series[rows], rcond=1e-12)
+    amounts = _fitted(windows[rows].T, series[rows])
     inside = np.abs(series[first : 2 * first] - windows[first : 2 * first] @ amounts)
     usual = max(float(np.std(series[rows] - windows[rows] @ amounts)), float(np.median(inside)) / MEDIAN)
     told, errors = series.copy(), np.zeros(first)
@@ -192,7 +234,17 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
 
 
 def _around(flags: BoolArray, reach: int) -> BoolArray:
-    return np.convolve(flags, np.ones(2 * reach + 1), mode="same") > 0.5
+    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
+    return count[2 * reach + 1 :] > count[: -2 * reach - 1]
+
+
+def _largest_near(values: FloatArray, reach: int) -> FloatArray:
+    """Largest of the values within reach, none of them negative; shape (samples,)."""
+    padded = np.pad(values, reach)
+    found = values.copy()
+    for shift in range(2 * reach + 1):
+        np.maximum(found, padded[shift : shift + len(values)], out=found)
+    return found
 
 
 def _step(values: FloatArray) -> float:
@@ -202,15 +254,22 @@ def _step(values: FloatArray) -> float:
     return float(np.min(steps)) if 0 < steps.size < GRID * values.size else 0.0
 
 
-def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
+def _all_told(errors: FloatArray, least: float) -> bool:
+    """Whether no error is near the size that a wild sample has at least."""
+    return float(np.max(np.abs(errors))) < EXACTLY * least
+
+
+def _told_well(series: FloatArray, judged: BoolArray, least: float) -> BoolArray:
     """Samples far from those that an interpolation fitted to the others tells worst."""
     clean = judged
     worst = max(3, int(WORST * np.sum(judged)))
     for _ in range(ROUNDS):
         error = np.abs(_interpolation(series, clean).errors(series, judged))
-        peaks = error * (error >= np.max(sliding_window_view(np.pad(error, 2), 5), axis=1))
+        if _all_told(error, least):
+            return judged
+        peaks = np.flatnonzero(error * (error >= _largest_near(error, 2)))
         far = np.zeros(series.shape, dtype=bool)
-        far[np.argpartition(peaks, -worst)[-worst:]] = True
+        far[peaks[np.argsort(error[peaks])[-worst:]]] = True
         clean = judged & ~_around(far, REACH)
         if np.sum(clean) < 8 * REACH:
             return judged
@@ -221,13 +280,28 @@ def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
     """Fitted to the samples that are told well."""
     rows = np.flatnonzero(clean)
     rows = rows[:: max(1, rows.size // MOST_ROWS)]
-    columns = [series[rows - k] + series[rows + k] for k in range(1, REACH + 1)]
-    matrix = np.stack([*columns, np.ones(rows.size)], axis=1)
-    amounts, *_ = np.linalg.lstsq(matrix, series[rows], rcond=1e-12)
-    errors = series[rows] - matrix @ amounts
-    usual = max(float(np.std(errors)), float(np.quantile(np.abs(errors), QUANTILE)) / DEVIATES)
+    sums = [series[REACH - k : len(series) - REACH - k] + series[REACH + k :][: len(series) - 2 * REACH] for k in _EACH]
+    matrix = np.stack([*sums, np.ones(len(series) - 2 * REACH)])[:, rows - REACH]
+    amounts = _fitted(matrix, series[rows])
+    errors = series[rows] - amounts @ matrix
+    size = np.abs(errors)
+    place = int(QUANTILE * (size.size - 1))
+    usual = max(float(np.std(errors)), float(np.partition(size, place)[place]) / DEVIATES)
     shape = np.concatenate([-amounts[REACH - 1 :: -1], [1.0], -amounts[:REACH]])
     return _Interpolation(shape, float(amounts[REACH]), usual)
+
+
+def _fitted(matrix: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Amounts of the rows of a matrix, shape (n, samples), whose sum is closest to a series, shape (n,).
+
+    By the normal equations, where these lose no digit that counts; a motion without noise leaves them too few.
+    """
+    gram = matrix @ matrix.T
+    size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    scaled, moments = gram / np.outer(size, size), matrix @ wanted / size
+    if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
+        return np.asarray(np.linalg.solve(scaled, moments) / size, dtype=float)
+    return np.asarray(np.linalg.lstsq(matrix.T, wanted, rcond=1e-12)[0], dtype=float)
 
 
 def _sizes(series: FloatArray, judged: BoolArray, long: _Interpolation, least: float) -> FloatArray:
