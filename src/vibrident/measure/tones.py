@@ -163,7 +163,8 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
     amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
     left = np.stack([_noise_left(design, mask), _noise_left(whole, mask)])
     lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics, left)
-    lines *= np.sqrt(_cost(whole, mask))
+    used = whole if mask.all() else whole * mask
+    lines *= np.sqrt(_cost(used @ used.T, float(mask.sum())))
     free = max(float(mask.sum()) - whole.shape[0], 1.0)
     overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
     count = lines_hz.shape[0]
@@ -207,14 +208,17 @@ def _told_apart(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_
     """
     if mask.all():
         return design
-    every = _left(design, channels, mask)
-    alone = _cost(np.concatenate([design[:2], design[-2:]]), mask)
+    used, rows = design * mask, np.arange(design.shape[0])
+    gram, count = used @ used.T, float(mask.sum())
+    alone = _cost(gram[np.ix_([0, 1, -2, -1], [0, 1, -2, -1])], count)
     for highest in range((design.shape[0] - 2) // 2, 0, -1):
-        kept = np.concatenate([design[: 2 * highest], design[-2:]])
-        if _cost(kept, mask) > MOST_COST * alone and highest > 1:
+        which = np.concatenate([rows[: 2 * highest], rows[-2:]])
+        if _cost(gram[np.ix_(which, which)], count) > MOST_COST * alone and highest > 1:
             continue
-        dropped = design.shape[0] - kept.shape[0]
-        heard = _left(kept, channels, mask) > every * (1.0 + HEARD * dropped / mask.sum())
+        if (dropped := design.shape[0] - which.size) == 0:
+            return design
+        every, kept = _left(design, channels, mask), design[which]
+        heard = _left(kept, channels, mask) > every * (1.0 + HEARD * dropped / count)
         return design if np.any(heard) else kept
     return design
 
@@ -224,14 +228,17 @@ def _left(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> 
     return np.sum(_least_squares(design, channels, mask)[1] ** 2, axis=1)
 
 
-def _cost(design: FloatArray, mask: NDArray[np.bool_]) -> float:
+def _cost(gram: FloatArray, count: float) -> float:
     """Variance of the tone's amplitude over what as many samples of a long record would give, at the worst phase.
 
     Gaps, few periods, and a free response of nearly its frequency make a tone hard to tell from what is fitted along.
+
+    Args:
+        gram: products of the rows of the design over the samples used, the tone's own two first.
+        count: of these samples.
     """
-    used = design if mask.all() else design * mask
-    inverse = np.linalg.pinv(used @ used.T, rcond=1e-10, hermitian=True)[:2, :2]
-    return max(float(np.max(np.linalg.eigvalsh(inverse))) * float(mask.sum()) / 2.0, 1.0)
+    inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)[:2, :2]
+    return max(float(np.max(np.linalg.eigvalsh(inverse))) * count / 2.0, 1.0)
 
 
 def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -> FloatArray | None:
