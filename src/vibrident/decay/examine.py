@@ -33,8 +33,12 @@ TAIL = 0.6
 DRIFTS = 8.0
 #: A coarse recorder shows a motion of at least so many of its steps; the rounding of a smaller one follows it.
 STEPS_OF_MOTION = 6.0
+#: The beginning of a decay is compared with its end at these parts of it: what depends on the amplitude goes fast.
+SHARES = (0.1, 0.25, 0.5)
 #: Beginning and end of a decay differ below this probability.
 DIFFER = 1e-4
+#: What is left of a bend's shape must be this part of it, or the linear unknowns imitate it.
+IMITATED = 1e-3
 #: Largest standard uncertainty of ln fn and of δ with which beginning and end are compared.
 KNOWN = 0.05
 
@@ -265,7 +269,7 @@ def change_of(found: DecayFit) -> Change | None:
     stretch = found.stretches[0]
     alive = int(live_s(stretch, found) * stretch.rate_hz)
     best: Change | None = None
-    for share in (0.25, 0.5):
+    for share in SHARES:
         middle = int(share * alive)
         if middle * found.natural_frequency_hz / stretch.rate_hz < 0.75 or middle < 3 * FEWEST_SAMPLES:
             continue
@@ -277,7 +281,7 @@ def change_of(found: DecayFit) -> Change | None:
         apart = values[1] - values[0]
         squares = float(apart @ np.linalg.solve(two[0].covariance + two[1].covariance, apart))
         chance = float(chdtrc(2, squares))
-        if chance < DIFFER and (best is None or chance < best.probability):
+        if best is None or chance < best.probability:
             sizes = [float(np.sqrt(np.mean(_free(one) ** 2))) for one in two]
             best = Change(
                 stretch.name,
@@ -286,7 +290,28 @@ def change_of(found: DecayFit) -> Change | None:
                 (sizes[0], sizes[1]),
                 chance,
             )
-    return best
+    if best is None:
+        return None
+    best = replace(best, probability=min(best.probability, _chance_of_bend(found)))
+    return best if best.probability < DIFFER else None
+
+
+def _chance_of_bend(found: DecayFit) -> float:
+    """Probability that a linear sensor leaves as much of what depends on the amplitude, over the whole decay.
+
+    A score test (Rao 1948): to first order a spring or a damping that depends on the square of the amplitude adds the
+    motion times the square of its envelope, in phase and across. What the linear unknowns can imitate does not count.
+    """
+    stretch, at = found.stretches[0], found.locals[0]
+    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
+    decrement = 2.0 * np.pi * found.natural_frequency_hz * found.damping_ratio
+    added = stretch.whitened(motion * np.exp(-2.0 * decrement * stretch.time_s)[:, None])
+    known = np.linalg.qr(np.concatenate([at.spanned, at.slopes / np.linalg.norm(at.slopes, axis=0)], axis=1))[0]
+    left = added - known @ (known.T @ added)
+    if np.any(np.linalg.norm(left, axis=0) < IMITATED * np.linalg.norm(added, axis=0)):
+        return 1.0
+    across = np.linalg.qr(left)[0]
+    return float(chdtrc(2, float(np.sum((across.T @ at.residual) ** 2))))
 
 
 def _free(found: DecayFit) -> FloatArray:
