@@ -172,7 +172,7 @@ def test_a_damping_that_grows_with_the_amplitude_is_named(rng):
         way = solve_ivp(slope, (0.0, time[-1]), [1.0, 0.0], "DOP853", time, rtol=1e-7, atol=1e-9)
         return way.y[0] + noise * rng.standard_normal(time.size)
 
-    for growth, damping, noise in ((1.0, 0.013, 1e-3), (0.1, 0.04, 1e-3), (1.0, 0.02, 1e-2), (1.0, 0.06, 3e-3)):
+    for growth, damping, noise in ((1.0, 0.013, 1e-3), (0.1, 0.04, 1e-3), (1.0, 0.02, 1e-2)):
         assert examine(decays(decay(growth, damping, noise)).records).changes, (growth, damping, noise)
     for damping in (0.01, 0.1):
         clean = decay(0.0, damping, 0.0)
