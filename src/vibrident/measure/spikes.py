@@ -22,13 +22,15 @@ from vibrident.records import BoolArray, FloatArray
 #: Neighbours on either side; samples that the interpolation tells worst, as a part of all, are left out of its fit.
 REACH, WORST = 8, 0.015
 #: Rounds of fit and leaving out, and the most rows of one.
-ROUNDS, MOST_ROWS = 4, 20_000
+ROUNDS, MOST_ROWS = 4, 4_000
 #: A wild sample at the beginning has so many before it.
 BEFORE = 2
 #: Rounds of picking wild samples, the largest of neighbours first.
 PICKS = 24
 #: A wild sample stands out by so many standard deviations of the errors, here and in the whole record …
 STANDS_OUT = 9.0
+#: Noise alone seldom stands out by so many; wild samples disturb the first fit, but not so much that they stand so low.
+NOISE = 5.0
 #: … by more than so many steps of the converter, and this part of the channel's range: rounding.
 STEPS, ROUNDING = 4.0, 1e-9
 #: With it taken out, the errors around it are at most this part of it.
@@ -48,8 +50,8 @@ BESIDE, ALIKE = 64, 0.2
 SAME, GRID = 1e-12, 0.5
 #: Scaled normal equations with eigenvalues above this are solved to six digits.
 WELL_POSED = 1e-10
-#: Where no error is above this part of the least size of a wild sample, so many samples tell as much as all.
-EXACTLY, ENOUGH = 0.1, 1000
+#: Errors below this part of the least size of a wild sample leave nothing to look for.
+EXACTLY = 0.1
 #: Normal errors have this median of their size; 98 % are within so many standard deviations.
 MEDIAN, QUANTILE, DEVIATES = 0.6745, 0.98, 2.326
 _EACH = range(1, REACH + 1)
@@ -109,9 +111,16 @@ class Channel:
         return max(STEPS * _step(self.series[self.valid]), ROUNDING)
 
     @functools.cached_property
+    def alike(self) -> bool:
+        """Whether the errors of the interpolation are those of noise or rounding, which spares a closer look."""
+        size = np.abs(_interpolation(self.series, self.judged).errors(self.series, self.judged))
+        noise = NOISE * float(np.median(size[self.judged])) / MEDIAN
+        return float(np.max(size)) < max(noise, EXACTLY * self.least)
+
+    @functools.cached_property
     def clean(self) -> BoolArray:
         """Samples that are told well, shape (samples,)."""
-        return _told_well(self.series, self.judged, self.least)
+        return self.judged if self.alike else _told_well(self.series, self.judged)
 
     @functools.cached_property
     def long(self) -> _Interpolation:
@@ -124,9 +133,9 @@ class Channel:
         if not self.judged.any():
             return np.zeros(self.series.shape, dtype=bool)
         series, valid, clean, least = self.series, self.valid, self.clean, self.least
-        if _all_told(self.long.errors(series, self.judged), least):  # then a part of the samples tells as much
-            clean = clean & (np.arange(clean.size) % max(1, clean.size // ENOUGH) == 0)
-        sizes = _in_the_middle(series, self.judged, self.long, least)
+        sizes = np.zeros(series.shape)
+        if not self.alike:
+            sizes += _in_the_middle(series, self.judged, self.long, least)
         sizes += _at_the_beginning(series - sizes, valid, clean, least)
         sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], clean[::-1], least)[::-1]
         return sizes != 0.0
@@ -254,19 +263,12 @@ def _step(values: FloatArray) -> float:
     return float(np.min(steps)) if 0 < steps.size < GRID * values.size else 0.0
 
 
-def _all_told(errors: FloatArray, least: float) -> bool:
-    """Whether no error is near the size that a wild sample has at least."""
-    return float(np.max(np.abs(errors))) < EXACTLY * least
-
-
-def _told_well(series: FloatArray, judged: BoolArray, least: float) -> BoolArray:
+def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
     """Samples far from those that an interpolation fitted to the others tells worst."""
     clean = judged
     worst = max(3, int(WORST * np.sum(judged)))
     for _ in range(ROUNDS):
         error = np.abs(_interpolation(series, clean).errors(series, judged))
-        if _all_told(error, least):
-            return judged
         peaks = np.flatnonzero(error * (error >= _largest_near(error, 2)))
         far = np.zeros(series.shape, dtype=bool)
         far[peaks[np.argsort(error[peaks])[-worst:]]] = True
