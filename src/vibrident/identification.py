@@ -311,7 +311,7 @@ def _warnings(
         warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered))
     warnings += doubtful
     gain = table[model.gain_name]
-    if gain.value < 0:
+    if gain.value < 0 and adequacy.degrees_of_freedom > 0:  # fewer equations than parameters tell no sign
         text = (
             f"The {in_words(model.gain_name)} is negative: the response moves against the reference (or a "
             "channel is wired reversed)."

@@ -36,8 +36,9 @@ from vibrident.uncertainty.parameters import parameter_units
 BETTER, WELL = 10.0, 4.0
 #: … and by more than one of so many wrong readings would by chance.
 CHANCE = 1e-4
-#: A reading whose phases are uncertain by more than this (rad) says nothing; nor is a level above this one (dB).
-MOST_PHASE, MOST_DECIBELS = 0.5, 400.0
+#: A reading whose phases are uncertain by more than this (rad) says nothing; nor is a level above this one (dB); and
+#: levels that differ by less than this (dB) are those of a level response, which any small numbers make.
+MOST_PHASE, MOST_DECIBELS, LEAST_DECIBELS = 0.5, 400.0, 3.0
 #: So many frequencies are of a series by no chance, each within this part, as they may be rounded.
 FEWEST_NOMINAL, ROUNDED = 5, 2e-3
 #: Part of a standard uncertainty beyond which noise of the reference that cannot be told makes up most of it.
@@ -311,7 +312,7 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
                 yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
-    if np.max(magnitude) < MOST_DECIBELS:
+    if np.max(magnitude) < MOST_DECIBELS and np.ptp(magnitude) > LEAST_DECIBELS:
         ratio = 10.0 ** (magnitude / 20.0)
         text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"
         relative = magnitude_u / magnitude if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0

@@ -65,3 +65,21 @@ def test_tables_that_are_right_are_not_suspect(stated: bool) -> None:
     for seed in range(15):
         assert said(table(seed, stated=stated, noise=0.01)) == ""
     assert said(table(stated=stated, natural_frequency=2e4)) == ""
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0])
+def test_small_magnitudes_without_phase_are_no_decibels(unit):
+    """As levels they would all be nearly 0 dB, which any level response fits."""
+    made = table(stated=False, sensitivity=unit * TRUTH["sensitivity"])
+    few = replace(made, frequency_hz=THIRD_OCTAVES[::3], magnitude=made.magnitude[::3], phase_rad=None)
+    assert said(few) == ""
+
+
+def test_one_point_tells_no_sign():
+    """Three parameters meet two values: nothing is known of the gain's sign."""
+    made = table()
+    point = {name: getattr(made, name)[:1] for name in ("frequency_hz", "magnitude", "phase_rad")}
+    point |= {name: getattr(made, name)[:1] for name in ("magnitude_uncertainty", "phase_uncertainty_rad")}
+    point["phase_rad"] = point["phase_rad"] + np.pi
+    result = vibrident.identify(Calibration(table=ResponseTable(**point), model="accelerometer"))
+    assert "polarity" not in result.warning_codes
