@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.errors import InputError
+from vibrident.interferometer.acceleration import LOST, accelerated
 from vibrident.interferometer.decimation import at_positions, decimated, lost_at_an_end, reach
 from vibrident.interferometer.demodulation import Demodulated
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK
 
-#: So many samples are kept of a period of the highest frequency, and of a record, at least.
+#: So many samples are kept of a period of a sine and of a record of it, at least; of other motion.
 PER_PERIOD, FEWEST = 16.0, 1 << 14
+PER_HIGHEST, FEWEST_OF_OTHERS = 6.0, 1 << 10
 #: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.
 FINER = 2.5
 
@@ -28,16 +30,25 @@ class Aligned:
     rate_hz: float
     start_s: float
 
+    @property
+    def accelerated(self) -> Aligned:
+        """The same with the acceleration, m/s², in place of the displacement."""
+        values, valid = accelerated(self.displacement_m, self.valid, self.rate_hz)
+        response = self.response[LOST : self.response.shape[0] - LOST]
+        return _whole(values, response, valid, self.rate_hz, self.start_s + LOST / self.rate_hz)
 
-def thinning(samples: int, rate_hz: float, near_hz: float) -> int:
+
+def thinning(samples: int, rate_hz: float, highest_hz: float, *, sine: bool) -> int:
     """Every so many samples of signals that are recorded together one is kept.
 
     Args:
         samples: of each.
         rate_hz: of them.
-        near_hz: frequency of a sine, or the highest that stands above the noise.
+        highest_hz: frequency of a sine, or the highest that stands above the noise.
+        sine: a sine has harmonics; of other motion there is but noise above.
     """
-    return max(min(int(rate_hz / (PER_PERIOD * near_hz)), samples // FEWEST), 1)
+    per_period, fewest = (PER_PERIOD, FEWEST) if sine else (PER_HIGHEST, FEWEST_OF_OTHERS)
+    return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
 
 
 def finer(rate_hz: float, response_hz: float) -> int:

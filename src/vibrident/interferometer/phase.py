@@ -22,6 +22,8 @@ FASTEST, ROUGHEST = 2.8, 2.5
 GUARD = 3
 #: Counting fringes needs samples that are closer than this, rad, and a signal beyond this part of its amplitude.
 CLOSE, BEYOND = 1.0, 0.5
+#: Fringes are counted in so many samples.
+MOST_COUNTED = 1 << 21
 TURN = 2.0 * np.pi
 
 
@@ -99,18 +101,18 @@ def _followed(
     if kept.shape[0] == 0:
         _add_gaps(path, good, start)
         return np.full(angle.shape, last), last, None
-    change = np.diff(kept, prepend=last)
-    change -= TURN * np.rint(change / TURN)
-    phase = last + np.cumsum(change)
+    change = _changes(kept, last)
+    phase = np.cumsum(change)
+    phase += last
     sizes = np.abs(change)
     if start == 0:
         sizes[0] = 0.0
-    previous = change[0] if before is None else before
-    bend = np.abs(np.diff(change, prepend=previous))
-    if start == 0 and bend.shape[0] > 1:
-        bend[:2] = 0.0
     top = float(np.max(sizes))
-    if top > FASTEST or float(np.max(bend)) > ROUGHEST or not whole:
+    if 2.0 * top > ROUGHEST or not whole:
+        previous = change[0] if before is None else before
+        bend = np.abs(np.diff(change, prepend=previous))
+        if start == 0 and bend.shape[0] > 1:
+            bend[:2] = 0.0
         places = np.arange(angle.shape[0]) if whole else np.flatnonzero(good)
         beside = np.diff(places, prepend=places[0] - 1) == 1
         beside[0] &= before is not None
@@ -128,6 +130,18 @@ def _followed(
     index = np.cumsum(good) - 1
     held = np.where(index >= 0, phase[np.maximum(index, 0)], last)
     return held, float(phase[-1]), float(change[-1]) if good[-1] else None
+
+
+def _changes(angle: FloatArray, last: float) -> FloatArray:
+    """Change of each angle to the nearest turn, the first from ``last``."""
+    change, turns = np.empty(angle.shape), np.empty(angle.shape)
+    change[0] = angle[0] - last
+    np.subtract(angle[1:], angle[:-1], out=change[1:])
+    np.multiply(change, 1.0 / TURN, out=turns)
+    np.rint(turns, out=turns)
+    turns *= TURN
+    change -= turns
+    return change
 
 
 def _add_gaps(path: Path, good: BoolArray, start: int) -> None:
@@ -149,7 +163,7 @@ def _counted(
 ) -> tuple[float, int] | None:
     """Count half fringes twice: by changes of sign of the first signal, and by the phase."""
     far = (np.abs(signal) > BEYOND) & good
-    if path.fastest > CLOSE or not good.all() or not far.any():
+    if path.fastest > CLOSE or path.compared > MOST_COUNTED or not good.all() or not far.any():
         return None
     sign, cell = np.sign(signal[far]), np.rint(phase[far] / np.pi)
     first = carried or (float(sign[0]), int(cell[0]))

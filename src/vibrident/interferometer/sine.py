@@ -49,18 +49,26 @@ def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: floa
     t = time - middle
     for _ in range(ITERATIONS):
         c, s = np.cos(omega * t), np.sin(omega * t)
-        design = np.stack([c, s, np.ones_like(t), t / span], axis=1)
-        found, *_ = np.linalg.lstsq(design, seen, rcond=None)
+        design = np.stack([c, s, np.ones_like(t), t / span])
+        found = _solved(design, seen)
         slope = (found[1] * c - found[0] * s) * t
-        whole = np.column_stack([design, slope])
-        step, *_ = np.linalg.lstsq(whole, seen - design @ found, rcond=None)
-        change = float(np.clip(step[-1], -np.pi / span, np.pi / span))
+        whole = np.concatenate([design, slope[None, :] / span])
+        step = _solved(whole, seen - found @ design)
+        change = float(np.clip(step[-1] / span, -np.pi / span, np.pi / span))
         omega += change
         if abs(change) * span < 1e-9:
             break
     mean = float(found[2] - found[3] * middle / span)
     angle = float(np.arctan2(-found[1], found[0]) - omega * middle)
     return Sine(float(np.hypot(found[0], found[1])), angle, omega / (2.0 * np.pi), mean, float(found[3]) / span)
+
+
+def _solved(design: FloatArray, seen: FloatArray) -> FloatArray:
+    """Least squares by normal equations, rows of the design of like size, with one step of refinement."""
+    size = np.sqrt(np.sum(design * design, axis=1)) + np.finfo(float).tiny
+    normal = design @ design.T / size[:, None] / size + 1e-14 * np.eye(design.shape[0])
+    found = np.linalg.solve(normal, design @ seen / size) / size
+    return found + np.linalg.solve(normal, design @ (seen - found @ design) / size) / size
 
 
 def peak(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> float:

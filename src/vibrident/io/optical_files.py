@@ -95,8 +95,9 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Cali
     ]
     seen, choices = _looked_at(opened, setting)
     records: dict[str, Record] = {}
+    moving = any(one.part.entry.excitation != "sine" for one in opened)
     for one, look, choice in zip(opened, seen, choices, strict=True):
-        found, record = _record(one, look, choice, setting, calibration, folder)
+        found, record = _record(one, look, choice, setting, calibration, folder, moving=moving)
         made.append(found)
         records[one.name] = record
     ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
@@ -104,8 +105,8 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Cali
     return Calibration(
         records=tuple(ordered),
         model=calibration.sensor.model,
-        quantity="displacement",
-        reference_unit="m",
+        quantity="acceleration" if moving else "displacement",
+        reference_unit="m/s^2" if moving else "m",
         reference_standard_uncertainty=stated,
         response_unit=calibration.response.unit,
         sensor=calibration.sensor_text,
@@ -210,22 +211,32 @@ def _optical_rate(
 
 
 def _record(
-    one: _Opened, look: Survey, choice: Choice, setting: Interferometer, calibration: CalibrationFile, folder: Path
+    one: _Opened,
+    look: Survey,
+    choice: Choice,
+    setting: Interferometer,
+    calibration: CalibrationFile,
+    folder: Path,
+    *,
+    moving: bool,
 ) -> tuple[Demodulated, Record]:
     entry, sine = one.part.entry, one.part.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
-    top = near or (highest_frequency(one.optical, choice) if one.beside else 0.0)
-    every = alignment.thinning(one.response.samples, one.response.rate_hz, top) if one.beside else 1
+    top = near or highest_frequency(one.optical, choice)
+    thinned = one.beside or not sine
+    every = alignment.thinning(one.response.samples, one.response.rate_hz, top, sine=sine) if thinned else 1
     alike = one.beside and one.carrier_hz is None
     factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
     found = demodulate(one.optical, setting, look, choice, factor, one.name, near, one.carrier_hz)
     aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
+    aligned = aligned.accelerated if moving else aligned
     to_response = calibration.response
+    what = "acceleration in m/s²" if moving else "displacement in m"
     unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"
     history = (
         f"response: {one.response.source.file}, column {one.response.positions[0] + 1} × {to_response.scale!r} → "
         f"{to_response.unit}",
-        f"reference: displacement from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {factor}, in m"
+        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {factor}"
         f"{unsure}",
         *([f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}"]
           if entry.reference_file is not None else []),

@@ -1,0 +1,37 @@
+"""Motion that is no sine: its acceleration, within the band where it stands above the noise of the phase."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.interferometer.acceleration import LOST, accelerated
+from vibrident.simulation import sensor_named
+from vibrident.simulation.interferometer import write_optical_calibration
+from vibrident.simulation.optics import Optics
+
+
+@pytest.mark.parametrize(("cycles", "off"), [(0.001, 1e-6), (0.2, 1e-6), (0.35, 1e-6), (0.4, 1e-3)])
+def test_acceleration_is_exact_in_its_band_and_a_ramp_has_none(cycles, off):
+    rate, index = 1000.0, np.arange(3000)
+    omega = 2.0 * np.pi * cycles
+    wave = np.cos(omega * index + 0.2)
+    found, valid = accelerated(wave / (omega * rate) ** 2 + 3.0 * index + 1.0, np.ones(index.size, bool), rate)
+    assert np.max(np.abs(found + wave[LOST:-LOST])) < off
+    assert valid.all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "optical", "amplitude"), [("shock", 51_200.0, 5.12e6, 80.0), ("sweep", 1.024e6, None, 3.0)]
+)
+def test_a_shock_and_a_sweep_that_end_elsewhere(tmp_path, kind, rate, optical, amplitude):
+    samples = int(0.15 * rate)
+    settings = {"sampling_rate_hz": rate, "samples": samples, "amplitude": amplitude, "response_noise": 1e-3}
+    write_optical_calibration(tmp_path, "paper", kind, Optics(noise=0.02, rate_hz=optical), seed=3, **settings)
+    result = vibrident.identify(vibrident.read(tmp_path / "calibration.toml"))
+    for name, true in sensor_named("paper").parameters.items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - true) < 3.5 * parameter.standard_uncertainty
+        assert parameter.standard_uncertainty < 1e-3 * true
+    assert [warning.code for warning in result.warnings] == []
