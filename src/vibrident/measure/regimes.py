@@ -91,13 +91,14 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
         columns = columns - (columns @ basis) @ basis.T  # offset, drift and hum are no change
         products[index], powers[index] = columns[:2] @ columns[2], columns[:2] @ columns[:2].T
         starts[index] = part[0]
-    shapes = [np.linspace(-0.5, 0.5, blocks)]  # a slow change, then a step before each block
-    shapes += [np.where(np.arange(blocks) < place, 0.0, 1.0) for place in range(BESIDE, blocks - BESIDE + 1)]
-    fits = [_fitted(products, powers, shape) for shape in shapes]
-    best = int(np.argmin([fit[0] for fit in fits]))
-    if not _beyond_doubt(products, powers, shapes[best], fits[best], chance):
+    slow = np.linspace(-0.5, 0.5, blocks)  # a slow change, then a step before each block
+    steps = [np.where(np.arange(blocks) < place, 0.0, 1.0) for place in range(BESIDE, blocks - BESIDE + 1)]
+    shapes = np.stack([slow, *steps])
+    squares, gains = _fitted(products, powers, shapes)
+    best = int(np.argmin(squares))
+    if not _beyond_doubt(products, powers, shapes[best], (float(squares[best]), gains[best]), chance):
         return None
-    step = fits[best][1][2:]
+    step = gains[best, 2:]
     place = blocks // 2 if best == 0 else BESIDE + best - 1
     time_s = float(starts[place]) / record.sampling_rate_hz
     return Change(record.name, time_s, float(step[0] / scale[0]), float(-step[1] / scale[1]), slow=best == 0)
@@ -106,22 +107,30 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
 def _hum(residual: FloatArray, times_s: FloatArray) -> FloatArray:
     """Mains frequencies and their harmonics that stand out of a residual; beside a tone they beat with it."""
     rate = 1.0 / float(np.median(np.diff(times_s)))
-    lines = np.array(sorted({order * mains for mains in MAINS_HZ for order in range(1, 6)}))
-    lines = lines[lines < 0.5 * rate]
-    power = np.array([abs(np.sum(residual * np.exp(-2j * np.pi * hz * times_s))) ** 2 for hz in lines])
-    return lines[power > HEARD * float(residual @ residual)] if lines.size else lines
+    heard, least = set(), HEARD * float(residual @ residual)
+    for mains in MAINS_HZ:
+        turn = np.exp(-2j * np.pi * mains * times_s)
+        wave = residual.astype(complex)
+        for order in range(1, 6):
+            wave *= turn
+            if order * mains < 0.5 * rate and abs(wave.sum()) ** 2 > least:
+                heard.add(order * mains)
+    return np.array(sorted(heard), dtype=float)
 
 
-def _fitted(products: FloatArray, powers: FloatArray, shape: FloatArray) -> tuple[float, FloatArray]:
-    """Squares left by θ = α + β shape, less a constant, and (α, β), shape (4,)."""
-    product = np.concatenate([products.sum(axis=0), shape @ products])
-    gains = np.linalg.pinv(_normal(powers, shape), hermitian=True) @ product
-    return -float(product @ gains), gains
+def _fitted(products: FloatArray, powers: FloatArray, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squares left by θ = α + β shape, less a constant, shape (m,), and (α, β), shape (m, 4), for m shapes."""
+    whole = np.broadcast_to(products.sum(axis=0), (len(shapes), 2))
+    product = np.concatenate([whole, shapes @ products], axis=1)
+    gains = np.einsum("mij,mj->mi", np.linalg.pinv(_normal(powers, shapes), hermitian=True), product)
+    return -np.sum(product * gains, axis=1), gains
 
 
-def _normal(powers: FloatArray, shape: FloatArray) -> FloatArray:
-    one, two, three = (np.einsum("b,bij->ij", shape**k, powers) for k in range(3))
-    return np.block([[one, two], [two, three]])
+def _normal(powers: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Normal matrix of (α, β) for each shape, shape (…, 4, 4)."""
+    one, two, three = (np.einsum("...b,bij->...ij", shapes**k, powers) for k in range(3))
+    rows = np.concatenate([one, two], axis=-1), np.concatenate([two, three], axis=-1)
+    return np.concatenate(rows, axis=-2)
 
 
 def _beyond_doubt(
