@@ -15,7 +15,7 @@ from vibrident.errors import VibridentError
 from vibrident.estimators import Estimate, MaximumLikelihood
 from vibrident.estimators.search import Sought
 from vibrident.estimators.start import find_start, sought_response
-from vibrident.measure.nonlinearity import distortion
+from vibrident.measure.nonlinearity import SQUARE, distortion
 from vibrident.measure.regimes import changes, findings, odd_record
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
@@ -84,14 +84,11 @@ def _nonlinear(
             f"most at {worst.strongest} times that{more}; a linear sensor adds none."
         )
         yield ResultWarning("nonlinear", text)
-    if not evidence.model.is_linear:
-        return
     bent = _distorted(evidence, estimate, judgement, covariance)
     if bent is not None:
         yield bent
-        return
     tones = judgement.tones
-    if tones is None:
+    if bent is not None or tones is None or not evidence.model.is_linear:
         return
     points, estimate = _undisturbed(estimate, judgement, judgement.points[0])
     alone = _of_points(evidence, estimate, points)
@@ -133,7 +130,13 @@ def _distorted(
     u = float(np.sqrt(max(covariance[index, index], 0.0)) / max(abs(float(estimate.z[index])), np.finfo(float).tiny))
     if found is None or max(abs(found.peak), abs(found.gain)) < u:
         return None
-    return ResultWarning("nonlinear", found.sentence(in_words(gain)))
+    text = found.sentence(in_words(gain))
+    if found.kind == SQUARE and not model.is_linear:
+        text += (
+            " The model has a spring that is bent alike on both sides of its rest; one that rests beside its middle, "
+            "as under a static load, is not, and the parameters are off by more than their uncertainty says."
+        )
+    return ResultWarning("nonlinear", text)
 
 
 def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -257,6 +258,20 @@ def test_an_offset_of_the_reference_is_no_acceleration(offset):
         other = moved.parameters[name]
         assert other.value == pytest.approx(parameter.value, abs=1e-3 * parameter.standard_uncertainty)
         assert other.standard_uncertainty == pytest.approx(parameter.standard_uncertainty, rel=1e-3)
+
+
+def test_a_spring_that_rests_beside_its_middle_is_named(rng):
+    """A static load that the reference does not show: its square stands out of what the symmetric spring leaves."""
+    times, load = clean().records[0].time_s, 10.0
+    records = []
+    for hz in FEW_HZ:
+        motion = Sine(hz, 9.8, 0.3)
+        loaded = SimpleNamespace(value=lambda t, motion=motion: motion.value(t) + load, breaks_s=())
+        response = ode(loaded, times, begin=(0.0, TRUTH["sensitivity"] * load, 0.0))
+        response += 3e-3 * np.std(response) * rng.standard_normal(times.size) - np.mean(response)
+        records.append(vibrident.Record(f"{hz}", motion.value(times), response, RATE, "sine"))
+    found = vibrident.identify(Calibration(records=tuple(records)), model="accelerometer+cubic")
+    assert any("rests beside its middle" in w.message for w in found.warnings if w.code == "nonlinear")
 
 
 def test_prediction_of_other_records():
