@@ -19,6 +19,7 @@ _WHERE = {
     "ResponseTable": "vibrident.records",
     "Provenance": "vibrident.records",
     "Result": "vibrident.result",
+    "IdentifiedSensor": "vibrident.sensor",
     "InputError": "vibrident.errors",
     "ModelError": "vibrident.errors",
     "NotConverged": "vibrident.errors",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.export.export_results import CASES, result
 
+from vibrident import IdentifiedSensor
 from vibrident.errors import InputError
-from vibrident.sensor import IdentifiedSensor
 
 F = np.geomspace(5.0, 2000.0, 7)
 
