@@ -83,3 +83,23 @@ def test_a_response_that_comes_late_is_moved_back_before_bands_are_taken(motion,
 def test_every_band_has_lines_enough_to_tell_its_noise():
     """Whatever the length of a record."""
     assert min(np.min(np.diff(band_edges(samples, 1e3))) for samples in range(40, 4000)) >= 3
+
+
+def test_noise_that_grows_while_a_sweep_rises_is_no_misfit():
+    """The high bands are passed where the record is noisiest: twice the mean's variance, in the high third of bands."""
+    rng, n, rate = np.random.default_rng(4), 4000, 1000.0
+    t = np.arange(n) / rate
+    predicted = np.sin(2.0 * np.pi * 2.0 * t[-1] / np.log(100.0) * (np.exp(t / t[-1] * np.log(100.0)) - 1.0))
+    growing = np.linspace(0.5, 1.5, n)
+    ratios = []
+    for _ in range(20):
+        response = predicted + 0.01 * growing * rng.standard_normal(n)
+        record = Record(
+            name="s", reference=predicted, response=response, sampling_rate_hz=rate, excitation="sweep"
+        )  # fmt: skip
+        found = coherent_remainder(record, predicted)
+        assert found is not None
+        frequency, rho, deviation, freedom = found
+        high = frequency > 100.0
+        ratios.append(np.abs(rho[high]) ** 2 / deviation[high] ** 2 / 2.0 * (1.0 - 2.0 / freedom[high]))
+    assert 0.8 < np.mean(np.concatenate(ratios)) < 1.25

@@ -23,6 +23,10 @@ FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
 #: Of a wider band every second, third … line tells its noise: they are plenty, and all would be most of the memory.
 MOST_LINES = 4096
+#: Stretches of time, half of each the next one's too, and groups of their lines, that tell how noise changes.
+STRETCHES, GROUPS = 15, 16
+#: A group is without motion below this part of the residual's power; fewer than so many tell nothing.
+STILL, FEWEST_STILL = 0.1, 3
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
 #: … and where at least this part of the response is coherent with it, unless that leaves fewer bands than this.
@@ -191,14 +195,16 @@ def coherent_remainder(
         return None
     n, rate = record.samples, record.sampling_rate_hz
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    error = _line_spectrum(_without(record.response - predicted, used, hum_hz, rate), used)
+    left = _without(record.response - predicted, used, hum_hz, rate)
+    error = _line_spectrum(left, used)
     spectrum = _line_spectrum(predicted - np.mean(predicted[used]), used)
     power = np.abs(spectrum) ** 2
     own = _own_power(predicted - np.mean(predicted[used]), used, power)
     edges = band_edges(n, rate).astype(int)
+    there = noise_where_bands_move(left, np.where(used, predicted, 0.0), used, edges)
     strongest = max(float(np.mean(power[a:b])) for a, b in itertools.pairwise(edges))
     rows = []
-    for a, b in itertools.pairwise(edges):
+    for (a, b), factor in zip(itertools.pairwise(edges), there, strict=True):
         total = float(np.sum(power[a:b]))
         if total <= LEAST_POWER * strongest * (b - a) or np.sum(own[a:b]) < OWN_POWER * total:
             continue
@@ -211,7 +217,8 @@ def coherent_remainder(
         floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
         if least is not None:
             floor = max(floor, float(used.sum() * np.mean(least[a:b])) / total / 2.0)
-        variance = max(rest / (b - a - 1.0) / total / 2.0, floor)
+        # Of the band's noise so much is what ρ took: as much as there is while the band moves.
+        variance = max(factor * rest / max(b - a - factor, 1.0) / total / 2.0, floor)
         if variance > 0.25:
             continue
         centre = float(np.sum(np.arange(a, b) * power[a:b]) / total) * rate / n
@@ -220,6 +227,46 @@ def coherent_remainder(
         return None
     frequency, rho, deviation, freedom = zip(*rows, strict=True)
     return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)
+
+
+def noise_where_bands_move(
+    left: FloatArray, motion: FloatArray, used: BoolArray, edges: NDArray[np.int_]
+) -> FloatArray:
+    """Noise power while each band moves, over its mean over the record, shape (bands,).
+
+    A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
+    The noise of a stretch of time is read where there is no motion, so that no misfit counts; one where all moves.
+
+    Args:
+        left: residual, zero where not used, shape (samples,).
+        motion: predicted response, zero where not used, shape (samples,).
+        used: shape (samples,).
+        edges: first line of each band and the end of the last, shape (bands + 1,).
+    """
+    places = np.flatnonzero(used)
+    samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
+    length = 2 * (samples // (STRETCHES + 1))
+    window, last = np.hanning(length), int(0.45 * length)
+    groups = np.unique(np.linspace(1, last, GROUPS + 1).astype(int))
+    first = np.minimum(edges[:-1] * length // left.size, last - 1)
+    end = np.maximum(-(-edges[1:] * length // left.size), first + 1)
+    noise, moves = np.zeros((STRETCHES, len(groups) - 1)), np.zeros((STRETCHES, len(first)))
+    still = np.zeros(noise.shape, dtype=bool)
+    for row in range(STRETCHES):
+        begin = origin + row * length // 2
+        part = slice(begin, begin + length)
+        own, moving = (np.abs(np.asarray(fft.rfft(window * v[part]))) ** 2 for v in (left, motion))
+        noise[row] = np.add.reduceat(own[:last], groups[:-1]) / max(float(np.mean(used[part])), 1e-9)
+        still[row] = np.add.reduceat(moving[:last], groups[:-1]) < STILL * noise[row]
+        total = np.concatenate([[0.0], np.cumsum(moving)])
+        moves[row] = total[end] - total[first]
+    kept = still.all(axis=0)
+    if kept.sum() < FEWEST_STILL:
+        return np.ones(len(first))
+    level = np.median(noise[:, kept] / np.maximum(np.mean(noise[:, kept], axis=0), 1e-300), axis=1)
+    shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
+    found = level @ shares / max(float(np.mean(level)), 1e-300)
+    return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0)
 
 
 def _own_power(series: FloatArray, used: BoolArray, power: FloatArray) -> FloatArray:
