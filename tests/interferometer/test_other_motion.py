@@ -17,7 +17,7 @@ def test_acceleration_is_exact_in_its_band_and_a_ramp_has_none(cycles, off):
     rate, index = 1000.0, np.arange(3000)
     omega = 2.0 * np.pi * cycles
     wave = np.cos(omega * index + 0.2)
-    found, valid = accelerated(wave / (omega * rate) ** 2 + 3.0 * index + 1.0, np.ones(index.size, bool), rate)
+    found, valid = accelerated(wave / (omega * rate) ** 2 + 1e-3 * index, np.ones(index.size, bool), rate)
     assert np.max(np.abs(found + wave[LOST:-LOST])) < off
     assert valid.all()
 

@@ -14,6 +14,7 @@ is less than a fringe and the arc does not tell them, and is then most of the un
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -65,12 +66,12 @@ class Ellipse:
         """ε: the second signal is B sin(φ + ε)."""
         return float(np.arctan2(self.matrix[1, 0], self.matrix[1, 1]))
 
-    @property
+    @functools.cached_property
     def inverse(self) -> FloatArray:
         """M⁻¹, shape (2, 2)."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
-    @property
+    @functools.cached_property
     def radial_noise(self) -> float:
         """Standard deviation of the noise over the amplitude, the mean of all round."""
         inverse = self.inverse

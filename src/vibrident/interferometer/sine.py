@@ -10,7 +10,7 @@ from scipy import fft
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
 #: Most samples that the fit looks at, Gauss–Newton steps of the frequency, and the least periods.
-MOST, ITERATIONS, FEWEST_PERIODS = 1 << 17, 12, 0.9
+MOST, ITERATIONS, FEWEST_PERIODS = 1 << 16, 12, 0.9
 #: A frequency that is known nearly is right to this factor.
 NEAR = 1.3
 

@@ -16,7 +16,7 @@ from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 #: Samples for the first guess and for pictures: so many stretches of so many samples, spread over the record.
 STRETCHES, STRETCH = 64, 1024
 #: Samples that are worked on at a time, and the most that an ellipse is fitted to; of more, stretches.
-BLOCK, MOST = 1 << 16, 1 << 22
+BLOCK, MOST = 1 << 17, 1 << 22
 #: Blocks of a record at least, and samples of each at least, so that their scatter tells.
 FEWEST_BLOCKS, LEAST_BLOCK = 64, 64
 #: A sample is lost below this radius, over the amplitude, or below so many standard deviations of the noise …

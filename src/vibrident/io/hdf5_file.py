@@ -7,9 +7,10 @@ from a fill value. A file read here holds its numbers itself, and only as many a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,7 @@ class Hdf5File(ArrayFile):
     """An HDF5 file. Only the datasets that are needed are read."""
 
     _file: Any = None
+    _arrays: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, path: Path) -> None:
         """List the datasets.
@@ -183,15 +185,20 @@ class Hdf5File(ArrayFile):
         columns = [self._columns[position] for position in positions]
         arrays = list(dict.fromkeys(column.array for column in columns))
         try:
-            file = self._opened()
             require_room(self._path, len(columns) * (stop - start))
-            part = {name: _slice(file[name], start, stop) for name in arrays}
+            part = {name: _slice(self._array(name), start, stop) for name in arrays}
             found = np.empty((len(columns), stop - start))
             for row, column in zip(found, columns, strict=True):
                 row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
             return found
         except _DAMAGE as error:
             raise unreadable(self.file, error, _EXPECTED) from error
+
+    def _array(self, name: str) -> Any:
+        """A dataset, looked up once."""
+        if name not in self._arrays:
+            self._arrays = {**self._arrays, name: self._opened()[name]}
+        return self._arrays[name]
 
     def _opened(self) -> Any:
         """The file, open from the first block on until nobody needs this object."""

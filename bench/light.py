@@ -1,0 +1,200 @@
+"""Raw light to parameters: coverage, the Cramér–Rao bound, false alarms and speed, against a truth of its own.
+
+    python -m bench.light coverage --runs 500
+    python -m bench.light alarms --runs 200
+    python -m bench.light speed --kind quadrature --samples 20000000
+    python -m bench.light peers            (ellipse fits of hoqi-bench, from an environment that holds it)
+
+Each prints its figures; docs/interferometer.md quotes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bench.light_signals import codes_of, write_long
+from bench.truth import PARAMETERS
+from vibrident import identify, read
+from vibrident.interferometer import ellipse, moments
+from vibrident.models import parse
+from vibrident.records import FloatArray
+from vibrident.simulation import sensor_named
+from vibrident.simulation.interferometer import drawn, write_optical_calibration
+from vibrident.simulation.optics import Optics
+
+FREQUENCIES = (30.0, 80.0, 250.0, 600.0, 1000.0)
+AMPLITUDE, RATE_HZ, SAMPLES, PHASE_NOISE, RESPONSE_NOISE = 10.0, 1e6, 100_000, 0.05, 1e-3
+METRES_PER_RADIAN = 632.991e-9 / (4.0 * np.pi)
+SENSOR = "paper"
+
+
+def bound() -> FloatArray:
+    """Cramér–Rao bound of the parameters: white noise of phase and response, known, ellipse known."""
+    sensor = sensor_named(SENSOR)
+    model, f = parse(sensor.model), np.array(FREQUENCIES)
+    values = {name: sensor.parameters[name] for name in PARAMETERS}
+
+    def log_response(at: dict[str, float]) -> np.ndarray:
+        return np.log(np.asarray(model.frequency_response(at, f, "displacement")))
+
+    phase = AMPLITUDE / (2.0 * np.pi * f) ** 2 / METRES_PER_RADIAN
+    # A response's noise is given over its rms; an amplitude's relative deviation is noise √(2/N) over it.
+    variance = (2.0 / SAMPLES) * ((PHASE_NOISE / phase) ** 2 + RESPONSE_NOISE**2 / 2.0)
+    columns = []
+    for name in PARAMETERS:
+        step = 1e-6 * abs(values[name])
+        up, down = (
+            log_response({**values, name: values[name] + step}),
+            log_response({**values, name: values[name] - step}),
+        )
+        columns.append((up - down) / (2.0 * step))
+    rows = np.concatenate([np.real(columns), np.imag(columns)], axis=1) / np.sqrt(np.concatenate([variance, variance]))
+    return np.sqrt(np.diag(np.linalg.inv(rows @ rows.T)))
+
+
+def coverage(runs: int) -> None:
+    """Share of 95 % intervals that hold the truth, and u over the bound, with an ellipse drawn anew each time."""
+    truth = np.array([sensor_named(SENSOR).parameters[name] for name in PARAMETERS])
+    errors, stated, alarms, held = [], [], 0, []
+    for run in range(runs):
+        with tempfile.TemporaryDirectory() as folder:
+            optics = drawn(Optics(noise=PHASE_NOISE, random=True), run)
+            settings = {"sampling_rate_hz": RATE_HZ, "samples": SAMPLES, "frequencies_hz": list(FREQUENCIES)}
+            settings |= {"amplitude": AMPLITUDE, "response_noise": RESPONSE_NOISE, "start": "steady"}
+            write_optical_calibration(folder, SENSOR, "sine", optics, seed=run, **settings)
+            result = identify(read(Path(folder) / "calibration.toml"))
+        found = [result.parameters[name] for name in PARAMETERS]
+        errors.append([p.value for p in found] - truth)
+        stated.append([p.standard_uncertainty for p in found])
+        held.append([p.interval_95[0] <= true <= p.interval_95[1] for p, true in zip(found, truth, strict=True)])
+        alarms += bool(result.warnings)
+        if (run + 1) % 25 == 0:
+            _print_coverage(run + 1, np.array(errors), np.array(stated), np.array(held), alarms)
+
+
+def _print_coverage(runs: int, errors: FloatArray, stated: FloatArray, held: np.ndarray, alarms: int) -> None:
+    scaled = errors / stated
+    figures = {
+        "runs": runs,
+        "coverage": dict(zip(PARAMETERS, np.mean(held, axis=0).tolist(), strict=True)),
+        "beyond_3u": dict(zip(PARAMETERS, np.mean(np.abs(scaled) > 3.0, axis=0).tolist(), strict=True)),
+        "u_over_bound": dict(zip(PARAMETERS, (np.mean(stated, axis=0) / bound()).tolist(), strict=True)),
+        "scatter_over_bound": dict(zip(PARAMETERS, (np.std(errors, axis=0) / bound()).tolist(), strict=True)),
+        "with_a_warning": alarms,
+    }
+    print(json.dumps(figures), flush=True)
+
+
+def alarms(runs: int) -> None:
+    """Records with a finding, of clean signals of many ellipses, noises and converters."""
+    random, records, found = np.random.default_rng(11), 0, 0
+    for run in range(runs):
+        with tempfile.TemporaryDirectory() as folder:
+            optics = drawn(Optics(noise=float(random.choice([0.002, 0.01, 0.05])), random=True,
+                                  bits=int(random.choice([8, 10, 12, 16]))), run)  # fmt: skip
+            settings = {"sampling_rate_hz": RATE_HZ, "samples": 50_000, "frequencies_hz": [50.0, 200.0, 500.0, 1000.0]}
+            write_optical_calibration(folder, SENSOR, "sine", optics, seed=run, start="steady", **settings)
+            calibration = read(Path(folder) / "calibration.toml")
+        records += len(calibration.records)
+        found += sum(bool(codes_of(record)) for record in calibration.records)
+        cyclic = any(effect.kind == "cyclic" for effect in calibration.effects)
+        found += cyclic
+        if (run + 1) % 50 == 0:
+            print(json.dumps({"records": records, "with_a_finding": found}), flush=True)
+
+
+def speed(kind: str, samples: int) -> None:
+    """Samples a second of processor time from raw HDF5 to parameters, the best of three warm runs, and the memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_long(Path(folder), kind, samples)
+        identify(read(path))
+        best = {"read": np.inf, "all": np.inf}
+        for _ in range(3):
+            start = time.process_time()
+            calibration = read(path)
+            best["read"] = min(best["read"], time.process_time() - start)
+            identify(calibration)
+            best["all"] = min(best["all"], time.process_time() - start)
+    rates = {f"million_samples_a_second_{part}": samples / took / 1e6 for part, took in best.items()}
+    print(json.dumps({"kind": kind, "samples": samples, **rates, "peak_memory_mb": _peak_mb()}), flush=True)
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+ARCS, NOISES, DRAWS, POINTS = (6.28, 4.5, 3.0, 2.0, 1.0), (0.01, 0.05), 12, 600
+
+
+def peers(python: str) -> None:
+    """Error of the phase by our ellipse fit and by those of hoqi-bench, on the same arcs and noise."""
+    cases = []
+    random = np.random.default_rng(1)
+    for arc in ARCS:
+        for noise in NOISES:
+            for _ in range(DRAWS):
+                centre, sizes = random.uniform(-0.2, 0.2, 2), random.uniform(0.75, 1.25, 2)
+                angle, middle = random.uniform(-0.25, 0.25), random.uniform(0.0, 2.0 * np.pi)
+                phase = middle + 0.5 * arc * np.sin(np.linspace(0.0, 20.0 * np.pi, POINTS, endpoint=False))
+                u = centre[:, None] + np.stack([sizes[0] * np.cos(phase), sizes[1] * np.sin(phase + angle)])
+                cases.append((arc, noise, phase, u + noise * random.standard_normal(u.shape)))
+    ours = [_our_gain(phase, u) for _, _, phase, u in cases]
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "cases.npz"
+        np.savez(data, signals=np.array([u for *_, u in cases]), phase=np.array([p for _, _, p, _ in cases]))
+        peer = Path(__file__).parent / "peers" / "hoqi_peer.py"
+        done = subprocess.run([python, str(peer), str(data)], capture_output=True, text=True, check=True)
+    theirs = json.loads(done.stdout)
+    for i, (arc, noise) in enumerate((a, n) for a in ARCS for n in NOISES):
+        part = slice(i * DRAWS, (i + 1) * DRAWS)
+        row = {"arc_rad": arc, "noise": noise, "vibrident": _median(ours[part])}
+        row |= {name: _median(values[part]) for name, values in theirs.items() if name != "version"}
+        print(json.dumps(row), flush=True)
+
+
+def _median(values: Sequence[float | None]) -> float:
+    """Median of the errors; a fit that failed is off by all."""
+    return float(np.median([1.0 if value is None else min(abs(value), 1.0) for value in values]))
+
+
+def _our_gain(phase: FloatArray, u: FloatArray) -> float:
+    start = ellipse.circle(u)
+    found = ellipse.fit([moments.sums(*u)], start) or ellipse.as_circle(u, u.shape[1])
+    v = found.for_phase.round(u)
+    return gain_error(phase, np.unwrap(np.arctan2(v[1], v[0])))
+
+
+def gain_error(phase: FloatArray, found: FloatArray) -> float:
+    """Relative error of the amplitude of the sine: what the ellipse does to a calibration."""
+    true = phase - phase.mean()
+    return float(found @ true / (true @ true) - 1.0)
+
+
+def main() -> None:
+    """Run one of the studies."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers"))
+    parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--kind", choices=("quadrature", "heterodyne"), default="quadrature")
+    parser.add_argument("--samples", type=int, default=20_000_000)
+    parser.add_argument("--python", default="python", help="of the environment that holds hoqi-bench")
+    asked = parser.parse_args()
+    if asked.study == "speed":
+        speed(asked.kind, asked.samples)
+    elif asked.study == "peers":
+        peers(asked.python)
+    else:
+        {"coverage": coverage, "alarms": alarms}[asked.study](asked.runs)
+
+
+if __name__ == "__main__":
+    main()
