@@ -292,9 +292,15 @@ def _nominal(frequency_hz: FloatArray) -> bool:
 
 
 def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[tuple[str, FrequencyProblem]]:
-    """The same data with phase in the other unit, of the other sign, as decibels, or of another reference quantity."""
+    """The same data with phase in the other unit, of the other sign, as decibels, with channels exchanged, or of
+    another reference quantity."""
     if table is not None:
         yield from _readings_of_table(problem, table)
+    elif np.all(problem.data[2] != 0.0):
+        frequency, reference, response, deviation = problem.data
+        text = "The data fit far better with reference and response exchanged: are their columns the right way round?"
+        data = (frequency, response, reference, deviation * np.abs(reference / response))
+        yield text, replace(problem, data=data)
     if problem.quantity != "drive":
         for quantity in get_args(Quantity):
             if quantity not in (problem.quantity, "drive"):

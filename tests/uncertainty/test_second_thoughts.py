@@ -146,6 +146,13 @@ def test_a_reference_of_another_quantity_is_suspected():
     assert "velocity" in next(w.message for w in result.warnings if w.code == "units_suspect")
 
 
+def test_exchanged_channels_are_named():
+    calibration = sines(response_noise=0.002, samples=1000)
+    records = tuple(replace(r, reference=r.response, response=r.reference) for r in calibration.records)
+    result = vibrident.identify(replace(calibration, records=records))
+    assert "exchanged" in next(w.message for w in result.warnings if w.code == "units_suspect")
+
+
 def test_euler_weights_disagree_with_the_tones():
     made = sines(response_noise=0.001)
     result = vibrident.identify(made, estimator=vibrident.Ipnn(discretisation="euler"))

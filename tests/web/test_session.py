@@ -66,6 +66,8 @@ def test_a_long_name_is_cut_and_keeps_its_ending():
 def test_what_is_no_data_what_is_there_and_what_has_no_room_is_refused(session):
     with pytest.raises(InputError, match="format is not known"):
         session.place_for("data.npy", 1)
+    with pytest.raises(InputError, match="A spreadsheet is not read"):
+        session.place_for("data.xlsx", 1)
     place = session.place_for("../a.csv", 600_000)
     assert place == session.data / "a.csv"
     place.write_bytes(b"x" * 600_000)

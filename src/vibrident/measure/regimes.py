@@ -231,7 +231,8 @@ def findings(within: Sequence[Change], odd: OddRecord | None) -> list[Finding]:
         text = (
             f"{change.record}: the sensor {'changes over the record: at its end' if change.slow else at} the response "
             f"is {abs(100.0 * change.gain):.2g} % {'larger' if change.gain > 0.0 else 'smaller'} than before and comes "
-            f"{abs(change.later_s):.2g} s {later}. Identify parts by themselves (start_s, stop_s)."
+            f"{abs(change.later_s):.2g} s {later}. The parameters are of neither part, and their uncertainties do not "
+            "cover the change: identify parts by themselves (start_s, stop_s)."
         )
         found.append(Finding("regimes", text))
     if len(within) > MOST_NAMED:

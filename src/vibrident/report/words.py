@@ -27,7 +27,8 @@ _WORDS: dict[WarningCode, Words] = {
         "cover a misfit of that size, else they hold only if the model is right.",
         "Look where the deviation picture leaves zero: rising towards high frequencies suggests a delay or a second "
         "mode, falling towards low ones a high-pass. Add it to the model, narrow the band, or check the stated "
-        "uncertainties.",
+        "uncertainties. Of a free decay neither delay nor high-pass makes a difference: where its beginning deviates, "
+        "spring or damping change with the amplitude, or the release is part of the record (start_s leaves it out).",
     ),
     "weakly_determined": Words(
         "the data hardly determine a parameter",

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.io.file_order import natural
-from vibrident.io.readers import READERS
+from vibrident.io.readers import READERS, unknown_format
 
 CALIBRATION, RESULT = "calibration.toml", "result.json"
 MEGABYTE = 1_000_000
@@ -228,13 +228,7 @@ def is_known(name: str) -> bool:
 
 def unknown_kind(name: str) -> InputError:
     """The error of a file that nothing here reads."""
-    return InputError(
-        "The file's format is not known.",
-        expected="a file ending in " + ", ".join(READERS),
-        found=repr(Path(name).suffix) if Path(name).suffix else "no ending",
-        where=name,
-        remedy="rename the file, or export it as CSV or HDF5",
-    )
+    return unknown_format(Path(name).suffix, name)
 
 
 def too_large(limit_mb: float, where: str = "upload") -> InputError:
