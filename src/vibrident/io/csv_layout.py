@@ -6,6 +6,7 @@ import contextlib
 import csv
 import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -146,9 +147,8 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
     delimiter, decimal, fields = _dialect(sample, [lines[i] for i in rows])
     if decimal == "." and delimiter != ",":
         decimal = _decimal_of([lines[i] for i in rows], delimiter)
-    cells = {i: split_line(lines[i], delimiter) for i in rows}
     numeric = _numeric_columns([split_line(line, delimiter) for line in sample], fields, decimal)
-    first = next((i for i in rows if _has_number(cells[i], fields, numeric, decimal)), None)
+    first = next((i for i in rows if _has_number(split_line(lines[i], delimiter), fields, numeric, decimal)), None)
     if first is None:
         raise InputError(
             "The file holds no rows of numbers.",
@@ -157,8 +157,10 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
             where=f"{file}, first line: {lines[rows[0]].strip()[:60]!r}" if rows else file,
             remedy="export the data again; the file may hold the header alone",
         )
+    cells = {i: split_line(lines[i], delimiter) for i in rows if i <= first}
     _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
-    columns = fields - 1 if _has_trailing_separator([cells[i] for i in rows if i >= first], fields) else fields
+    data = (split_line(lines[i], delimiter) for i in rows if i >= first)
+    columns = fields - 1 if _has_trailing_separator(data, fields) else fields
     names, units = _names(lines, first, cells, delimiter, columns)
     offset = 0
     for _ in range(first):
@@ -237,7 +239,7 @@ def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, wh
         )
 
 
-def _has_trailing_separator(rows: list[list[str]], fields: int) -> bool:
+def _has_trailing_separator(rows: Iterable[list[str]], fields: int) -> bool:
     return fields > 1 and all(len(row) != fields or row[-1] == "" for row in rows)
 
 
