@@ -24,6 +24,7 @@ from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, Maximu
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.measure import Finding
 from vibrident.measure.drift import without_drift
+from vibrident.measure.hum import without_hum
 from vibrident.models import SensorModel, parse
 from vibrident.naming import in_words
 from vibrident.problem import Evidence
@@ -156,6 +157,13 @@ def fit(
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = fitted_and_judged(evidence, chosen, progress)
+    if evidence.records and sensor_model.is_linear and not judgement.adequacy.adequate:
+        records, hum = without_hum(evidence.records, judgement.predicted)
+        if hum:  # what initial states took of it is in all lines: only a fit without it tells
+            cleaned = evidence.with_records(records)
+            again = fitted_and_judged(cleaned, chosen, progress)
+            if again[1].adequacy.adequate:
+                evidence, (estimate, judgement) = cleaned, again
     linear = linearised(evidence, estimate, judgement)
     return Fitted(evidence, estimate, judgement, linear, chosen, reason, tuple(drifts))
 
