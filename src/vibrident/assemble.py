@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.decay import DecayDeviation, decay_deviations
 from vibrident.discretize import Weights, method
 from vibrident.discretize.table import weight_table
@@ -18,7 +17,7 @@ from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.measure import MeasuredResponse
 from vibrident.measure.overtones import Overtone, audible, overtones
 from vibrident.measure.response import ComplexArray
-from vibrident.problem import Evidence, TimeProblem
+from vibrident.problem import Evidence, network_of
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray, Quantity, SystematicEffect
 from vibrident.result import Fit, MeasuredCurve, Signal
@@ -193,7 +192,7 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     name = estimate.settings.get("discretisation", "bandlimited")
     values = estimate.coordinates.values(estimate.z)
     try:
-        problem = estimate.problem or TimeProblem.build(
+        problem = estimate.problem or network_of(
             evidence.records, evidence.model, method(name), evidence.quantity, values
         )
     except InputError:  # all records too short to interpolate: the tones stand alone
@@ -204,13 +203,13 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
     scale = evidence.model.rational(values, evidence.quantity).angular_scale
     try:
-        table = weight_table(first, scale ** np.arange(problem.layout.order))  # in the paper's states V, V̇
+        table = weight_table(first, scale ** np.arange(problem.frame.order))  # in the paper's states V, V̇
     except np.linalg.LinAlgError:  # a sensor that forgets its state within a sample has no W2 = C Φ⁻¹
         return predicted, {}
     return predicted, {
         **table,
         "discretisation": name,
-        "sampling_interval_s": float(problem.intervals_s[0]),
+        "sampling_interval_s": min(record.sampling_interval_s for record in evidence.records),
     }
 
 
@@ -220,7 +219,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     assert table is not None
     assert problem is not None
     args = (estimate.coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
-    residual = np.asarray(response_residual(jnp.asarray(estimate.z), *args))
+    residual = np.asarray(response_residual(estimate.z, *args))
     chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
     scatter = None
     if table.magnitude_uncertainty is None:

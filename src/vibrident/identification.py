@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import functools
-import itertools
 import platform
 import time
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,6 @@ import numpy as np
 from vibrident import __version__
 from vibrident.assemble import Judgement, fit_of_signals, fit_of_table
 from vibrident.attempts import fitted_and_judged, judged
-from vibrident.backend import let_go_of_kernels
 from vibrident.decay import decays_alone, identify_decays, require_plain
 from vibrident.errors import ModelError
 from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
@@ -42,7 +40,7 @@ from vibrident.uncertainty.budget import (
     rows_of_effects,
 )
 from vibrident.uncertainty.curve import frequencies
-from vibrident.uncertainty.linearised import Linearised, physical_slopes
+from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.uncertainty.posterior import Sampling, sample_posterior, sampler
 
@@ -148,7 +146,6 @@ def fit(
     progress: Progress,
 ) -> Fitted:
     """Estimate and judge; arguments and errors as :func:`identify`."""
-    _looked_after()
     sensor_model = parse(model or calibration.model)
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
@@ -184,16 +181,6 @@ def document(fitted: Fitted, rows: Sequence[Row], more: Sequence[ResultWarning] 
     stated = replace(stated, warnings=[*drifts, *stated.warnings, *more])
     result = _result(fitted.evidence, fitted.estimate, fitted.judgement, stated)
     return replace(result, settings={**result.settings, "estimator_choice": fitted.reason})
-
-
-#: Identifications between two looks at the memory maps.
-LOOK_EVERY = 100
-_count = itertools.count(1)
-
-
-def _looked_after() -> None:
-    if next(_count) % LOOK_EVERY == 0:
-        let_go_of_kernels()
 
 
 def _data_scale(estimate: Estimate, data: Row) -> float:
@@ -245,7 +232,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
-            "uncertainty_budget": as_settings(stated.rows, names, physical_slopes(coordinates, z)),
+            "uncertainty_budget": as_settings(stated.rows, names, coordinates.slopes(z)),
             "start": dict(zip(names, np.asarray(coordinates.start).tolist(), strict=True)),
         },
         provenance=_provenance(calibration, evidence),

@@ -19,9 +19,8 @@ from vibrident.discretize import Method, method
 from vibrident.errors import InputError
 from vibrident.measure import Finding, screen
 from vibrident.models import SensorModel
-from vibrident.problem import Coordinates
-from vibrident.problem.in_time import response_in_time
-from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
+from vibrident.problem import Coordinates, network_of
+from vibrident.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
 
@@ -104,21 +103,11 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
 
         model, learned = saved_model(model, result.settings)
         values |= learned
-    respond = response_in_time if model.is_linear else _compiled_response
-    predicted = respond(records, model, method(name), calibration.quantity, values)
+    problem = network_of(records, model, method(name), calibration.quantity, values)
+    coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
+    predicted = problem.predict(coordinates, coordinates.first)
     pairs = zip(records, predicted, strict=True)
     return Predictions(tuple(Prediction(record, series) for record, series in pairs), findings, name)
-
-
-def _compiled_response(
-    records: Sequence[Record], model: SensorModel, method: Method, quantity: Quantity, values: Mapping[str, float]
-) -> Sequence[FloatArray]:
-    """The same of a model that is not linear, by the network that JAX compiles."""
-    from vibrident.problem import TimeProblem
-
-    problem = TimeProblem.build(records, model, method, quantity, dict(values))
-    coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
-    return problem.predict(coordinates, coordinates.first)
 
 
 def root_mean_square(values: FloatArray) -> float | None:

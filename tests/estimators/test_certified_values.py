@@ -13,8 +13,8 @@ import pytest
 
 from vibrident.backend import jax, jnp
 from vibrident.estimators.covariance import inverse_normal
-from vibrident.estimators.objectives import Local
 from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.problem import Local
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ import vibrident
 from vibrident.errors import ModelError
 from vibrident.estimators import MaximumLikelihood
 from vibrident.estimators.covariance import inverse_normal
-from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import levenberg_marquardt
 from vibrident.estimators.start import find_start, start_values
 from vibrident.models import parse
@@ -32,8 +31,7 @@ def table(name, p, rng, phase=True, uncertainty=True):
 
 def cost_from(problem, model, start):
     coordinates = Coordinates.at(model, start, problem.band_hz)
-    args = (coordinates, (problem.polar, problem.has_phase, problem.quantity), problem.data)
-    return levenberg_marquardt(response_objective, coordinates.first, args).costs[-1]
+    return levenberg_marquardt(problem.normal, coordinates.first, coordinates).costs[-1]
 
 
 GRID = [

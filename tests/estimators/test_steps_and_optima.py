@@ -10,19 +10,24 @@ import vibrident
 from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
-from vibrident.estimators.objectives import Local, time_objective
-from vibrident.estimators.optimise import adam, levenberg_marquardt
+from vibrident.estimators.adam import adam
+from vibrident.estimators.optimise import levenberg_marquardt
 from vibrident.models import parse
 from vibrident.models.state_space import realise
 from vibrident.network import Cell, physics_from_weights, run
 from vibrident.network.readback import network_response
-from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.problem import Coordinates, Evidence, Local
+from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.records import Calibration
 from vibrident.simulation import SENSORS, simulate
 
 PAPER = dict(SENSORS["paper"].parameters)
 MODEL = parse("accelerometer")
 START = {"sensitivity": 0.1, "natural_frequency": 640.0, "damping_ratio": 0.21}
+
+
+def _in_time(z, args):
+    return evaluate(jnp.asarray(z), *args)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +76,7 @@ def test_the_unrolled_step_is_the_classical_gauss_newton_step(problem: TimeProbl
     z_network = z_classical = args[0].first
     nuisance = np.zeros(3 * len(problem.records))
     for _ in range(4):
-        local = time_objective(jnp.asarray(z_network), args)
+        local = evaluate(jnp.asarray(z_network), *args)
         z_network = z_network + np.linalg.solve(np.asarray(local.matrix), np.asarray(local.gradient))
 
         joint = np.concatenate([z_classical, nuisance])
@@ -108,10 +113,10 @@ def test_the_gradient_is_that_of_the_cost(problem: TimeProblem) -> None:
     """Central differences of the cost, initial states and offsets found anew at each point."""
     args = arguments(problem)
     z, h = args[0].first, 1e-5
-    gradient = -2.0 * np.asarray(time_objective(jnp.asarray(z), args).gradient)
+    gradient = -2.0 * np.asarray(evaluate(jnp.asarray(z), *args).gradient)
     for j in range(3):
         step = h * np.eye(3)[j]
-        up, down = (float(time_objective(jnp.asarray(z + s), args).cost) for s in (step, -step))
+        up, down = (float(evaluate(jnp.asarray(z + s), *args).cost) for s in (step, -step))
         assert gradient[j] == pytest.approx((up - down) / (2 * h), rel=1e-6)
 
 
@@ -137,9 +142,9 @@ def test_a_parameter_without_influence_is_left_where_it_is() -> None:
 
 def test_adam_reaches_the_optimum_of_levenberg_marquardt(problem: TimeProblem) -> None:
     args = arguments(problem)
-    best = levenberg_marquardt(time_objective, args[0].first, args)
-    slow = adam(time_objective, args[0].first, args, learning_rate=0.003, steps=800)
-    u = np.sqrt(np.diag(np.linalg.inv(np.asarray(time_objective(jnp.asarray(best.last), args).matrix))))
+    best = levenberg_marquardt(_in_time, args[0].first, args)
+    slow = adam(_in_time, args[0].first, args, learning_rate=0.003, steps=800)
+    u = np.sqrt(np.diag(np.linalg.inv(np.asarray(evaluate(jnp.asarray(best.last), *args).matrix))))
     assert best.converged
     assert np.max(np.abs(slow.last - best.last) / u) < 0.05
 

@@ -15,8 +15,8 @@ from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Ipnn
 from vibrident.models import parse
-from vibrident.problem import Coordinates, TimeProblem, time_domain
-from vibrident.problem.time_domain import evaluate
+from vibrident.problem import Coordinates, time_domain
+from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import (
     SENSORS,

@@ -8,8 +8,8 @@ from vibrident.discretize import method
 from vibrident.discretize.weights import METHODS
 from vibrident.models import parse
 from vibrident.network.blocks import Windows, step_inputs
-from vibrident.problem import Coordinates, TimeProblem
-from vibrident.problem.time_domain import evaluate
+from vibrident.problem import Coordinates
+from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.simulation import simulate, with_noise
 
 TRUE = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": 137e-6}

@@ -10,11 +10,12 @@ from vibrident.backend import jnp
 from vibrident.cli.estimators import EstimatorOptions, checked
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
-from vibrident.estimators import Ipnn, ResidualIpnn
+from vibrident.estimators import Ipnn
+from vibrident.estimators.residual_network import ResidualIpnn
 from vibrident.models import parse
 from vibrident.network.residual import initial_weights, with_residual
-from vibrident.problem import Coordinates, TimeProblem
-from vibrident.problem.time_domain import evaluate
+from vibrident.problem import Coordinates
+from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.simulation import SENSORS, simulate
 
 RATE, SAMPLES = 12800.0, 800

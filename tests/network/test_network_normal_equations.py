@@ -8,8 +8,8 @@ from vibrident.backend import jax, jnp
 from vibrident.discretize import Weights, method
 from vibrident.models import parse
 from vibrident.network.sensitivity import normal_equations
-from vibrident.problem import Coordinates, TimeProblem
-from vibrident.problem.time_domain import evaluate, physical_residual, time_residual
+from vibrident.problem import Coordinates
+from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual, time_residual
 from vibrident.simulation import simulate, with_noise
 
 TRUE = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": 37e-6}

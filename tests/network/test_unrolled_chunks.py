@@ -11,8 +11,8 @@ from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
 from vibrident.models import parse
 from vibrident.network import Cell, run
-from vibrident.problem import Coordinates, TimeProblem
-from vibrident.problem.time_domain import evaluate, physical_residual
+from vibrident.problem import Coordinates
+from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual
 from vibrident.records import Record
 
 TRUTH = {"sensitivity": 0.1, "natural_frequency": 650.0, "damping_ratio": 0.2, "delay": 3e-5}

@@ -9,8 +9,9 @@ from vibrident.backend import jax, jnp
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.models import parse
-from vibrident.problem import Coordinates, Evidence, FrequencyProblem, TimeProblem
+from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import inverse_residual, response_jacobian, response_residual
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.simulation import simulate
 
@@ -174,23 +175,3 @@ def test_evidence_numbers_records_as_they_were_given():
     assert 5.0 < low < 100.0
     assert 900.0 < high < 1300.0
     assert Evidence.gather(Calibration(table=table()), MODEL).band_hz == pytest.approx(BAND)
-
-
-def test_points_that_fill_up_to_a_common_size_weigh_nothing():
-    """Tables and records of 33, 35 and 36 points run one program; cost, gradient and JᵀJ are those of the points."""
-    from vibrident.estimators.objectives import response_objective
-
-    c, programs = Coordinates.at(MODEL, {**P, "damping_ratio": 0.3}, BAND), set()
-    for points in (33, 35, 36):
-        f = np.geomspace(*BAND, points)
-        h = MODEL.frequency_response(P, f)
-        given = ResponseTable(f, np.abs(h), np.angle(h), 0.01 * np.abs(h), np.full(points, 0.01))
-        tabled = FrequencyProblem.of_table(given, MODEL, "acceleration")
-        recorded = replace(tabled, polar=False, data=(f, np.full(points, 2.0 + 0j), 2.0 * h, 0.01 * np.abs(h)))
-        for problem in (tabled, recorded):
-            args = (c, (problem.polar, True, "acceleration"))
-            own, filled = (response_objective(c.first, (*args, data)) for data in (problem.data, problem.padded))
-            for one, other in zip(own, filled, strict=True):
-                np.testing.assert_allclose(np.asarray(other), np.asarray(one), rtol=1e-10)
-            programs.add((problem.polar, tuple(part.shape for part in problem.padded)))
-    assert len(programs) == 2

@@ -7,6 +7,5 @@ from vibrident.estimators.base import Estimate, Estimator
 from vibrident.estimators.ipnn import Ipnn
 from vibrident.estimators.lsm import LeastSquares
 from vibrident.estimators.ml import MaximumLikelihood
-from vibrident.estimators.residual_network import ResidualIpnn
 
-__all__ = ["Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "ResidualIpnn", "choose"]
+__all__ = ["Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "choose"]

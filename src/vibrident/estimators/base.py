@@ -11,7 +11,7 @@ from vibrident.estimators.optimise import Progress, Trace
 from vibrident.estimators.start import Start
 from vibrident.measure import MeasuredResponse
 from vibrident.models import SensorModel
-from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.problem import Coordinates, Evidence, NetworkProblem
 from vibrident.records import FloatArray
 
 
@@ -28,7 +28,7 @@ class Estimate:
         trace: of the optimiser.
         settings: what was chosen.
         tones: the tones as last measured, with the start transient taken out; None without sine records.
-        problem: the time-domain problem, where the estimator made one.
+        problem: the network over the records, where the estimator made one.
         equations: number of residuals in the cost.
         begin: the way from the grid to the start values.
         predicted: predicted response of every record at the optimum, NaN where there is none, where it is at hand.
@@ -44,7 +44,7 @@ class Estimate:
     trace: Trace
     settings: Mapping[str, Any] = field(default_factory=dict)
     tones: MeasuredResponse | None = None
-    problem: TimeProblem | None = None
+    problem: NetworkProblem | None = None
     predicted: tuple[FloatArray, ...] | None = None
     begin: Start | None = None
     equations: float = 1.0

@@ -10,57 +10,64 @@ spectrum's own scatter; hum, drift and 1/f noise are counted where they stand in
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
-from scipy import fft
 
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.noise_spectrum import NEAREST, mean_around
-from vibrident.measure.lines import line_counts
-from vibrident.network.sensitivity import Normal
-from vibrident.problem import TimeProblem
-from vibrident.records import FloatArray, Record
+from vibrident.lines import RecordLines
+from vibrident.measure.response import ComplexArray
+from vibrident.records import FloatArray
 
 #: Lines averaged on either side of each: a part of the spectrum, within these numbers.
 SHARE, FEWEST, MOST = 1 / 256, 12, 200
+#: Lines that a sum over lines copies at once.
+AT_ONCE = 2**16
 
 
 def coloured_covariance(
-    problem: TimeProblem,
-    normal: Normal,
-    noise: FloatArray,
+    lines: Sequence[RecordLines], degrees: FloatArray, prior: FloatArray | float = 0.0
 ) -> tuple[FloatArray, float]:
     """Covariance of the parameters, shape (P, P), and the degrees of freedom behind it.
 
     Args:
-        problem: the records.
-        normal: the normal equations at the optimum.
-        noise: standard deviation by which each record was weighted, shape (records,).
+        lines: the records at the optimum of equal weights.
+        degrees: degrees of freedom of each, shape (records,).
+        prior: information that the fit had beside the data, shape (P, P).
     """
-    inverse = inverse_normal(np.asarray(normal.matrix))
-    predicted = problem.by_record(normal.response)
-    columns = [problem.by_record(column) for column in normal.columns]
-    middle = np.zeros_like(inverse)
-    freedom = 0.0
-    for index, record in enumerate(problem.records):
-        used = record.mask & np.isfinite(predicted[index])
-        count = float(used.sum())
-        if count == 0.0:
+    parts, freedom = [], 0.0
+    for record, own in zip(lines, degrees, strict=True):
+        if record.count == 0.0:
             continue
-        residual = np.where(used, (record.response - predicted[index]) / noise[index], 0.0)
-        slopes = np.stack([np.where(used, column[index], 0.0) for column in columns])
-        width = _width(record)
-        power = np.abs(np.asarray(fft.rfft(residual))) ** 2 / count
-        if count < 4 * FEWEST:  # too few lines for a mean around each
-            level, own = np.ones_like(power), max(float(problem.degrees_of_freedom[index]), 1.0)
+        power = np.abs(record.residual) ** 2 / record.count
+        if record.count < 4 * FEWEST:  # too few lines for a mean around each
+            level, told = np.ones_like(power), max(float(own), 1.0)
         else:
-            level, own = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
-        level = np.maximum(level, (problem.noise_floor[index] / noise[index]) ** 2)
-        lines = np.asarray(fft.rfft(slopes, axis=1))
-        weight = line_counts(record.samples) * level / record.samples
-        middle += np.real((lines * weight) @ np.conj(lines).T)
-        freedom += own
-    return inverse @ middle @ inverse, freedom
+            width = int(np.clip(record.samples * SHARE, FEWEST, MOST))
+            level, told = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
+        parts.append((record.slopes, record.twice / record.samples, np.maximum(level, record.floor)))
+        freedom += told
+    return sandwich(parts, prior), freedom
 
 
-def _width(record: Record) -> int:
-    return int(np.clip(record.samples * SHARE, FEWEST, MOST))
+def sandwich(
+    parts: Iterable[tuple[ComplexArray, FloatArray, FloatArray]], prior: FloatArray | float = 0.0
+) -> FloatArray:
+    """Covariance of the estimate with the weights it was made with, in the noise that is there, shape (P, P).
+
+    Args:
+        parts: of every record the slopes (P, lines), the weight of each line, and its noise beside what the weight
+            says.
+        prior: information beside that of the records, shape (P, P).
+    """
+    normal = prior
+    middle: FloatArray | float = 0.0
+    for slopes, weight, level in parts:
+        for begin in range(0, len(weight), AT_ONCE):  # copies of a block, not of everything
+            block = slice(begin, begin + AT_ONCE)
+            own, weighted = np.conj(slopes[:, block]).T, slopes[:, block] * weight[block]
+            normal = normal + np.real(weighted @ own)
+            middle = middle + np.real((weighted * level[block]) @ own)
+    inverse = inverse_normal(np.asarray(normal))
+    return inverse @ np.asarray(middle) @ inverse

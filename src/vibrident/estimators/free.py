@@ -19,7 +19,8 @@ from vibrident.errors import ModelError
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.network.readback import Reading, physics_from_weights
 from vibrident.network.sensitivity import Normal, normal_equations
-from vibrident.problem import Coordinates, TimeProblem
+from vibrident.problem import Coordinates
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import FloatArray
 
 #: Relative step of the central differences that carry the weights' covariance to the parameters.

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.network.sensitivity import Normal
-from vibrident.problem import Evidence, TimeProblem
+from vibrident.problem import Evidence
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import FloatArray
 
 #: Harmonic, and the highest frequency, as a part of the sampling rate, at which the records still show it.

@@ -13,20 +13,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.discretize import method
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
-from vibrident.estimators.free import train_free
-from vibrident.estimators.harmonic_start import with_harmonic_start
-from vibrident.estimators.objectives import time_objective
-from vibrident.estimators.optimise import Progress, Trace, adam, levenberg_marquardt, silent
+from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.reweighting import reweighted
 from vibrident.estimators.start import Start, find_start
-from vibrident.network.readback import Reading
-from vibrident.network.sensitivity import Normal
-from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.lines import RecordLines
+from vibrident.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective, network_of
+from vibrident.problem.framing import response_size
 from vibrident.records import FloatArray
 
 #: Rounds of training with refreshed noise weights and delay.
@@ -57,7 +53,7 @@ class Ipnn:
     learning_rate: float = 0.001
     steps: int = 1500
     weights: Literal["tied", "free"] = "tied"
-    reading: Reading = "eigenvalues"
+    reading: Literal["eigenvalues", "elements"] = "eigenvalues"
     name: str = "ipnn"
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
@@ -78,26 +74,23 @@ class Ipnn:
         trained = self._trained(evidence, progress)
         if self.weights == "free":
             return self._freed(trained, progress)
-        if self.optimiser == "adam" or not evidence.model.is_linear:  # a bent response has no lines of its own
-            return trained.with_equal_weights()
         return trained.in_the_noise_found()
 
     def _trained(self, evidence: Evidence, progress: Progress) -> _Trained:
         assert evidence.first_look is not None
         begin = find_start(evidence.first_look, evidence.model)
         start = begin.values
-        step = method(self.discretisation)
-        problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, start)
-        coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, problem.response_size)
+        problem = self._problem(evidence, start)
+        coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, response_size(evidence.records))
         z = coordinates.first
         noise, trace = np.ones(len(evidence.records)), None
         for _ in range(ROUNDS):
-            normal = time_objective(jnp.asarray(z), _args(problem, coordinates, noise))
-            found = _record_noise(problem, np.asarray(normal.squares))
+            normal = problem.normal(z, coordinates, noise)
+            found = problem.record_noise(normal, noise)
             if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
                 break
             if trace is None and not evidence.model.is_linear:
-                z = with_harmonic_start(problem, normal, evidence, z)
+                z = _with_harmonic_start(problem, normal, evidence, z)
             noise = found
             trace = self._train(problem, coordinates, z, noise, progress)
             z = trace.last
@@ -109,27 +102,49 @@ class Ipnn:
         settings: dict[str, Any] = {
             "discretisation": self.discretisation,
             "optimiser": trace.optimiser,
-            "inputs_per_step": problem.layout.terms,
+            "inputs_per_step": problem.frame.terms,
             "noise": noise.tolist(),
         }
         if not evidence.model.is_linear:
             settings["response_curve"] = SMALL_SIGNAL
-        return _Trained(problem, coordinates, z, noise, trace, begin, settings)
+        return _Trained(evidence, problem, coordinates, z, noise, trace, begin, settings)
+
+    def _problem(self, evidence: Evidence, start: dict[str, float]) -> NetworkProblem:
+        """Adam runs the network in time, as the paper does."""
+        at = (evidence.records, evidence.model, method(self.discretisation), evidence.quantity, start)
+        if self.optimiser == "lm":
+            return network_of(*at)
+        from vibrident.problem.time_domain import TimeProblem
+
+        return TimeProblem.build(*at)
 
     def _freed(self, trained: _Trained, progress: Progress) -> Estimate:
-        problem, noise = trained.problem, trained.noise
-        z, covariance, trace, _ = train_free(problem, trained.coordinates, trained.z, noise, self.reading, progress)
-        _, freedom = coloured_covariance(problem, trained.normal(trained.z), noise)
-        more = {"weights": "free", "reading": self.reading}
-        return replace(trained.estimate(z, covariance, freedom, more), trace=trace, begin=None)
+        from vibrident.estimators.free import train_free
+        from vibrident.problem.time_domain import TimeProblem
+
+        evidence, values = trained.evidence, trained.coordinates.values(trained.z)
+        in_time = TimeProblem.build(
+            evidence.records, evidence.model, method(self.discretisation), evidence.quantity, values
+        )
+        z, covariance, trace, _ = train_free(
+            in_time, trained.coordinates, trained.z, trained.noise, self.reading, progress
+        )
+        _, freedom = coloured_covariance(trained.lines(), trained.problem.degrees_of_freedom)
+        return replace(
+            trained.estimate(z, covariance, freedom, {"weights": "free", "reading": self.reading}),
+            trace=trace,
+            begin=None,
+        )
 
     def _train(
-        self, problem: TimeProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray, progress: Progress
+        self, problem: NetworkProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray, progress: Progress
     ) -> Trace:
-        args = _args(problem, coordinates, noise)
-        if self.optimiser == "adam":
-            return adam(time_objective, z, args, learning_rate=self.learning_rate, steps=self.steps, progress=progress)
-        return levenberg_marquardt(time_objective, z, args, tolerance=1e-6, progress=progress)
+        args = (coordinates, problem, noise)
+        if self.optimiser == "lm":
+            return levenberg_marquardt(network_objective, z, args, tolerance=1e-6, progress=progress)
+        from vibrident.estimators.adam import adam
+
+        return adam(network_objective, z, args, learning_rate=self.learning_rate, steps=self.steps, progress=progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +152,7 @@ class _Trained:
     """The network at the optimum of equal weights for all samples of a record.
 
     Attributes:
+        evidence: what it was trained on.
         problem: the records.
         coordinates: the map from z to parameters.
         z: the optimum, shape (p,).
@@ -146,7 +162,8 @@ class _Trained:
         settings: what was chosen.
     """
 
-    problem: TimeProblem
+    evidence: Evidence
+    problem: NetworkProblem
     coordinates: Coordinates
     z: FloatArray
     noise: FloatArray
@@ -154,14 +171,12 @@ class _Trained:
     begin: Start
     settings: dict[str, Any]
 
-    def normal(self, z: FloatArray) -> Normal:
-        """The network and its normal equations at ``z``."""
-        return time_objective(jnp.asarray(z), _args(self.problem, self.coordinates, self.noise))
+    def lines(self) -> list[RecordLines]:
+        """The records at the lines of their transforms, at the optimum."""
+        return self.problem.lines(self.z, self.coordinates, self.noise)
 
-    def estimate(
-        self, z: FloatArray, covariance: FloatArray, freedom: float, more: dict[str, Any], normal: Normal | None = None
-    ) -> Estimate:
-        """An estimate of this training; with ``normal``, that at ``z``, it holds the predicted response."""
+    def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, more: dict[str, Any]) -> Estimate:
+        """An estimate of this training."""
         return Estimate(
             "ipnn",
             self.coordinates,
@@ -171,20 +186,23 @@ class _Trained:
             self.trace,
             self.settings | more,
             problem=self.problem,
-            predicted=None if normal is None else tuple(self.problem.by_record(normal.response)),
             begin=self.begin,
             equations=float(np.sum(self.problem.degrees_of_freedom)),
         )
 
     def with_equal_weights(self) -> Estimate:
         """As trained."""
-        normal = self.normal(self.z)
-        covariance, freedom = coloured_covariance(self.problem, normal, self.noise)
-        return self.estimate(self.z, covariance, freedom, {"noise_weights": "white"}, normal)
+        covariance, freedom = coloured_covariance(self.lines(), self.problem.degrees_of_freedom)
+        return self._with_response(self.estimate(self.z, covariance, freedom, {"noise_weights": "white"}))
+
+    def _with_response(self, found: Estimate) -> Estimate:
+        return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
 
     def in_the_noise_found(self) -> Estimate:
-        """The end of training: every line of the residual weighed by its own noise."""
-        end = reweighted(self.normal, self.problem, self.coordinates, self.z, self.noise)
+        """The end of training: every line of the residual weighed by its own noise, where there are lines."""
+        if not isinstance(self.problem, LineProblem):  # a bent response has no lines of its own
+            return self.with_equal_weights()
+        end = reweighted(self.problem, self.coordinates, self.z, self.noise)
         if end is None:
             return self.with_equal_weights()
         names = self.coordinates.model.parameter_names
@@ -196,18 +214,13 @@ class _Trained:
             more["reference_noise"] = end.reference_noise.tolist()
         if any(end.hum_hz):
             more["hum_hz"] = [list(tones) for tones in end.hum_hz]
-        found = self.estimate(end.z, end.covariance, end.degrees_of_freedom, more, end.normal)
-        return replace(found, if_rejected=self.with_equal_weights)
+        found = self.estimate(end.z, end.covariance, end.degrees_of_freedom, more)
+        return replace(self._with_response(found), if_rejected=self.with_equal_weights)
 
 
-def _args(problem: TimeProblem, coordinates: Coordinates, noise: FloatArray) -> tuple[Any, ...]:
-    return coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise))
+def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
+    from vibrident.estimators.harmonic_start import with_harmonic_start
+    from vibrident.problem.time_domain import TimeProblem
 
-
-def _record_noise(problem: TimeProblem, squares: FloatArray) -> FloatArray:
-    """Standard deviation of each record's residual, shape (records,), from the sums of squares of the segments."""
-    count = len(problem.records)
-    squares = squares[: len(problem.record_of_segment)]  # segments beyond are padding
-    totals = np.bincount(problem.record_of_segment, weights=squares, minlength=count)
-    estimate = np.sqrt(totals / np.maximum(problem.degrees_of_freedom, 1.0))
-    return np.maximum(estimate, problem.noise_floor)
+    assert isinstance(problem, TimeProblem)
+    return with_harmonic_start(problem, normal, evidence, z)

@@ -15,16 +15,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate, refuse_nonlinear
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.ml import weighted_problem
-from vibrident.estimators.objectives import inverse_jacobian, inverse_objective
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
-from vibrident.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.measure.response import ComplexArray
+from vibrident.models.slopes import response_and_slopes
+from vibrident.problem import Coordinates, Evidence, FrequencyProblem, Local
+from vibrident.records import FloatArray, Quantity
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,9 @@ class LeastSquares:
                 freedom = float(np.sum(tones.degrees_of_freedom))
             weight = self._weight(problem)
             args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
-            trace = levenberg_marquardt(inverse_objective, z, args, tolerance=1e-12, progress=progress)
+            trace = levenberg_marquardt(_objective, z, args, tolerance=1e-12, progress=progress)
             z = trace.last
-        jacobian = np.asarray(inverse_jacobian(jnp.asarray(trace.last), args))
+        _, jacobian = inverse_residual(trace.last, *args)
         # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
         gain = inverse_normal(jacobian.T @ jacobian) @ jacobian.T
@@ -94,3 +95,21 @@ class LeastSquares:
         if self.weighting == "plain":
             return np.full(problem.points, float(np.median(size)))
         return size / problem.relative_deviation
+
+
+def _objective(z: FloatArray, args: Any) -> Local:
+    return Local.of(*inverse_residual(z, *args))
+
+
+def inverse_residual(
+    z: FloatArray, coordinates: Coordinates, quantity: Quantity, data: tuple[FloatArray, ComplexArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """The paper's least-squares residual w (1/H_model − 1/H), shape (2 n,), and its slopes; data: (f, H, w).
+
+    Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which is what makes the method simple (PAPER, LSM).
+    """
+    frequency, response, weight = data
+    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency, quantity)
+    residual = weight * (1.0 / model - 1.0 / response)
+    jacobian = -(weight / model**2)[:, None] * slopes.T * coordinates.slopes(z)
+    return np.concatenate([residual.real, residual.imag]), np.concatenate([jacobian.real, jacobian.imag])

@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate, refuse_nonlinear
 from vibrident.estimators.covariance import inverse_normal
-from vibrident.estimators.objectives import response_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
@@ -135,8 +133,7 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
 
 
 def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:
-    kind = (problem.polar, problem.has_phase, problem.quantity)
-    return levenberg_marquardt(response_objective, z, (coordinates, kind, problem.padded), progress=progress)
+    return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
 
 
 def _estimate(
@@ -147,9 +144,7 @@ def _estimate(
     tones: MeasuredResponse | None = None,
 ) -> Estimate:
     assert trace is not None
-    kind = (problem.polar, problem.has_phase, problem.quantity)
-    local = response_objective(jnp.asarray(trace.last), (coordinates, kind, problem.padded))
-    covariance = inverse_normal(np.asarray(local.matrix))
+    covariance = inverse_normal(problem.normal(trace.last, coordinates).matrix)
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
         covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))

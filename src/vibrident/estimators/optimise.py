@@ -1,4 +1,4 @@
-"""Two ways down the same residual: Levenberg–Marquardt and Adam (optax), one step at a time.
+"""The way down a residual: Levenberg–Marquardt, one step at a time.
 
 An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape
 (p,), however many residuals there are; a step needs no more.
@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import optax
 
-from vibrident.backend import jax, jnp
 from vibrident.errors import NotConverged
 from vibrident.records import FloatArray
 
@@ -158,34 +156,3 @@ class _Point:
     @functools.cached_property
     def gain(self) -> float:
         return float(self.step(0.0) @ self.gradient)
-
-
-def adam(
-    objective: Objective,
-    start: FloatArray,
-    args: Any,
-    *,
-    learning_rate: float = 0.001,
-    steps: int = 1500,
-    progress: Progress = silent,
-) -> Trace:
-    """Minimise the squared residual by Adam (Kingma & Ba 2015), the paper's optimiser, full batch.
-
-    Adam's steps do not depend on the scale of the cost, so the mean and the sum of squares train alike.
-    """
-    z = jnp.asarray(start, dtype=float)
-    state = optax.adam(learning_rate).init(z)
-    costs, path = [], []
-    for iteration in range(1, steps + 1):
-        local = objective(z, args)
-        costs.append(float(local.cost))
-        path.append(np.asarray(z))
-        z, state = _adam_step(z, -2.0 * local.gradient, state, learning_rate)
-        progress(iteration, steps, costs[-1])
-    return Trace("adam", True, f"{steps} steps", tuple(costs), np.array(path))
-
-
-@jax.jit
-def _adam_step(z: Any, gradient: Any, state: Any, learning_rate: Any) -> tuple[Any, Any]:
-    update, state = optax.adam(learning_rate).update(gradient, state, z)
-    return optax.apply_updates(z, update), state

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,12 +21,12 @@ from vibrident.errors import ModelError, NotConverged
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
 from vibrident.estimators.ipnn import Ipnn
-from vibrident.estimators.objectives import Local, time_objective
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.models import SensorModel
 from vibrident.network.residual import STRUCTURES, initial_weights, with_residual
 from vibrident.network.sensitivity import Normal
-from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.problem import Coordinates, Evidence, Local
+from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.records import FloatArray
 
 #: From this many records on, every third is held out; of fewer, parts of each.
@@ -76,6 +76,7 @@ class ResidualIpnn:
     physics: Ipnn = field(default_factory=Ipnn)
     structures: tuple[tuple[str, ...], ...] = STRUCTURES
     name: str = "ipnn"
+    for_one_calibration: ClassVar[bool] = True
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Train the physics, then what may stand beside it.
@@ -95,11 +96,10 @@ class ResidualIpnn:
         for structure in self.structures:
             with_residual(evidence.model, structure)  # refuses before anything is trained
         plain = self.physics.fit(evidence, progress)
-        assert plain.problem is not None
-        parts = _held_out(plain.problem)
+        physics = _Candidate.physics(plain, evidence)
+        parts = _held_out(physics.problem)
         if parts is None:
             return _without(plain, "too little data to hold a part out", {})
-        physics = _Candidate.physics(plain)
         trained = physics.trained(parts, progress)
         before = trained.residuals(~parts)
         tried: dict[tuple[str, ...], _Judged] = {}
@@ -128,10 +128,11 @@ class _Candidate:
     trace: Trace | None = None
 
     @classmethod
-    def physics(cls, plain: Estimate) -> _Candidate:
-        assert plain.problem is not None
+    def physics(cls, plain: Estimate, evidence: Evidence) -> _Candidate:
+        values, step = plain.coordinates.values(plain.z), method(str(plain.settings["discretisation"]))
+        problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
         noise = np.asarray(plain.settings["noise"], dtype=float)
-        return cls(plain.problem, plain.coordinates, np.asarray(plain.z), noise)
+        return cls(problem, plain.coordinates, np.asarray(plain.z), noise)
 
     def args(self, lanes: np.ndarray) -> tuple[Any, ...]:
         """Arguments of the residual over the lanes chosen, shape (M,)."""
@@ -141,7 +142,7 @@ class _Candidate:
 
     def normal(self, lanes: np.ndarray) -> Normal:
         """Normal equations at z over the lanes chosen."""
-        return time_objective(jnp.asarray(self.z), self.args(lanes))
+        return evaluate(jnp.asarray(self.z), *self.args(lanes))
 
     def residuals(self, lanes: np.ndarray) -> FloatArray:
         """Residual, zero outside the lanes chosen, shape (L, M); initial states and offsets are those of all lanes."""
@@ -174,7 +175,7 @@ class _Judged:
 
 def _penalised(z: Any, args: Any) -> Local:
     inner, centre, weight = args
-    normal = time_objective(z, inner)
+    normal = evaluate(jnp.asarray(z), *inner)
     away = z - centre
     matrix = normal.matrix + jnp.diag(weight)
     return Local(matrix, normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2))
@@ -332,8 +333,8 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
     everything = np.ones(whole.problem.lanes.segment.shape, dtype=bool)
     normal = whole.normal(everything)
     _, weight = _prior(whole.coordinates)
-    held = normal._replace(matrix=normal.matrix + jnp.diag(jnp.asarray(weight)))
-    covariance, freedom = coloured_covariance(whole.problem, held, whole.noise)
+    lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
+    covariance, freedom = coloured_covariance(lines, whole.problem.degrees_of_freedom, np.diag(weight))
     z = np.asarray(whole.z)[:count]
     alone = plain.problem.predict(plain.coordinates, z)
     predicted = tuple(whole.problem.by_record(normal.response))

@@ -18,24 +18,24 @@ from vibrident.discretize import method
 from vibrident.discretize.inputs import half_width_for
 from vibrident.errors import InputError
 from vibrident.measure import MeasuredResponse, measure_tones
-from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.problem import Coordinates, Evidence, NetworkProblem, network_of
 from vibrident.records import FloatArray
 
 #: Interpolation by so many samples on either side is good to 1e-5.
 FINE = 32
 
 
-def network_problem(evidence: Evidence, values: dict[str, float]) -> TimeProblem | None:
-    """The time-domain problem with band-limited inputs; None where every record is too short for it."""
+def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
+    """The network over all records with band-limited inputs; None where every record is too short for it."""
     try:
-        return TimeProblem.build(evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values)
+        return network_of(evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values)
     except InputError:
         return None
 
 
 def residual_tones(
     evidence: Evidence,
-    problem: TimeProblem | None,
+    problem: NetworkProblem | None,
     coordinates: Coordinates,
     z: FloatArray,
     predicted: Sequence[FloatArray] | None = None,

@@ -18,22 +18,23 @@ and where there is next to no noise that would pass for knowledge.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
-from vibrident.estimators.covariance import SMALLEST, inverse_normal
+from vibrident.estimators.coloured import sandwich
+from vibrident.estimators.covariance import SMALLEST
 from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
-from vibrident.estimators.record_lines import LONG, RecordLines, record_lines
+from vibrident.lines import RecordLines
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back
-from vibrident.network.sensitivity import Normal
-from vibrident.problem import Coordinates, TimeProblem
+from vibrident.problem import Coordinates, LineProblem
 from vibrident.records import FloatArray
 
+#: Of longer records memory that is not needed any more is given back at once.
+LONG = 2**18
 #: Evaluations of the network at most; the step, in standard deviations, at which no further one is needed, and beyond
 #: which the last is no optimum.
 EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
@@ -76,7 +77,6 @@ class Reweighted:
     z: FloatArray
     covariance: FloatArray
     degrees_of_freedom: float
-    normal: Normal
     reference_noise: FloatArray
     doubt: FloatArray
     hum_hz: tuple[tuple[float, ...], ...]
@@ -101,36 +101,29 @@ class _Share:
     spectrum: NoiseSpectrum
 
 
-def reweighted(
-    evaluate: Callable[[FloatArray], Normal],
-    problem: TimeProblem,
-    coordinates: Coordinates,
-    z: FloatArray,
-    noise: FloatArray,
-) -> Reweighted | None:
+def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray) -> Reweighted | None:
     """Go from the optimum of equal weights to that of the noise as it is; None where the misfit is no noise.
 
     Args:
-        evaluate: the network's normal equations at z.
         problem: the records.
         coordinates: the map from z to parameters.
         z: the optimum of equal weights, shape (p,).
-        noise: standard deviation by which ``evaluate`` weights each record, shape (records,).
+        noise: standard deviation by which each record was weighted, shape (records,).
     """
     spectra: list[NoiseSpectrum] = []
     first, cost, spread = z, np.inf, np.zeros((len(z), len(z)))
     lines: list[RecordLines] = []
     for last in range(EVALUATIONS):
         lines.clear()  # of long records they are most of the memory
-        normal = evaluate(z)
-        if not float(normal.cost) <= COSTLIER * cost:
+        lines += problem.lines(z, coordinates, noise)
+        now = sum(float(np.sum(_equal(record) * np.abs(record.residual) ** 2)) for record in lines)
+        if not now <= COSTLIER * cost:
             return None
-        lines += record_lines(problem, normal, coordinates, z, noise)
         if any(record.samples > LONG for record in lines):
             give_back()
         if last == 0:
             spectra = [_spectrum(record, record.residual, record.through) for record in lines]
-            cost, spread = float(normal.cost), _spread(normal, lines, spectra)
+            cost, spread = now, _spread(lines, spectra)
         step, shares = np.zeros(len(z)), []
         for _ in range(ROUNDS):
             shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
@@ -151,7 +144,7 @@ def reweighted(
             z = z + step
     seen = any(share.spectrum.passed > 0 for share in shares)  # then equal weights are drawn aside
     shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
-    if not far <= ASTRAY or (not seen and chi2.sf(shift, len(z)) < DIFFERENT):
+    if not far <= ASTRAY or (not seen and chdtrc(len(z), shift) < DIFFERENT):
         return None
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
@@ -161,7 +154,6 @@ def reweighted(
         z,
         covariance,
         sum(4.0 * (_width(record) - NEAREST) for record in lines),
-        normal,
         np.sqrt([share.spectrum.passed for share in shares]) * noise,
         doubt,
         tuple(
@@ -171,13 +163,15 @@ def reweighted(
     )
 
 
-def _spread(normal: Normal, lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArray:
+def _equal(record: RecordLines) -> FloatArray:
+    """Equal weights of the lines that count, shape (lines,)."""
+    return record.twice / max(record.samples, 1)
+
+
+def _spread(lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArray:
     """Covariance of the estimate with equal weights in the noise that is there."""
-    inverse, middle = inverse_normal(np.asarray(normal.matrix)), 0.0
-    for record, spectrum in zip(lines, spectra, strict=True):
-        weight = record.twice / max(record.samples, 1) * spectrum.level
-        middle = middle + _products(record.slopes.T, record.slopes.T, weight)
-    return inverse @ middle @ inverse
+    levels = [spectrum.level for spectrum in spectra]
+    return sandwich([(record.slopes, _equal(record), level) for record, level in zip(lines, levels, strict=True)])
 
 
 def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _Share:
@@ -236,7 +230,7 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
 
 def _spectrum(record: RecordLines, residual: ComplexArray, response: ComplexArray | None) -> NoiseSpectrum:
     through = None if response is None else np.abs(response) ** 2
-    if record.count >= SHORTEST and record.segments:
+    if record.count >= SHORTEST and record.free is not None:
         return noise_spectrum(residual, record.count, through, record.predicted, record.floor)
     power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)

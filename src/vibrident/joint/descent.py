@@ -16,15 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.errors import NotConverged
 from vibrident.estimators.covariance import inverse_normal
-from vibrident.estimators.objectives import Local
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.identification import Fitted
 from vibrident.joint.moments import Moments
 from vibrident.joint.score import Score
 from vibrident.joint.sharing import CHANNELS, Joint, Place, places
+from vibrident.problem import Local
 from vibrident.records import FloatArray
 
 #: Rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance.
@@ -72,7 +71,7 @@ def summed(parts: Sequence[Place], local: Sequence[Callable[[FloatArray], Local]
         found = [one(place.z(at)) for place, one in zip(parts, local, strict=True)]
         matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(parts, found, strict=True))
         gradient = sum(p.matrix.T @ f.gradient for p, f in zip(parts, found, strict=True))
-        return Local(jnp.asarray(matrix), jnp.asarray(gradient), jnp.asarray(sum(f.cost for f in found)))
+        return Local(matrix, gradient, sum(f.cost for f in found))
 
     return objective
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vibrident.decay import decays_alone
 from vibrident.errors import InputError, ModelError
-from vibrident.estimators import Estimate, Estimator, ResidualIpnn
+from vibrident.estimators import Estimate, Estimator
 from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import EstimatorName, Fitted, Uncertainty, document, fit, own_rows
@@ -66,7 +66,7 @@ def identify_together(
     """
     begin = time.perf_counter()
     names = _models(model, len(calibrations))
-    if isinstance(estimator, ResidualIpnn):
+    if getattr(estimator, "for_one_calibration", False):
         raise ModelError(
             "A learned residual belongs to one calibration.",
             expected="an estimator without it for a joint fit",

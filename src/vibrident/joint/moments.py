@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.estimators.covariance import inverse_normal
-from vibrident.estimators.objectives import Local
 from vibrident.joint.score import Score
+from vibrident.problem import Local
 from vibrident.records import FloatArray
 
 #: Scaled eigenvalues below this are rounding: such a direction is not seen.

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.estimators.ml import solved_problem
-from vibrident.estimators.objectives import Local, response_objective, time_objective
 from vibrident.identification import Fitted
-from vibrident.problem import Coordinates, FrequencyProblem, TimeProblem
+from vibrident.problem import Coordinates, FrequencyProblem, Local, NetworkProblem
 from vibrident.records import FloatArray
 
 
@@ -25,7 +23,7 @@ class Score:
     """
 
     coordinates: Coordinates
-    problem: TimeProblem | FrequencyProblem
+    problem: NetworkProblem | FrequencyProblem
     noise: FloatArray | None = None
 
     @classmethod
@@ -39,25 +37,21 @@ class Score:
 
     def local(self, z: FloatArray) -> Local:
         """Cost, gradient and normal matrix at ``z``, shape (p,)."""
-        at = jnp.asarray(z)
-        if isinstance(self.problem, TimeProblem):
-            assert self.noise is not None
-            noise = jnp.asarray(self.problem.by_lane(self.noise))
-            found = time_objective(at, (self.coordinates, self.problem.layout, self.problem.data, noise))
-        else:
-            kind = (self.problem.polar, self.problem.has_phase, self.problem.quantity)
-            found = response_objective(at, (self.coordinates, kind, self.problem.padded))
+        if isinstance(self.problem, FrequencyProblem):
+            return self.problem.normal(z, self.coordinates)
+        assert self.noise is not None
+        found = self.problem.normal(z, self.coordinates, self.noise)
         return Local(np.asarray(found.matrix), np.asarray(found.gradient), float(found.cost))
 
     def deviance(self, z: FloatArray) -> float:
         """−2 log likelihood at ``z`` up to a constant, with each record's noise as it is found there."""
-        if self.noise is None or not isinstance(self.problem, TimeProblem):
+        if self.noise is None or isinstance(self.problem, FrequencyProblem):
             return self.local(z).cost
         return float(2.0 * self.problem.degrees_of_freedom @ np.log(self.noise))
 
     def colour(self, z: FloatArray) -> float:
         """Mean of the residual's spectrum at ``z`` where the response is, one for white noise; at least one."""
-        if self.noise is None or not isinstance(self.problem, TimeProblem):
+        if self.noise is None or isinstance(self.problem, FrequencyProblem):
             return 1.0
         level, power = 0.0, 0.0
         for record, series, noise in zip(
@@ -72,7 +66,7 @@ class Score:
 
     def near(self, z: FloatArray) -> Score:
         """The same with inputs interpolated at the delay of ``z``, and each record weighted by its residual there."""
-        if not isinstance(self.problem, TimeProblem):
+        if isinstance(self.problem, FrequencyProblem):
             return self
         assert self.noise is not None
         problem = self.problem.at_delay_of(self.coordinates.values(z))

@@ -77,17 +77,19 @@ def normal_equations(
     transfers: Sequence[StepTransfer],
     slopes: Sequence[StepTransfer],
     weights: Sequence[FloatArray],
+    count: int,
+    p: int,
 ) -> LineNormal:
-    """Normal equations of all runs.
+    """Normal equations of all runs in batches.
 
     Args:
         batches: the runs.
         transfers: transfer function of a step of each batch.
         slopes: its derivatives with each parameter, in a leading axis of P.
         weights: one over the variance of each line of the residual, of each batch; shape (R, L).
+        count: number of all runs, in batches or not.
+        p: number of parameters P.
     """
-    count = 1 + max(int(np.max(batch.runs)) for batch in batches)
-    p = len(slopes[0].denominator)
     matrix, gradient, squares = np.zeros((p, p)), np.zeros(p), np.zeros(count)
     for batch, transfer, slope, weight in zip(batches, transfers, slopes, weights, strict=True):
         own_matrix, own_gradient, own_squares = _of_batch(batch, transfer, slope, np.sqrt(weight))
@@ -174,6 +176,23 @@ def _slopes(batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray) 
         if np.any(denominator):
             columns[:, number] -= modelled * _horner(denominator, w)
     return columns
+
+
+def freed(slopes: ComplexArray, free: ComplexArray, twice: FloatArray) -> ComplexArray:
+    """Slopes (P, L) less what the free responses (L, n) could imitate, lines counted ``twice``."""
+    weighed = free * twice[:, None]
+    gram = np.real(np.conj(free).T @ weighed)
+    share = _inverse(gram[None])[0] @ np.real(np.conj(weighed).T @ slopes.T)
+    return slopes - (free @ share).T
+
+
+def modelled_slopes(
+    slope: StepTransfer, inputs: ComplexArray, modelled: ComplexArray, w: ComplexArray, over: ComplexArray
+) -> ComplexArray:
+    """Slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ of one run, initial state held; shape (P, L)."""
+    driven = _horner_of_inputs(slope.numerator, inputs[None], w[None])[0]
+    aside = [modelled * _horner(denominator, w) for denominator in slope.denominator]
+    return np.asarray((driven - np.reshape(aside, driven.shape)) * over)
 
 
 def _horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:

@@ -36,7 +36,8 @@ class Run:
         span: samples of the response.
         lines: numbers m of the lines, shape (L,).
         inputs: transforms of the inputs of the steps, shape (q, L).
-        response: transform of the response, shape (L,).
+        response: transform of the response, zero where it is not used, shape (L,).
+        used: which samples of the response are used, shape (N,); None: all of them.
     """
 
     record: int
@@ -44,17 +45,12 @@ class Run:
     lines: NDArray[np.int_]
     inputs: ComplexArray
     response: ComplexArray
+    used: BoolArray | None = None
 
     @property
     def samples(self) -> int:
         """Number of steps N."""
         return int(self.span.stop - self.span.start)
-
-    @property
-    def share(self) -> FloatArray:
-        """Share of each line in a mean square over the run: 2/N², or 1/N² for a line that is real; shape (L,)."""
-        twice = np.where((self.lines == 0) | (2 * self.lines == self.samples), 1.0, 2.0)
-        return twice / self.samples**2
 
 
 def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
@@ -62,14 +58,16 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
 
     Args:
         number: of the record.
-        record: the record; both channels are valid all over the run.
+        record: the record; the reference is valid all over the run.
         span: the run, in samples of the response.
         step: what makes the inputs of its steps.
     """
     lines = np.arange((span.stop - span.start) // 2 + 1)
     reference, _ = seen_by_network(record, centred=True)
     inputs = input_lines(reference, span, step, lines)
-    return Run(number, span, lines, inputs, np.asarray(fft.rfft(record.response[span])))
+    used = record.mask[span]
+    response = np.asarray(fft.rfft(np.where(used, record.response[span], 0.0)))
+    return Run(number, span, lines, inputs, response, None if used.all() else used)
 
 
 def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vibrident.estimators import Ipnn, ResidualIpnn
+from vibrident.estimators import Ipnn
+from vibrident.estimators.residual_network import ResidualIpnn
 from vibrident.identification import identify
 from vibrident.network.training import Progress
 from vibrident.prediction import predict

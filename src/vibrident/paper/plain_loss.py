@@ -10,12 +10,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vibrident.backend import jnp
 from vibrident.discretize import method
-from vibrident.estimators.objectives import time_objective
 from vibrident.estimators.optimise import levenberg_marquardt
 from vibrident.models import parse
-from vibrident.problem import Coordinates, TimeProblem
+from vibrident.problem import Coordinates, network_objective, network_of
 from vibrident.records import Calibration
 
 
@@ -29,9 +27,8 @@ def optimum(calibration: Calibration, discretisation: str, near: Mapping[str, fl
     frequencies = [record.frequency_hz or record.sampling_rate_hz / 4.0 for record in calibration.records]
     coordinates = Coordinates.at(model, near, (min(frequencies), max(frequencies)))
     start = {name: float(near[name]) for name in model.parameter_names}
-    problem = TimeProblem.build(calibration.records, model, method(discretisation), calibration.quantity, start)
+    problem = network_of(calibration.records, model, method(discretisation), calibration.quantity, start)
     size = float(np.sqrt(np.mean([np.var(record.response) for record in calibration.records])))
-    noise = jnp.asarray(problem.by_lane(np.full(len(calibration.records), size)))
-    args = (coordinates, problem.layout, problem.data, noise)
-    trace = levenberg_marquardt(time_objective, coordinates.first, args, tolerance=1e-9)
+    args = (coordinates, problem, np.full(len(calibration.records), size))
+    trace = levenberg_marquardt(network_objective, coordinates.first, args, tolerance=1e-9)
     return coordinates.values(trace.last)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 from vibrident.problem.coordinates import Coordinates
 from vibrident.problem.evidence import Evidence
-from vibrident.problem.frequency_domain import FrequencyProblem
+from vibrident.problem.frequency_domain import FrequencyProblem, Local
+from vibrident.problem.line_problem import LineProblem
+from vibrident.problem.network_problem import NetworkProblem, network_objective, network_of
 
-if TYPE_CHECKING:
-    from vibrident.problem.time_domain import TimeProblem
-
-__all__ = ["Coordinates", "Evidence", "FrequencyProblem", "TimeProblem"]
-
-
-def __getattr__(name: str) -> Any:
-    """The network unrolled in time, which loads JAX, where it is asked for."""
-    if name == "TimeProblem":
-        from vibrident.problem.time_domain import TimeProblem
-
-        return TimeProblem
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__all__ = [
+    "Coordinates",
+    "Evidence",
+    "FrequencyProblem",
+    "LineProblem",
+    "Local",
+    "NetworkProblem",
+    "network_objective",
+    "network_of",
+]

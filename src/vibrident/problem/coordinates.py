@@ -128,8 +128,11 @@ class Coordinates:
         return np.array(found)
 
     def slopes(self, z: FloatArray) -> FloatArray:
-        """Derivative of every physical value by its coordinate at ``z``, shape (parameters,)."""
-        values = self.values(z)
+        """Derivative of every physical value by its coordinate at ``z``, shape (parameters,).
+
+        Zero at the ends of the range searched, beyond which nothing changes.
+        """
+        values, (low, high) = self.values(z), self.edges
         size, unit = float(self.response_size), float(self.time_unit_s)
         scale = {"time": unit, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
         found = []
@@ -137,7 +140,7 @@ class Coordinates:
             own = {"gain": start, "log": values[spec.name], "duration": values[spec.name]}
             own["positive"] = -1.0 if z[index] < 0 else 1.0
             found.append(own.get(spec.kind, scale.get(spec.kind, 1.0)))
-        return np.array(found, dtype=float)
+        return np.where((low < z) & (z < high), np.array(found, dtype=float), 0.0)
 
     def vector(self, z: Any) -> Any:
         """Physical values in the model's order, shape (parameters,)."""

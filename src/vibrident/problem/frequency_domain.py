@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,19 @@ from vibrident.models.base import array_library
 from vibrident.models.slopes import response_and_slopes
 from vibrident.problem.coordinates import Coordinates
 from vibrident.records import FloatArray, Quantity, ResponseTable
+
+
+class Local(NamedTuple):
+    """A residual's cost, gradient Jᵀr (J = −∂r/∂z) and JᵀJ at a point."""
+
+    matrix: Any
+    gradient: Any
+    cost: Any
+
+    @classmethod
+    def of(cls, residual: FloatArray, jacobian: FloatArray) -> Local:
+        """Of a residual r, shape (n,), and ∂r/∂z, shape (n, p)."""
+        return cls(jacobian.T @ jacobian, -jacobian.T @ residual, float(residual @ residual))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +83,10 @@ class FrequencyProblem:
         frequency, reference, response, deviation = self.data
         return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))
 
-    @property
-    def padded(self) -> tuple[Any, ...]:
-        """``data`` with points of infinite deviation behind it, so that problems of about a size share one program."""
-        from vibrident.problem.cutting import bucket  # loads JAX, which alone has a use for it
-
-        deviations = 2 if self.polar else 1
-        more = (0, bucket(self.points) - self.points)
-        values = [np.pad(np.asarray(array), more, "edge") for array in self.data[:-deviations]]
-        widths = [np.pad(np.asarray(array), more, constant_values=np.inf) for array in self.data[-deviations:]]
-        return (*values, *widths)
+    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
+        """Cost, gradient and normal matrix of the weighted residual at ``z``, shape (p,)."""
+        at = (z, coordinates, self.polar, self.has_phase, self.quantity, self.data)
+        return Local.of(response_residual(*at), response_jacobian(*at))
 
     @property
     def points(self) -> int:
@@ -148,13 +155,3 @@ def response_jacobian(
     relative = slopes / model[:, None]
     radial = relative.real * (np.abs(model) / data[3])[:, None]
     return np.concatenate([radial, relative.imag / data[4][:, None]]) if has_phase else radial
-
-
-def inverse_residual(z: Any, coordinates: Coordinates, quantity: Quantity, data: Any) -> Any:
-    """The paper's least-squares residual w (1/H_model − 1/H), complex, shape (n,); data: (f, H, w).
-
-    Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which is what makes the method simple (PAPER, LSM).
-    """
-    frequency, response, weight = data
-    model = coordinates.model.frequency_response(coordinates.physical(z), frequency, quantity)
-    return weight * (1.0 / model - 1.0 / response)

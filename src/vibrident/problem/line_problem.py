@@ -1,25 +1,50 @@
 """The residual of a linear sensor at the lines of its runs' transforms: the same problem as in time, in NumPy.
 
 What remains of a run when its network is taken away, weighted by the noise of its record; the states of every run are
-eliminated. Lines above the band in which samples tell their signal are left out.
+eliminated. Lines above the band in which samples tell their signal are left out. A run whose response has samples that
+are not used is summed over its samples, as no transform of its response exists.
 """
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy import fft
 
-from vibrident.discretize.inputs import USABLE_BAND
-from vibrident.lines import Batch, LineNormal, Run, StepTransfer, Trained, columns_of, normal_equations
-from vibrident.measure.lines import line_counts
+from vibrident.discretize import Method, Weights
+from vibrident.discretize.inputs import USABLE_BAND, StepFilters
+from vibrident.lines import (
+    Batch,
+    LineNormal,
+    RecordLines,
+    Run,
+    RunSeries,
+    StepTransfer,
+    Trained,
+    columns_of,
+    freed,
+    normal_equations,
+    run_of,
+    seen_by_network,
+    series_of,
+    unbroken,
+    with_series,
+)
+from vibrident.lines.record import counted, free_of_pieces, free_of_run
+from vibrident.measure.lines import line_frequencies
+from vibrident.measure.response import ComplexArray
+from vibrident.models import SensorModel
 from vibrident.problem.coordinates import Coordinates
-from vibrident.records import FloatArray, Record
+from vibrident.problem.framing import Frame, noise_floor
+from vibrident.records import FloatArray, Quantity, Record
 
 #: Lines of runs that are taken side by side.
 AT_ONCE = 1 << 14
+#: Nepers by which a network may grow over a run: beyond, no signal in time could be told from it.
+MOST_GROWTH = 300.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,95 +54,242 @@ class LineProblem:
     Attributes:
         records: the records, in order.
         trained: the network of the sensor model.
+        frame: its shape, and the delay at which the inputs were interpolated.
         runs: in order.
-        fractions: read-out fraction at ``delay_s``, of each record.
-        delay_s: delay at which the inputs were interpolated.
+        fractions: read-out fraction of each record at that delay.
     """
 
     records: tuple[Record, ...]
     trained: Trained
+    frame: Frame
     runs: tuple[Run, ...]
     fractions: FloatArray
-    delay_s: float
+
+    @classmethod
+    def build(
+        cls,
+        records: Sequence[Record],
+        model: SensorModel,
+        method: Method,
+        quantity: Quantity,
+        start: Mapping[str, float],
+    ) -> LineProblem:
+        """Transform all unbroken runs, with inputs interpolated at the expected delay.
+
+        Args:
+            records: at least one; a record without reference is a free decay, its input is zero.
+            model: the sensor model, linear.
+            method: the discretisation.
+            quantity: what the reference is.
+            start: start values of the parameters; the natural frequency and damping set how many inputs a step
+                are needed, the delay where they are interpolated.
+
+        Raises:
+            ModelError: the model is not rational.
+            InputError: no record is long enough.
+        """
+        frame = Frame.of(records, model, method, quantity, start)
+        steps = [
+            method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
+            for r in records
+        ]
+        runs = tuple(
+            run_of(number, record, span, step)
+            for number, (record, step) in enumerate(zip(records, steps, strict=True))
+            for span in _spans(record, step, frame.fewest)
+        )
+        if not runs:
+            raise frame.too_short(records)
+        trained = Trained(model, method, quantity, frame.terms)
+        return cls(tuple(records), trained, frame, runs, np.array([step.fraction for step in steps]))
+
+    def at_delay_of(self, values: Mapping[str, float]) -> LineProblem:
+        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
+        if self.frame.settled(values, self.records):
+            return self
+        trained = self.trained
+        return LineProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
 
     @functools.cached_property
-    def counts(self) -> tuple[FloatArray, ...]:
-        """How often each line of a run counts in a sum over all; zero for line 0, where its offset stands."""
-        found = []
-        for run in self.runs:
-            twice = line_counts(run.samples)
-            twice[0] = 0.0
-            if self.trained.method.fixed_terms is None:
-                twice[run.lines > USABLE_BAND * run.samples] = 0.0
-            found.append(twice)
-        return tuple(found)
+    def noise_floor(self) -> FloatArray:
+        """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        return noise_floor(self.records)
+
+    @property
+    def highest(self) -> float:
+        """Highest line that counts, as a part of the sampling rate."""
+        return USABLE_BAND if self.trained.method.fixed_terms is None else 0.5
 
     @functools.cached_property
     def degrees_of_freedom(self) -> FloatArray:
-        """Numbers that count, less initial states, for every record, shape (records,)."""
+        """Numbers that count, less initial states and offset, for every record, shape (records,)."""
         found = np.zeros(len(self.records))
-        for run, counts in zip(self.runs, self.counts, strict=True):
-            found[run.record] += counts.sum() - self.trained.order
+        for run in self.runs:
+            if run.used is None:
+                found[run.record] += counted(run.samples, self.highest).sum() - self.frame.order
+            else:
+                found[run.record] += run.used.sum() - (self.frame.order + 1.0)
         return found
 
     @functools.cached_property
     def _batches(self) -> tuple[tuple[Batch, FloatArray, float, float], ...]:
-        """Runs of one rate and length side by side, how their lines count, sampling interval and fraction."""
+        """Whole runs of one rate and length side by side, how their lines count, sampling interval and fraction."""
         groups: dict[tuple[float, float, int], list[int]] = {}
         for number, run in enumerate(self.runs):
-            key = (self.records[run.record].sampling_interval_s, float(self.fractions[run.record]), run.samples)
-            groups.setdefault(key, []).append(number)
+            if run.used is None:
+                groups.setdefault((*self._step_of(run), run.samples), []).append(number)
         found = []
         for (interval, fraction, samples), numbers in groups.items():
             width = max(2 * AT_ONCE // samples, 1)
             for first in range(0, len(numbers), width):
                 some = numbers[first : first + width]
-                counts = self.counts[some[0]] / samples
+                counts = counted(samples, self.highest) / samples
                 found.append((Batch.of([self.runs[i] for i in some], some), counts[None, :], interval, fraction))
         return tuple(found)
 
+    def _step_of(self, run: Run) -> tuple[float, float]:
+        """Sampling interval and read-out fraction of a run."""
+        return self.records[run.record].sampling_interval_s, float(self.fractions[run.record])
+
+    def weights(self, values: Mapping[str, float]) -> Weights:
+        """Network weights, one set a sampling interval in order (leading axis)."""
+        steps = sorted({self._step_of(run) for run in self.runs})
+        found = [self.trained.weights(dict(values), *step, self.frame.delay_s) for step in steps]
+        return Weights(*(np.stack(parts) for parts in zip(*found, strict=True)))
+
     def steps(self, values: dict[str, float], interval_s: float, fraction: float) -> tuple[StepTransfer, StepTransfer]:
         """Transfer function of a step, and its slopes with the physical parameters."""
-        at = (values, interval_s, fraction, self.delay_s)
+        at = (values, interval_s, fraction, self.frame.delay_s)
         return self.trained.transfer(*at), self.trained.slopes(*at)
+
+    def _all_steps(self, values: dict[str, float]) -> dict[tuple[float, float], tuple[StepTransfer, StepTransfer]]:
+        return {key: self.steps(values, *key) for key in {self._step_of(run) for run in self.runs}}
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> LineNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
         values = coordinates.values(z)
+        if not self._stable(values):
+            nothing = np.zeros((len(z), len(z)))
+            return LineNormal(nothing, nothing[0], np.inf, np.full(len(self.runs), np.inf))
+        steps = self._all_steps(values)
         owners = np.array([run.record for run in self.runs])
-        steps = {key: self.steps(values, *key) for key in {(i, f) for _, _, i, f in self._batches}}
         found = normal_equations(
             [batch for batch, *_ in self._batches],
             [steps[i, f][0] for *_, i, f in self._batches],
             [steps[i, f][1] for *_, i, f in self._batches],
             [counts / noise[owners[batch.runs]][:, None] ** 2 for batch, counts, *_ in self._batches],
+            len(self.runs),
+            len(z),
         )
-        turn = _turn(coordinates, z)
+        for number, run in enumerate(self.runs):
+            if run.used is not None:
+                found = with_series(found, number, series_of(run, *steps[self._step_of(run)]), noise[run.record])
+        turn = coordinates.slopes(z)
         return LineNormal(found.matrix * np.outer(turn, turn), found.gradient * turn, found.cost, found.squares)
 
-    def predicted(self, values: dict[str, float]) -> list[FloatArray]:
+    def _stable(self, values: dict[str, float]) -> bool:
+        """Whether no state grows beyond all numbers over its run, as Euler's may."""
+        longest: dict[tuple[float, float], int] = {}
+        for run in self.runs:
+            longest[self._step_of(run)] = max(run.samples, longest.get(self._step_of(run), 0))
+        for step, samples in longest.items():
+            transition = self.trained.weights(values, *step, self.frame.delay_s).transition
+            if not np.all(np.isfinite(transition)):
+                return False
+            if samples * np.log(max(np.max(np.abs(np.linalg.eigvals(transition))), 1.0)) > MOST_GROWTH:
+                return False
+        return True
+
+    def record_noise(self, normal: LineNormal, noise: FloatArray) -> FloatArray:
+        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        squares = np.bincount([run.record for run in self.runs], normal.squares, len(self.records)) * noise**2
+        return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
+
+    def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
         """Response of every record with the best initial states and offsets, NaN where the network gives none."""
+        values = coordinates.values(z)
         found = [np.full(record.samples, np.nan) for record in self.records]
         for run in self.runs:
-            record = self.records[run.record]
-            at = (values, record.sampling_interval_s, float(self.fractions[run.record]), self.delay_s)
-            transfer = self.trained.transfer(*at)
-            batch, every = Batch.of([run], [0]), line_counts(run.samples)
-            every[0] = 0.0
+            transfer = self.trained.transfer(values, *self._step_of(run), self.frame.delay_s)
             nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
-            residual, _, _ = columns_of(batch, transfer, nothing, np.sqrt(every)[None, :])
-            residual[:, 0] = 0.0
-            found[run.record][run.span] = record.response[run.span] - np.asarray(fft.irfft(residual[0], run.samples))
+            found[run.record][run.span] = series_of(run, transfer, nothing).predicted
         return found
 
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
+        """Every record at the lines of its transform, in order; one that no run reaches has no samples."""
+        steps = self._all_steps(coordinates.values(z))
+        turn = coordinates.slopes(z)[:, None]
+        found = []
+        for number, record in enumerate(self.records):
+            runs = [run for run in self.runs if run.record == number]
+            floor = float((self.noise_floor[number] / noise[number]) ** 2)
+            if len(runs) == 1 and runs[0].used is None:
+                own = self._whole(runs[0], steps[self._step_of(runs[0])], turn, noise[number])
+            else:
+                pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
+                own = _in_pieces(pieces, turn, noise[number], self.highest)
+            samples = len(own["used"])
+            found.append(RecordLines(**own, response=self._response(coordinates, record, samples), z=z, floor=floor))
+        return found
 
-def _turn(coordinates: Coordinates, z: FloatArray) -> FloatArray:
-    """Slopes of the physical values with their coordinates, zero at the ends of the range searched."""
-    low, high = coordinates.edges
-    return np.where((low < z) & (z < high), coordinates.slopes(z), 0.0)
+    def _whole(
+        self, run: Run, step: tuple[StepTransfer, StepTransfer], turn: FloatArray, noise: float
+    ) -> dict[str, Any]:
+        """What the lines of a record say that is one whole run."""
+        batch, twice = Batch.of([run], [0]), counted(run.samples, self.highest)
+        residual, slopes, over = columns_of(batch, *step, np.sqrt(twice)[None, :])
+        free, order = free_of_run(batch.shifted[0], over[0], self.frame.order), self.frame.order
+        own = freed(slopes[0], free(False)[:, :order], twice)
+        left = residual[0]
+        left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
+        return {
+            "residual": left / noise,
+            "predicted": (run.response - left) / noise,
+            "used": np.ones(run.samples, dtype=bool),
+            "twice": twice,
+            "slopes": own * turn / noise,
+            "free": free,
+        }
+
+    def _response(self, coordinates: Coordinates, record: Record, samples: int) -> Any:
+        """H as a function of z at the lines of a record's transform; None without a reference."""
+        if record.reference is None or samples < 2:
+            return None
+        frequency, quantity = line_frequencies(samples, record.sampling_rate_hz), self.trained.quantity
+
+        def at(z: FloatArray) -> ComplexArray:
+            found = coordinates.model.frequency_response(coordinates.values(z), frequency, quantity)
+            return np.asarray(found, dtype=complex)
+
+        return at
 
 
-def line_objective(z: FloatArray, args: tuple[Coordinates, LineProblem, FloatArray]) -> LineNormal:
-    """The residual of all runs in the form the optimisers take; args: coordinates, problem, noise of each record."""
-    coordinates, problem, noise = args
-    return problem.normal(np.asarray(z, dtype=float), coordinates, noise)
+def _spans(record: Record, step: StepFilters, fewest: int) -> list[slice]:
+    """Unbroken runs of steps, from the first to the last sample of the response that is used."""
+    found = []
+    for span in unbroken(step.usable):
+        places = span.start + np.flatnonzero(record.mask[span])
+        if len(places) > fewest:
+            found.append(slice(int(places[0]), int(places[-1]) + 1))
+    return found
+
+
+def _in_pieces(
+    pieces: Sequence[tuple[slice, RunSeries]], turn: FloatArray, noise: float, highest: float
+) -> dict[str, Any]:
+    """What the lines of a record say that has samples left out."""
+    begin, end = (pieces[0][0].start, pieces[-1][0].stop) if pieces else (0, 0)
+    placed = [(slice(span.start - begin, span.stop - begin), series) for span, series in pieces]
+    signals, used = np.zeros((2 + len(turn), end - begin)), np.zeros(end - begin, dtype=bool)
+    for place, series in placed:
+        used[place] = series.free[-1] > 0.0
+        signals[:, place] = [series.residual, series.predicted * used[place], *(series.freed_slopes() * turn)]
+    lines = np.fft.rfft(signals / noise, axis=1) if end > begin else np.zeros((len(signals), 1), dtype=complex)
+    return {
+        "residual": lines[0],
+        "predicted": lines[1],
+        "used": used,
+        "twice": counted(end - begin, highest),
+        "slopes": lines[2:],
+        "free": free_of_pieces(end - begin, placed),
+    }

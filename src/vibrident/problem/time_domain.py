@@ -10,18 +10,18 @@ Gauss–Newton step is the joint step over all unknowns, and its gradient is the
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax
+from vibrident.backend import jax, jnp, lax, let_go_of_kernels
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
-from vibrident.errors import InputError, ModelError
-from vibrident.lines import Trained, run_of, seen_by_network, unbroken
-from vibrident.measure.rounding import converter_step
+from vibrident.lines import RecordLines
+from vibrident.measure.lines import line_counts
 from vibrident.memory import give_back
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
@@ -37,20 +37,18 @@ from vibrident.network.unroll import (
 )
 from vibrident.problem.coordinates import Coordinates
 from vibrident.problem.cutting import blocks_for, bucket, cut, pieces_of, steps_of
-from vibrident.problem.line_problem import LineProblem
+from vibrident.problem.framing import Frame, noise_floor, response_size
 from vibrident.records import FloatArray, Quantity, Record
+
+jax.tree_util.register_dataclass(Coordinates, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"])
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
 CHUNK = 256
+#: Networks between two looks at the memory maps of compiled kernels.
+LOOK_EVERY = 100
+_builds = itertools.count(1)
 #: A force is that of a response of at most this many times the largest measured.
 BEYOND = 10.0
-#: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
-LEAST_NOISE = 1e-7
-#: Part of a sample by which a delay may leave that of the interpolated inputs.
-DELAY_SETTLED = 1e-3
-
-
-jax.tree_util.register_dataclass(Coordinates, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"])
 
 
 @dataclass(frozen=True)
@@ -75,20 +73,20 @@ class TimeProblem:
     Attributes:
         layout: model, discretisation, quantity, number of inputs, number of segments.
         records: the records, in order.
+        frame: shape of the network, and the delay at which the inputs were interpolated.
         lanes: their steps.
         intervals_s: distinct sampling intervals, shape (R,).
         fractions: read-out fraction at ``delay_s``, shape (R,).
-        delay_s: delay at which the inputs were interpolated.
         record_of_segment: record of each real segment; segments beyond them are padding.
         pieces: record, samples and first lane of each segment.
     """
 
     layout: Layout
     records: tuple[Record, ...]
+    frame: Frame
     lanes: Lanes
     intervals_s: FloatArray
     fractions: FloatArray
-    delay_s: float
     record_of_segment: np.ndarray
     pieces: tuple[tuple[int, slice, int], ...]
 
@@ -114,40 +112,24 @@ class TimeProblem:
         Raises:
             InputError: no record is long enough.
         """
-        if not model.has_network:
-            raise ModelError(
-                "This model has no network: it is not a rational function.",
-                expected="a model without 'boxcar'",
-                found=repr(model.name),
-                where="estimator 'ipnn'",
-                remedy="use the estimator 'ml', with sine records or a table",
-            )
-        delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
+        if next(_builds) % LOOK_EVERY == 0:
+            let_go_of_kernels()
+        frame = Frame.of(records, model, method, quantity, start)
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
-        system = model.rational(start, quantity)
-        order = len(system.denominator) - 1
-        direct = len(system.numerator) > order  # the response then contains the reference itself
-        fastest = 2.0 * np.pi * start["natural_frequency"] * _fastest(start["damping_ratio"])
-        terms = max(method.terms(fastest * ts, direct=direct) for ts in intervals)
+        terms, delay, order = frame.terms, frame.delay_s, frame.order
         steps = steps_of(records, method, terms, delay, linear=model.is_linear)
         fractions = np.zeros(len(intervals))
         fractions[rate] = [step.fraction for step in steps]
-        pieces = pieces_of(records, steps, fewest=2 * (order + 1))
+        pieces = pieces_of(records, steps, fewest=frame.fewest)
         if not pieces:
-            raise InputError(
-                "No record is long enough for the network.",
-                expected=f"more than {2 * (order + 1)} samples that can be used after interpolation",
-                found=f"{max(r.samples for r in records)} samples in the longest record",
-                where="records",
-                remedy="use longer records, or the estimator 'ml'",
-            )
+            raise frame.too_short(records)
         lanes, first_lanes = cut(pieces, records, rate, terms, CHUNK)
         blocks = blocks_for(lanes.first.shape[0], CHUNK) if model.is_linear else 1
-        nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(fastest * float(np.max(intervals)))
+        nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
         layout = Layout(model, method, quantity, terms, order, bucket(len(pieces) + 1), nodes, rounds, blocks)
         owners = np.array([piece.record for piece in pieces])
         placed = tuple((p.record, p.run, lane) for p, lane in zip(pieces, first_lanes, strict=True))
-        return cls(layout, tuple(records), lanes, intervals, fractions, delay, owners, placed)
+        return cls(layout, tuple(records), frame, lanes, intervals, fractions, owners, placed)
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
@@ -161,15 +143,12 @@ class TimeProblem:
     @functools.cached_property
     def noise_floor(self) -> FloatArray:
         """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
-        floor = [LEAST_NOISE * float(np.std(record.response[record.mask])) for record in self.records]
-        steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in self.records]
-        floor = np.maximum(floor, steps)
-        return np.maximum(floor, np.finfo(float).tiny)
+        return noise_floor(self.records)
 
     def at_delay_of(self, values: dict[str, float]) -> TimeProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
         layout = self.layout
-        if abs(values.get("delay", 0.0) - self.delay_s) <= DELAY_SETTLED * np.min(self.intervals_s):
+        if self.frame.settled(values, self.records):
             return self
         return TimeProblem.build(self.records, layout.model, layout.method, layout.quantity, values)
 
@@ -179,25 +158,7 @@ class TimeProblem:
         return jax.device_put(self._arrays())
 
     def _arrays(self) -> tuple[Any, ...]:
-        return self.lanes, self.intervals_s, self.fractions, self.delay_s
-
-    @functools.cached_property
-    def at_lines(self) -> LineProblem:
-        """The steps of a linear sensor at the lines of their transforms; runs end where a sample is missing."""
-        layout = self.layout
-        trained = Trained(layout.model, layout.method, layout.quantity, layout.terms)
-        steps = [
-            layout.method.filters(seen_by_network(r, centred=True)[1], layout.terms, self.delay_s * r.sampling_rate_hz)
-            for r in self.records
-        ]
-        runs = tuple(
-            run_of(number, record, span, step)
-            for number, (record, step) in enumerate(zip(self.records, steps, strict=True))
-            for span in unbroken(step.usable & record.mask)
-            if span.stop - span.start > 2 * (layout.order + 1)
-        )
-        fractions = np.array([step.fraction for step in steps])
-        return LineProblem(self.records, trained, runs, fractions, self.delay_s)
+        return self.lanes, self.intervals_s, self.fractions, self.frame.delay_s
 
     def by_lane(self, per_record: np.ndarray, fill: float = 1.0) -> np.ndarray:
         """Spread one value a record over its lanes, shape (M,); ``fill`` for padding lanes."""
@@ -207,17 +168,42 @@ class TimeProblem:
     @functools.cached_property
     def response_size(self) -> float:
         """Largest distance of a valid response sample from its record's mean, response unit."""
-        valid = [record.response[record.mask] for record in self.records]
-        return max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
+        return response_size(self.records)
 
     def weights(self, parameters: dict[str, Any]) -> Weights:
         """Network weights of the sensor's linear part, one set a sampling interval (leading axis R)."""
-        return _compiled_weights(parameters, self.layout, self.intervals_s, self.fractions, self.delay_s)
+        return _compiled_weights(parameters, self.layout, self.intervals_s, self.fractions, self.frame.delay_s)
+
+    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Normal:
+        """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
+        by_lane = jnp.asarray(self.by_lane(noise))
+        return evaluate(jnp.asarray(z), coordinates, self.layout, self.data, by_lane)
+
+    def record_noise(self, normal: Normal, noise: FloatArray) -> FloatArray:
+        """Standard deviation of each record's residual, shape (records,); the sums of squares are not weighted."""
+        count = len(self.records)
+        squares = np.asarray(normal.squares)[: len(self.record_of_segment)]  # segments beyond are padding
+        totals = np.bincount(self.record_of_segment, weights=squares, minlength=count)
+        return np.maximum(np.sqrt(totals / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
+
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
+        """Residual and slopes of every record at the lines of its transform, in units of its noise."""
+        normal = self.normal(z, coordinates, noise)
+        responses = self.by_record(normal.response)
+        columns = [self.by_record(column) for column in normal.columns]
+        found = []
+        for index, (record, predicted) in enumerate(zip(self.records, responses, strict=True)):
+            used = record.mask & np.isfinite(predicted)
+            signals = [(record.response - predicted) / noise[index], predicted / noise[index]]
+            signals += [column[index] for column in columns]
+            lines = np.fft.rfft(np.where(used, signals, 0.0), axis=1)
+            twice, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
+            found.append(RecordLines(lines[0], lines[1], used, twice, lines[2:], None, None, z, floor))
+        return found
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:
         """Predicted response of every record, NaN where the network gives none, with the best initial states."""
-        noise = jnp.ones(self.lanes.segment.shape)
-        return self.by_record(evaluate(jnp.asarray(z), coordinates, self.layout, self.data, noise).response)
+        return self.by_record(self.normal(z, coordinates, np.ones(len(self.records))).response)
 
     def by_record(self, lanes_values: Any) -> list[FloatArray]:
         """Put values of the lanes, shape (L, M), back in the order of the records' samples; NaN elsewhere."""
@@ -324,11 +310,6 @@ def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tu
 
     linear = _forced(coordinates.physical(z), layout, *where).linear
     return forced_normal(simulate, z, linear, lanes, noise, layout.segments)
-
-
-def _fastest(damping: float) -> float:
-    """Largest |pole| over ωn: one when underdamped, δ + √(δ² − 1) when not."""
-    return damping + np.sqrt(damping * damping - 1.0) if damping > 1.0 else 1.0
 
 
 #: Compiled, and the one large program of the package: everything that looks at records in time goes through it.

@@ -11,7 +11,7 @@ from vibrident.naming import amount, in_words
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 from vibrident.result import ResultWarning
-from vibrident.uncertainty.linearised import Linearised, physical_slopes
+from vibrident.uncertainty.linearised import Linearised
 
 #: Estimates of the same data by different estimators differ by less than this many of their joint standard
 #: uncertainties.
@@ -80,6 +80,6 @@ def _from(coordinates: Coordinates, z: FloatArray, other: Estimate) -> tuple[Flo
     """How far another estimate is from ``z`` in its coordinates, nearly, and the variance of that estimate."""
     at = other.coordinates.values(other.z)
     away = np.array([at[name] - value for name, value in coordinates.values(z).items()])
-    slope, its = np.abs(physical_slopes(coordinates, z)), np.abs(physical_slopes(other.coordinates, other.z))
+    slope, its = np.abs(coordinates.slopes(z)), np.abs(other.coordinates.slopes(other.z))
     slope = np.maximum(slope, 1e-300)
     return away / slope, np.maximum(np.diag(other.covariance), 0.0) * (its / slope) ** 2

@@ -91,19 +91,13 @@ def log_slopes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Model response, shape (n,), and ∂ log H/∂z, shape (n, p)."""
     response, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency_hz, quantity)
-    return response, slopes.T * physical_slopes(coordinates, z) / response[:, None]
+    return response, slopes.T * coordinates.slopes(z) / response[:, None]
 
 
 def fitted_sensor(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity
 ) -> IdentifiedSensor:
     """The sensor that a fit found, with the covariance of z carried over to its parameters."""
-    slopes = physical_slopes(coordinates, z)
+    slopes = coordinates.slopes(z)
     values = coordinates.values(z)
     return IdentifiedSensor(coordinates.model, values, covariance * np.outer(slopes, slopes), quantity)
-
-
-def physical_slopes(coordinates: Coordinates, z: FloatArray) -> FloatArray:
-    """dp/dz of every parameter, shape (p,); zero beyond the ends of the range searched, where nothing changes."""
-    low, high = coordinates.edges
-    return np.where((low < z) & (z < high), coordinates.slopes(z), 0.0)

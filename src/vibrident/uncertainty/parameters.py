@@ -19,7 +19,6 @@ from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Correlation, Parameter
 from vibrident.uncertainty.identifiability import NOTHING, unstated
-from vibrident.uncertainty.linearised import physical_slopes
 
 COVERAGE = 0.95
 #: What a derived quantity needs beside the natural frequency.
@@ -69,7 +68,7 @@ def parameter_table(
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    change = physical_slopes(coordinates, z)
+    change = coordinates.slopes(z)
     unknown = unstated(coordinates, z, covariance)
     table = {}
     for index, spec in enumerate(model.parameters):
@@ -142,7 +141,7 @@ def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived)
         / (STEP * (abs(value) or 1.0))
         for name, value in values.items()
     ]
-    return float(quantity.value(values)), np.array(slopes) * physical_slopes(coordinates, z)
+    return float(quantity.value(values)), np.array(slopes) * coordinates.slopes(z)
 
 
 def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:

@@ -1,0 +1,154 @@
+"""A record's residual, and all that could change it, at the lines of its transform, for the end of training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from scipy import fft
+
+from vibrident.lines.series import RunSeries
+from vibrident.measure.lines import line_counts
+from vibrident.measure.response import ComplexArray
+from vibrident.records import BoolArray, FloatArray
+
+T = TypeVar("T")
+#: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
+#: equal weights.
+MOST_COLUMNS, LARGEST = 400, 1e8
+#: Step of the central differences of the response.
+STEP = 1e-5
+
+#: What initial states and drift add at the lines, shape (lines, m); with True, their slopes over the record, too.
+FreeLines = Callable[[bool], ComplexArray]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordLines:
+    """One record from the first to the last sample that counts, in units of the noise that it was weighted by.
+
+    Whole samples only: zeros at the edges would be motion that no initial state explains, and leak over all lines.
+
+    Attributes:
+        residual: measured less network, shape (lines,).
+        predicted: the network's response, shape (lines,).
+        used: shape (n,).
+        twice: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
+        slopes: of the response with z, initial states held, shape (p, lines).
+        free: columns of what is unknown beside z; None where they are too many to be looked at.
+        response: the model's, H, at the lines for given z; None without a reference.
+        z: where the network was evaluated, shape (p,).
+        floor: variance that no residual is believed to be below.
+    """
+
+    residual: ComplexArray
+    predicted: ComplexArray
+    used: BoolArray
+    twice: FloatArray
+    slopes: ComplexArray
+    free: FreeLines | None
+    response: Callable[[FloatArray], ComplexArray] | None
+    z: FloatArray
+    floor: float
+
+    @property
+    def samples(self) -> int:
+        """Number of samples from first to last."""
+        return int(self.used.shape[0])
+
+    @property
+    def count(self) -> float:
+        """Number of samples that are used."""
+        return float(self.used.sum())
+
+    @property
+    def through(self) -> ComplexArray | None:
+        """H at z, shape (lines,)."""
+        return None if self.response is None else self.response(self.z)
+
+    def slope_of(self, of_response: Callable[[ComplexArray], T]) -> list[T]:
+        """Slopes with each coordinate of what is linear in H, by central differences."""
+        assert self.response is not None
+        ends = np.eye(len(self.z)) * STEP
+        return [of_response((self.response(self.z + e) - self.response(self.z - e)) / (2.0 * STEP)) for e in ends]
+
+    def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> ComplexArray:
+        """Lines of what is unknown beside the parameters, shape (lines, m).
+
+        Args:
+            edges: beside initial states, offset and drift of each run, the slopes of these.
+            tones: places, in lines, of tones; each with its slope with frequency.
+        """
+        free = np.zeros((len(self.twice), 0)) if self.free is None else self.free(edges)
+        found = np.concatenate([free, *(self._tone(place) for place in tones)], axis=1) * (self.twice > 0)[:, None]
+        return found / np.sqrt(np.maximum(np.sum(np.abs(found) ** 2, axis=0), np.finfo(float).tiny))
+
+    def _tone(self, place: float) -> ComplexArray:
+        turn = np.arange(self.samples) / max(self.samples, 1)
+        waves = np.stack([wave(2.0 * np.pi * place * turn) * self.used for wave in (np.cos, np.sin)])
+        return np.asarray(fft.rfft(np.concatenate([waves, (turn - 0.5) * waves]), axis=1)).T
+
+    def where_used(self, lines: ComplexArray) -> ComplexArray:
+        """Lines of the signal of these lines, set to zero where the record is not used."""
+        if self.used.all():
+            return lines
+        return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
+
+
+def free_of_run(w: ComplexArray, over: ComplexArray, order: int) -> FreeLines:
+    """What the n initial states and a drift of a whole run add: z w^k / a and z / w, shape (lines, n + 1).
+
+    With their slopes over the record: z w^k / a² and z / w², which n more states and a curved drift would add.
+
+    Args:
+        w: z − 1 at all lines.
+        over: 1/a there.
+        order: n.
+    """
+
+    def lines(edges: bool) -> ComplexArray:
+        z, drift = 1.0 + w, 1.0 / np.where(w == 0.0, 1.0, w)
+        columns = [z * w**k * over for k in range(order)] + [z * drift]
+        if edges:
+            columns += [z * w**k * over**2 for k in range(order)] + [z * drift**2]
+        return np.stack(columns, axis=1)
+
+    return lines
+
+
+def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> FreeLines | None:
+    """The same of a record in pieces, or with samples left out, by transforms of signals in time.
+
+    Args:
+        samples: of the record, from first to last.
+        pieces: place of each run, and its series.
+    """
+    count = sum(len(series.free) + 1 for _, series in pieces)
+    if count > MOST_COLUMNS or count * samples > LARGEST:
+        return None
+
+    def lines(edges: bool) -> ComplexArray:
+        turn = np.arange(samples) / max(samples, 1)
+        columns = []
+        for place, series in pieces:
+            ramp = np.linspace(-1.0, 1.0, place.stop - place.start) * series.free[-1]
+            for row in (*series.free, ramp):
+                placed = np.zeros(samples)
+                placed[place] = row
+                columns += [placed, turn * placed] if edges else [placed]
+        return np.asarray(fft.rfft(np.array(columns), axis=1)).T
+
+    return lines
+
+
+def counted(samples: int, highest: float) -> FloatArray:
+    """How often each line counts in a sum over all: none beyond ``highest``, a part of the sampling rate.
+
+    Nor does line 0, where the offset stands.
+    """
+    twice = line_counts(samples)
+    twice[:1] = 0.0
+    twice[np.arange(len(twice)) > highest * samples] = 0.0
+    return twice

@@ -1,0 +1,91 @@
+"""A run's response and its slopes as signals in time, from the lines of the network.
+
+Needed where samples of the response are missing while the reference goes on: no transform of the response exists then,
+but the network's does, and what is not used is left out of the sums over its samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vibrident.lines.normal import LineNormal, modelled_slopes
+from vibrident.lines.runs import Run
+from vibrident.lines.transfer import StepTransfer
+from vibrident.measure.response import ComplexArray
+from vibrident.records import BoolArray, FloatArray
+
+#: Directions of the initial states that the data show less than this, relative to the best, are left alone.
+LEAST_SHOWN = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class RunSeries:
+    """A run of N steps in time, with the initial state and offset that fit its used samples best.
+
+    Attributes:
+        predicted: response of the network, shape (N,).
+        residual: measured less predicted, zero where the response is not used, shape (N,).
+        slopes: of the response with P parameters, initial state held, zero where it is not used, shape (P, N).
+        free: what initial states and an offset add, zero where not used, shape (n + 1, N).
+    """
+
+    predicted: FloatArray
+    residual: FloatArray
+    slopes: FloatArray
+    free: FloatArray
+
+    def freed_slopes(self) -> FloatArray:
+        """The slopes less what initial states and offset could imitate (Kaufman 1975), shape (P, N)."""
+        share = _least_squares(self.free, self.slopes.T)
+        return self.slopes - share.T @ self.free
+
+
+def with_series(normal: LineNormal, number: int, series: RunSeries, noise: float) -> LineNormal:
+    """Normal equations with run ``number``, not yet in them, summed over its samples; ``noise``: their deviation."""
+    slopes, variance = series.freed_slopes(), noise**2
+    squares = normal.squares.copy()
+    squares[number] = float(series.residual @ series.residual) / variance
+    matrix = normal.matrix + slopes @ slopes.T / variance
+    return LineNormal(matrix, normal.gradient + slopes @ series.residual / variance, float(np.sum(squares)), squares)
+
+
+def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSeries:
+    """The network over a run.
+
+    Args:
+        run: with all of its lines.
+        transfer: transfer function of a step.
+        slope: its derivatives with P parameters, in a leading axis.
+    """
+    used: BoolArray = np.ones(run.samples, dtype=bool) if run.used is None else run.used
+    w = np.expm1(2j * np.pi / run.samples * run.lines)
+    over = 1.0 / np.polynomial.polynomial.polyval(w, transfer.denominator)
+    forced = _driven(transfer.numerator, run.inputs, w) * over
+    shapes = np.stack([(1.0 + w) * over * w**k for k in range(len(transfer.denominator) - 1)])
+    whole = np.concatenate([_in_time(shapes, run.samples), np.ones((1, run.samples))])
+    response, driven = _in_time(np.stack([run.response, forced]), run.samples)
+    free = whole * used
+    states = _least_squares(free, ((response - driven) * used)[:, None])[:, 0]
+    predicted = driven + states @ whole
+    lines = forced + states[:-1] @ shapes
+    slopes = modelled_slopes(slope, run.inputs, lines, w, over)
+    return RunSeries(predicted, (response - predicted) * used, _in_time(slopes, run.samples) * used, free)
+
+
+def _driven(numerator: FloatArray, inputs: ComplexArray, w: ComplexArray) -> ComplexArray:
+    """Σ_k w^k Σ_j b[k, j] U_j, shape (L,)."""
+    return np.asarray(np.polynomial.polynomial.polyval(w, numerator @ inputs, tensor=False))
+
+
+def _in_time(lines: ComplexArray, samples: int) -> FloatArray:
+    return np.asarray(fft.irfft(lines, samples, axis=-1))
+
+
+def _least_squares(rows: FloatArray, right: FloatArray) -> FloatArray:
+    """Amounts of ``rows`` (m, N) that come nearest to the columns of ``right`` (N, k), shape (m, k)."""
+    size = np.maximum(np.sqrt(np.sum(rows**2, axis=1)), np.finfo(float).tiny)
+    found = np.linalg.lstsq((rows / size[:, None]).T, right, rcond=LEAST_SHOWN)[0]
+    return np.asarray(found / size[:, None])
