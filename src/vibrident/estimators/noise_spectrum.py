@@ -36,6 +36,8 @@ FAINT = 2.0
 LEAST_LEVEL = 1e-12
 #: Lines averaged on either side of each for the weights, a part of the spectrum and fewest; the nearest are left out.
 SHARE, FEWEST, NEAREST = 1 / 64, 24, 2
+#: Variance of a mean over powers of lines under Hann's window, over that of lines that know nothing of each other.
+ALIKE = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
 #: A line this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING = 20.0
 #: A line this many times above its surroundings is a tone, and the most tones that are looked for.
@@ -104,7 +106,7 @@ def noise_spectrum(
         whole = (level / seen * (1.0 + DOUBT / np.sqrt(wide)))[wide >= min(MANY, np.max(wide))]
         most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
         doubt = np.full_like(power, most)
-        told = _unfelt(lines, predicted, through, power, count, edges)
+        told = _unfelt(lines, predicted, through, count, edges)
         free = _leaves_lines(predicted[: edges[-1]], lines[: edges[-1]])
         by_reference = amounts[2] / scale * through
         if told.passed > 0.0:
@@ -161,7 +163,6 @@ def _unfelt(
     rest: ComplexArray,
     predicted: ComplexArray,
     through: FloatArray,
-    power: FloatArray,
     count: float,
     edges: NDArray[np.int_],
 ) -> _Unfelt:
@@ -173,10 +174,12 @@ def _unfelt(
     """
     last = int(edges[-1])
     lines = slice(1, last)
-    expected = np.abs(predicted[lines]) ** 2 / count
-    common = -np.real(np.conj(predicted[lines]) * rest[lines]) / count
-    around = max(int(len(power) * SHARE), FEWEST)
-    own, left = (_typical(values, around) for values in (expected, power[lines]))
+    # Under a window: the ends of a record leak motion to where there is none.
+    moved, kept = (_windowed(values)[lines] for values in (predicted, rest))
+    expected, power = np.abs(moved) ** 2 / count, np.abs(kept) ** 2 / count
+    common = -np.real(np.conj(moved) * kept) / count
+    around = max(int(len(through) * SHARE), FEWEST)
+    own, left = (_typical(values, around) for values in (expected, power))
     order = np.arange(1, last) / last
     share = np.asarray(through[lines])
     columns = np.stack([share, share * order[0] / order, own, own * order**2])
@@ -184,7 +187,7 @@ def _unfelt(
     for _ in range(2):
         ordinary = expected < FAR * own
         weight = np.where(ordinary, 1.0 / np.maximum(variance, 1e-300), 0.0)
-        found, covariance, whole = _amounts(columns, common, weight)
+        found, covariance, whole = _amounts(columns, common, weight / ALIKE)
         noise = found[:2] @ columns[:2]
         variance = 0.5 * own * left + 0.5 * noise**2
     mean = np.array([1.0, float(np.mean(order[0] / order))])
@@ -192,7 +195,7 @@ def _unfelt(
     if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
         spread = np.inf  # motion everywhere: what its error takes or leaves cannot be told from noise
     sure = total > SIGNIFICANT * spread
-    every = np.maximum(np.arange(len(power)), 1.0) / last
+    every = np.maximum(np.arange(len(through)), 1.0) / last
     flicker = order[0] / every
     at_lines = found[0] + found[1] * flicker
     # Flicker noise that is not seen may be there.
@@ -229,9 +232,16 @@ def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tup
     return amounts / scale, covariance / size, inverse_normal(normal) / size
 
 
+def _windowed(lines: ComplexArray) -> ComplexArray:
+    """Lines under Hann's window, which is three of them, noise as large as before; the first and last are none."""
+    found = np.zeros_like(lines)
+    found[1:-1] = (0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) / np.sqrt(0.375)
+    return found
+
+
 def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[float, ...]:
     """Places of lines that stand out so far that their skirts hide others, the strongest first."""
-    power = _windowed(lines)
+    power = np.abs(_windowed(lines)) ** 2
     peak = np.zeros(power.shape, dtype=bool)
     peak[2:-2] = (power[2:-2] >= power[1:-3]) & (power[2:-2] > power[3:-1])
     peak &= (power > least) & ~alone
@@ -244,15 +254,8 @@ def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[fl
 def _leaves_lines(predicted: ComplexArray, rest: ComplexArray) -> bool:
     """Whether enough lines hold no motion; under a window, as the ends of a record leak over all."""
     around = max(int(len(rest) * SHARE), FEWEST)
-    motion, left = (_typical(_windowed(lines)[1:-1], around) for lines in (predicted, rest))
+    motion, left = (_typical(np.abs(_windowed(lines)[1:-1]) ** 2, around) for lines in (predicted, rest))
     return bool(np.sum(motion < QUIET * left) >= FEWEST_QUIET)
-
-
-def _windowed(lines: ComplexArray) -> FloatArray:
-    """Power under Hann's window, which is three lines; zero at both ends."""
-    power = np.zeros(lines.shape)
-    power[1:-1] = np.abs(0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) ** 2 / 0.375
-    return power
 
 
 def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
