@@ -13,21 +13,17 @@ from bench.pairs import pairwise
 from bench.progress import steps
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
 from vibrident import Calibration, identify
-from vibrident.backend import jnp
 from vibrident.discretize import method
 from vibrident.estimators import Ipnn, MaximumLikelihood
 from vibrident.estimators.adam import adam
 from vibrident.estimators.start import start_values
-from vibrident.problem import Coordinates, Evidence, TimeProblem
+from vibrident.problem import Coordinates, Evidence, network_objective
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.simulation import with_noise
 
 FILTER_TARGET, ADAM_TARGET, TWICE_TARGET = 60.0, 100.0, 2.2
 ADAM_STEPS, ADAM_TIMED = 1500, 100
 FILTER_PASSES = 15
-
-
-def _in_time(z, args):
-    return evaluate(jnp.asarray(z), *args)
 
 
 def noisy(samples: int = SAMPLES) -> Calibration:
@@ -92,5 +88,4 @@ def _adam_steps(count: int) -> Callable[[], object]:
     coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
     problem = TimeProblem.build(evidence.records, evidence.model, method("euler"), evidence.quantity, start)
     noise = np.array([RESPONSE_NOISE * float(np.std(record.response)) for record in evidence.records])
-    args = (coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(noise)))
-    return lambda: adam(_in_time, coordinates.first, args, steps=count)
+    return lambda: adam(network_objective, coordinates.first, (coordinates, problem, noise), steps=count)

@@ -15,7 +15,7 @@ from vibrident.discretize import method
 from vibrident.estimators.optimise import levenberg_marquardt
 from vibrident.models import parse
 from vibrident.problem import Coordinates
-from vibrident.problem.time_domain import TimeProblem, physical_residual
+from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual
 from vibrident.records import Record
 
 RATE = 8000.0

@@ -8,9 +8,10 @@ import pytest
 from vibrident.backend import jax, jnp
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
+from vibrident.estimators.lsm import inverse_residual
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.problem.frequency_domain import inverse_residual, response_jacobian, response_residual
+from vibrident.problem.frequency_domain import response_jacobian, response_residual
 from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.simulation import simulate
@@ -158,8 +159,12 @@ def test_the_papers_least_squares_is_linear_in_three_constants():
     v = c.values(z)
     wn, s = 2 * np.pi * v["natural_frequency"], 2j * np.pi * f
     linear = (1 + 2 * v["damping_ratio"] / wn * s + s**2 / wn**2) / v["sensitivity"]
-    found = inverse_residual(jnp.asarray(z), c, "acceleration", (f, h, weight))
-    np.testing.assert_allclose(found, weight * (linear - 1 / h), rtol=1e-10)
+    found, jacobian = inverse_residual(z, c, "acceleration", (f, h, weight))
+    expected = weight * (linear - 1 / h)
+    np.testing.assert_allclose(found[:9] + 1j * found[9:], expected, rtol=1e-10)
+    for step, column in zip(1e-6 * np.eye(3), jacobian.T, strict=True):
+        ahead, behind = (inverse_residual(z + s, c, "acceleration", (f, h, weight))[0] for s in (step, -step))
+        np.testing.assert_allclose(column, (ahead - behind) / 2e-6, rtol=1e-6, atol=1e-8 * np.abs(column).max())
 
 
 def test_evidence_numbers_records_as_they_were_given():
