@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -42,7 +42,6 @@ from vibrident.uncertainty.budget import (
 from vibrident.uncertainty.curve import frequencies
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
-from vibrident.uncertainty.posterior import Sampling, sample_posterior, sampler
 
 Uncertainty = Literal["auto", "noise", "inflated"]
 EstimatorName = Literal["auto", "ipnn", "ml", "lsm"]
@@ -53,6 +52,10 @@ ESTIMATORS: dict[str, type[Ipnn] | type[MaximumLikelihood] | type[LeastSquares]]
 }
 #: Shown iterations of the optimiser in a result.
 MOST_TRACE = 400
+
+
+if TYPE_CHECKING:
+    from vibrident.uncertainty.posterior import Sampling
 
 
 def identify(
@@ -93,12 +96,16 @@ def identify(
         return identify_decays(calibration, model, inflate=uncertainty != "noise")
     begin = time.perf_counter()
     if posterior is not None:
+        from vibrident.uncertainty.posterior import sampler
+
         sampler()  # before the fit that it would come after
     fitted = fit(calibration, model, estimator, uncertainty=uncertainty, progress=progress)
     rows = own_rows(fitted, uncertainty)
     result = document(fitted, rows)
     settings = {**result.settings, "time_s": time.perf_counter() - begin}
     if posterior is not None:
+        from vibrident.uncertainty.posterior import sample_posterior
+
         scale = _data_scale(fitted.estimate, rows[0])
         settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, scale, posterior)
     return replace(result, settings=settings)

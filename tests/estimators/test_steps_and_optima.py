@@ -14,8 +14,8 @@ from vibrident.estimators.adam import adam
 from vibrident.estimators.optimise import levenberg_marquardt
 from vibrident.models import parse
 from vibrident.models.state_space import realise
-from vibrident.network import Cell, physics_from_weights, run
-from vibrident.network.readback import network_response
+from vibrident.network.cell import Cell, run
+from vibrident.network.readback import network_response, physics_from_weights
 from vibrident.problem import Coordinates, Evidence, Local
 from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.records import Calibration

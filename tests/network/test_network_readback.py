@@ -8,8 +8,8 @@ from vibrident.discretize.table import weight_table
 from vibrident.errors import ModelError
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling
-from vibrident.network import Cell, physics_from_weights, run
-from vibrident.network.readback import network_response
+from vibrident.network.cell import Cell, run
+from vibrident.network.readback import network_response, physics_from_weights
 
 SENSORS = {
     "accelerometer": {"sensitivity": -0.104, "natural_frequency": 652.0, "damping_ratio": 0.182},

@@ -9,8 +9,8 @@ from unrolled import cut, random_weights, recursion, stacked
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import Weights
-from vibrident.network import Cell, Lanes, respond, run
-from vibrident.network.unroll import Nuisance, fit_nuisance, nuisance_response, projection
+from vibrident.network.cell import Cell, run
+from vibrident.network.unroll import Lanes, Nuisance, fit_nuisance, nuisance_response, projection, respond
 
 _respond = jax.jit(respond)
 

@@ -10,7 +10,7 @@ import vibrident.problem.time_domain as time_domain
 from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
 from vibrident.models import parse
-from vibrident.network import Cell, run
+from vibrident.network.cell import Cell, run
 from vibrident.problem import Coordinates
 from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual
 from vibrident.records import Record

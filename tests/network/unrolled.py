@@ -3,7 +3,7 @@
 import numpy as np
 
 from vibrident.discretize import Weights
-from vibrident.network import Lanes
+from vibrident.network.unroll import Lanes
 
 
 def random_weights(rng, states=2, terms=3, damping=0.03):
