@@ -9,13 +9,13 @@ response; a record of n samples has n − 3 left to judge the prediction by.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vibrident.discretize import Method, method
+from vibrident.discretize import method
 from vibrident.errors import InputError
 from vibrident.measure import Finding, screen
 from vibrident.models import SensorModel

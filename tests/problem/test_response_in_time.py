@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibrident.discretize import Weights, method
-from vibrident.discretize.unrolled import free_rows, respond
+from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.models import parse
-from vibrident.problem import Coordinates, TimeProblem, in_time
-from vibrident.problem.in_time import response_in_time
+from vibrident.problem import Coordinates, LineProblem
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import Record
 from vibrident.simulation import simulate, with_noise
 
@@ -50,7 +49,8 @@ def assert_as_compiled(records, name, quantity, step):
     problem = TimeProblem.build(records, model, method(step), quantity, values)
     coordinates = Coordinates.at(model, values, (1e-9, 1e12))
     expected = problem.predict(coordinates, coordinates.first)
-    found = response_in_time(records, model, method(step), quantity, values)
+    at_lines = LineProblem.build(records, model, method(step), quantity, values)
+    found = at_lines.predict(coordinates, coordinates.first)
     for ours, theirs, record in zip(found, expected, records, strict=True):
         np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
         assert np.isfinite(ours).sum() > 0.8 * record.samples
@@ -69,16 +69,6 @@ def test_the_response_is_the_compiled_networks(name, quantity, step):
     assert_as_compiled(records_of("accelerometer+delay"), name, quantity, step)
 
 
-def test_blocks_of_long_records_join_without_a_seam(monkeypatch):
-    records = records_of("accelerometer+delay")
-    given = (records, parse("accelerometer"), method("bandlimited"), "acceleration", values_of("accelerometer"))
-    whole = response_in_time(*given)
-    monkeypatch.setattr(in_time, "BLOCK", 400)
-    blocks = response_in_time(*given)
-    for one, other in zip(whole, blocks, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-10 * float(np.nanmax(np.abs(one))))
-
-
 def test_a_free_decay_has_no_input():
     decay = simulate("paper", "decay", sampling_rate_hz=10e3, samples=600).records
     assert_as_compiled(list(decay), "accelerometer", "acceleration", "bandlimited")
@@ -88,25 +78,7 @@ def test_records_too_short_and_models_without_network_are_refused():
     noise = np.random.default_rng(0).standard_normal((2, 12))
     short = [Record("short", noise[0], noise[1], 10e3, valid=np.arange(12) < 6)]
     with pytest.raises(InputError, match="long enough"):
-        response_in_time(short, parse("accelerometer"), method("euler"), "acceleration", values_of("accelerometer"))
+        LineProblem.build(short, parse("accelerometer"), method("euler"), "acceleration", values_of("accelerometer"))
     values = values_of("accelerometer") | {"boxcar_length": 1e-3}
     with pytest.raises(ModelError, match="no network"):
-        response_in_time(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)
-
-
-@pytest.mark.parametrize("steps", [1, 2, 7, 64, 65])
-def test_chunks_are_the_recursion(steps, rng):
-    weights = Weights(
-        np.array([[0.9, 0.2], [-0.1, 0.8]]), rng.standard_normal((2, 3)), np.array([1.0, 0.5]), rng.standard_normal(3)
-    )
-    inputs, state = rng.standard_normal((steps, 3)), rng.standard_normal(2)
-    own, expected = state, []
-    for u in inputs:
-        expected.append(weights.output @ own + weights.feedthrough @ u)
-        own = weights.transition @ own + weights.drive @ u
-    found, behind = respond(weights, inputs, state)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(behind, own, rtol=1e-12, atol=1e-13)
-    rows, power = free_rows(weights, steps)
-    np.testing.assert_allclose(rows[-1], weights.output @ np.linalg.matrix_power(weights.transition, steps - 1))
-    np.testing.assert_allclose(power, np.linalg.matrix_power(weights.transition, steps), rtol=1e-12, atol=1e-15)
+        LineProblem.build(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)

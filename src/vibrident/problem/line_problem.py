@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.discretize import Method, Weights
-from vibrident.discretize.inputs import USABLE_BAND, StepFilters
+from vibrident.discretize.inputs import USABLE_BAND
 from vibrident.lines import (
     Batch,
     LineNormal,
@@ -96,7 +96,8 @@ class LineProblem:
         runs = tuple(
             run_of(number, record, span, step)
             for number, (record, step) in enumerate(zip(records, steps, strict=True))
-            for span in _spans(record, step, frame.fewest)
+            for span in unbroken(step.usable)
+            if record.mask[span].sum() > frame.fewest
         )
         if not runs:
             raise frame.too_short(records)
@@ -262,16 +263,6 @@ class LineProblem:
             return np.asarray(found, dtype=complex)
 
         return at
-
-
-def _spans(record: Record, step: StepFilters, fewest: int) -> list[slice]:
-    """Unbroken runs of steps, from the first to the last sample of the response that is used."""
-    found = []
-    for span in unbroken(step.usable):
-        places = span.start + np.flatnonzero(record.mask[span])
-        if len(places) > fewest:
-            found.append(slice(int(places[0]), int(places[-1]) + 1))
-    return found
 
 
 def _in_pieces(
