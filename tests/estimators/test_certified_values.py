@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from vibrident.backend import jax, jnp
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.information import inverse_normal
 from vibrident.problem import Local
 
 

@@ -6,9 +6,9 @@ import pytest
 import vibrident
 from vibrident.errors import ModelError
 from vibrident.estimators import MaximumLikelihood
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import levenberg_marquardt
 from vibrident.estimators.start import find_start, start_values
+from vibrident.information import inverse_normal
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.records import Calibration, ResponseTable

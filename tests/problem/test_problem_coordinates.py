@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from vibrident.backend import jax, jnp
 from vibrident.models import parse
-from vibrident.problem import Coordinates, TimeProblem
+from vibrident.problem import Coordinates
 from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
+from vibrident.problem.time_domain import TimeProblem
 
 START = {
     "sensitivity": -0.104,

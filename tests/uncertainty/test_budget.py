@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.io import write_calibration
 from vibrident.models import parse
 from vibrident.records import Calibration, ResponseTable, SystematicEffect

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import t as student
 
 import vibrident
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.verdict import rejected
 from vibrident.records import Calibration

@@ -15,7 +15,6 @@ from vibrident.backend import jnp
 from vibrident.models.base import Core, Derived, ParameterSpec, Rational, SensorModel
 from vibrident.problem import Coordinates
 from vibrident.uncertainty.budget import Row, effective_degrees_of_freedom
-from vibrident.uncertainty.linearised import physical_slopes
 from vibrident.uncertainty.parameters import correlation, coverage_factor, parameter_table
 
 #: Table H.2: five simultaneous observations of V in V, I in A, φ in rad.
@@ -55,7 +54,7 @@ def estimated():
     coordinates = Coordinates.at(circuit(), start, (1e-3, 1e3))
     z = np.array([1 / 1.01, -np.log(0.97), mean[2]])
     assert list(coordinates.values(z).values()) == pytest.approx(mean.tolist(), rel=1e-14)
-    change = physical_slopes(coordinates, z)
+    change = coordinates.slopes(z)
     return coordinates, z, np.cov(OBSERVED) / 5.0 / np.outer(change, change)
 
 

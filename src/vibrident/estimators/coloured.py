@@ -14,8 +14,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.noise_spectrum import NEAREST, mean_around
+from vibrident.information import inverse_normal
 from vibrident.lines import RecordLines
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray

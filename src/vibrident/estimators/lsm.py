@@ -17,11 +17,11 @@ import numpy as np
 
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate, refuse_nonlinear
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.ml import weighted_problem
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
+from vibrident.information import inverse_normal
 from vibrident.measure.response import ComplexArray
 from vibrident.models.slopes import response_and_slopes
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem, Local

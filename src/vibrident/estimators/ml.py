@@ -15,10 +15,10 @@ import numpy as np
 
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate, refuse_nonlinear
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
+from vibrident.information import inverse_normal
 from vibrident.measure import MeasuredResponse
 from vibrident.measure.verdict import rejected
 from vibrident.models import SensorModel

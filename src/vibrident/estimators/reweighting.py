@@ -25,8 +25,8 @@ from scipy import linalg
 from scipy.special import chdtrc
 
 from vibrident.estimators.coloured import sandwich
-from vibrident.estimators.covariance import SMALLEST
 from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
+from vibrident.information import SMALLEST
 from vibrident.lines import RecordLines
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back

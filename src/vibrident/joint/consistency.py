@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, null_space
 from scipy.special import chdtrc, fdtrc
 
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.joint.sharing import Joint, Place
 from vibrident.measure.verdict import REJECTION
 from vibrident.records import FloatArray

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from vibrident.errors import NotConverged
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.identification import Fitted
+from vibrident.information import inverse_normal
 from vibrident.joint.moments import Moments
 from vibrident.joint.score import Score
 from vibrident.joint.sharing import CHANNELS, Joint, Place, places

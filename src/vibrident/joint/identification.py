@@ -13,9 +13,9 @@ import numpy as np
 from vibrident.decay import decays_alone
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Estimate, Estimator
-from vibrident.estimators.covariance import inverse_normal
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import EstimatorName, Fitted, Uncertainty, document, fit, own_rows
+from vibrident.information import inverse_normal
 from vibrident.joint.consistency import Consistency, compare
 from vibrident.joint.descent import Descent, descend
 from vibrident.joint.sharing import joined

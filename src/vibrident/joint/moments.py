@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.estimators.covariance import inverse_normal
+from vibrident.information import inverse_normal
 from vibrident.joint.score import Score
 from vibrident.problem import Local
 from vibrident.records import FloatArray
