@@ -10,7 +10,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -245,7 +245,7 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types only; numbers that are not finite become None."""
-        return {"schema": SCHEMA, **_plain(asdict(self))}
+        return {"schema": SCHEMA, **_plain(self)}
 
     def to_json(self) -> str:
         """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
@@ -351,6 +351,10 @@ def _with_numbers(value: Any, key: str = "") -> Any:
 
 
 def _plain(value: Any) -> Any:
+    if type(value) is float:  # by far the most
+        return value if math.isfinite(value) else None
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -115,3 +115,18 @@ def test_the_optimum_and_the_predicted_response(rng):
         np.testing.assert_allclose(
             ours[known], theirs[known], rtol=0, atol=1e-9 * np.max(np.abs(record.response[record.mask]))
         )
+
+
+def test_a_record_that_no_run_reaches_has_no_lines_and_does_no_harm():
+    """Its reference is broken everywhere: it says nothing, and the others are identified as without it."""
+    import vibrident
+    from vibrident.records import Calibration
+
+    good = random_motion("accelerometer")
+    broken = replace(good, name="broken", reference_valid=np.arange(SAMPLES) % 20 > 0)
+    alone, both = (
+        vibrident.identify(Calibration(records=records, model="accelerometer"), estimator="ipnn")
+        for records in ((good,), (good, broken))
+    )
+    for name, value in alone.parameters.items():
+        assert both.parameters[name].value == pytest.approx(value.value, rel=1e-9)

@@ -259,8 +259,13 @@ def _leaves_lines(predicted: ComplexArray, rest: ComplexArray) -> bool:
 
 
 def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
-    """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends."""
+    """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends.
+
+    Of too few lines for that, the mean of all.
+    """
     width = min(width, power.size - 2)
+    if width <= nearest:
+        return np.full(power.shape, float(np.mean(power)))
     padded = np.concatenate([power[width:0:-1], power, power[-2 : -width - 2 : -1]])
     total = np.concatenate([[0.0], np.cumsum(padded)])
     centre = np.arange(power.size) + width

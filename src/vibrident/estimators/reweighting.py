@@ -157,7 +157,7 @@ def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, no
         np.sqrt([share.spectrum.passed for share in shares]) * noise,
         doubt,
         tuple(
-            tuple(place * given.sampling_rate_hz / record.samples for place in share.spectrum.tones)
+            tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in share.spectrum.tones)
             for given, record, share in zip(problem.records, lines, shares, strict=True)
         ),
     )
@@ -176,7 +176,7 @@ def _spread(lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArra
 
 def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _Share:
     """What a record says, its spectrum read at ``step``; the gradient is that of the whole way from no step."""
-    n, through = record.samples, record.through
+    n, through = max(record.samples, 1), record.through
     moved = record.residual - step @ record.slopes
     weight = record.twice / (n * spectrum.level)
     columns = _unknowns(record, spectrum)

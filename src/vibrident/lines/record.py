@@ -126,7 +126,7 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
         pieces: place of each run, and its series.
     """
     count = sum(len(series.free) + 1 for _, series in pieces)
-    if count > MOST_COLUMNS or count * samples > LARGEST:
+    if not pieces or count > MOST_COLUMNS or count * samples > LARGEST:
         return None
 
     def lines(edges: bool) -> ComplexArray:
