@@ -18,7 +18,6 @@ import numpy as np
 from vibrident.discretize import method
 from vibrident.errors import InputError
 from vibrident.measure import Finding, screen
-from vibrident.models import SensorModel
 from vibrident.problem import Coordinates, network_of
 from vibrident.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.result import Result
