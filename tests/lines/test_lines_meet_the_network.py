@@ -81,6 +81,14 @@ def test_every_add_on(model, rng):
     assert_the_same(*a_problem([random_motion(model)], model, "acceleration", "bandlimited", rng))
 
 
+def test_runs_shorter_than_the_filters(rng):
+    """Between two gaps of the reference ten steps may be left, where the inputs look at eighty samples."""
+    record = random_motion("accelerometer")
+    gaps = np.isin(np.arange(SAMPLES), [700, 791, 905, 1100])
+    record = replace(record, reference_valid=~gaps)
+    assert_the_same(*a_problem([record], "accelerometer", "acceleration", "bandlimited", rng))
+
+
 def records_of_all_kinds(model):
     """Records with a gap in both channels, at another rate, without a reference, and with gaps in the response."""
     both, response = np.arange(2400) == 1200, np.arange(SAMPLES) % 400 < 30

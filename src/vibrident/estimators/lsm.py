@@ -68,7 +68,7 @@ class LeastSquares:
                 problem = weighted_problem(tones, model, coordinates.values(z), evidence)
                 freedom = float(np.sum(tones.degrees_of_freedom))
             weight = self._weight(problem)
-            args = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
+            args: tuple[Any, ...] = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
             trace = levenberg_marquardt(_objective, z, args, tolerance=1e-12, progress=progress)
             z = trace.last
         _, jacobian = inverse_residual(trace.last, *args)

@@ -151,7 +151,7 @@ def columns_of(
 def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
     """Residual of the forced response, and the free responses."""
     w, root = batch.shifted[:, lines], root[:, lines]
-    over = 1.0 / _horner(transfer.denominator, w)
+    over = 1.0 / horner(transfer.denominator, w)
     residual = _horner_of_inputs(transfer.numerator[None], batch.inputs[..., lines], w)[:, 0]
     residual *= -over
     residual += batch.response[:, lines]
@@ -174,7 +174,7 @@ def _slopes(batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray) 
     columns[:, :-1] = driven
     for number, denominator in enumerate(slope.denominator):
         if np.any(denominator):
-            columns[:, number] -= modelled * _horner(denominator, w)
+            columns[:, number] -= modelled * horner(denominator, w)
     return columns
 
 
@@ -191,11 +191,11 @@ def modelled_slopes(
 ) -> ComplexArray:
     """Slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ of one run, initial state held; shape (P, L)."""
     driven = _horner_of_inputs(slope.numerator, inputs[None], w[None])[0]
-    aside = [modelled * _horner(denominator, w) for denominator in slope.denominator]
+    aside = [modelled * horner(denominator, w) for denominator in slope.denominator]
     return np.asarray((driven - np.reshape(aside, driven.shape)) * over)
 
 
-def _horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:
+def horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:
     """Value of a polynomial with ascending coefficients, in the shape of ``w``."""
     value = np.full(w.shape, coefficients[-1], dtype=complex)
     for coefficient in coefficients[-2::-1]:

@@ -159,8 +159,8 @@ def _transformed(
 ) -> ComplexArray:
     part = np.frombuffer(coefficients).reshape(shape)
     placed = np.zeros((shape[0], samples))
-    placed[:, : first + shape[1]] = part[:, -first:]  # z^p with p ≥ 0
-    placed[:, samples + first :] = part[:, :-first]
+    places = np.arange(first, first + shape[1]) % samples  # z^N = 1: of a short run several coefficients meet
+    np.add.at(placed, (slice(None), places), part)
     return np.conj(np.asarray(fft.rfft(placed, axis=-1))[:, start:stop])  # z^p, where a transform has z^{−p}
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from vibrident.lines.normal import LineNormal, modelled_slopes
+from vibrident.lines.normal import LineNormal, horner, modelled_slopes
 from vibrident.lines.runs import Run
 from vibrident.lines.transfer import StepTransfer
 from vibrident.measure.response import ComplexArray
@@ -62,8 +62,9 @@ def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSerie
     """
     used: BoolArray = np.ones(run.samples, dtype=bool) if run.used is None else run.used
     w = np.expm1(2j * np.pi / run.samples * run.lines)
-    over = 1.0 / np.polynomial.polynomial.polyval(w, transfer.denominator)
-    forced = _driven(transfer.numerator, run.inputs, w) * over
+    over = 1.0 / horner(transfer.denominator, w)
+    driven_lines = [horner(column, w) * u for column, u in zip(transfer.numerator.T, run.inputs, strict=True)]
+    forced = np.sum(driven_lines, axis=0) * over
     shapes = np.stack([(1.0 + w) * over * w**k for k in range(len(transfer.denominator) - 1)])
     whole = np.concatenate([_in_time(shapes, run.samples), np.ones((1, run.samples))])
     response, driven = _in_time(np.stack([run.response, forced]), run.samples)
@@ -73,11 +74,6 @@ def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSerie
     lines = forced + states[:-1] @ shapes
     slopes = modelled_slopes(slope, run.inputs, lines, w, over)
     return RunSeries(predicted, (response - predicted) * used, _in_time(slopes, run.samples) * used, free)
-
-
-def _driven(numerator: FloatArray, inputs: ComplexArray, w: ComplexArray) -> ComplexArray:
-    """Σ_k w^k Σ_j b[k, j] U_j, shape (L,)."""
-    return np.asarray(np.polynomial.polynomial.polyval(w, numerator @ inputs, tensor=False))
 
 
 def _in_time(lines: ComplexArray, samples: int) -> FloatArray:

@@ -111,9 +111,13 @@ class LineProblem:
         trained = self.trained
         return LineProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
 
-    @functools.cached_property
+    @property
     def noise_floor(self) -> FloatArray:
         """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        return self._noise_floor
+
+    @functools.cached_property
+    def _noise_floor(self) -> FloatArray:
         return noise_floor(self.records)
 
     @property
@@ -121,7 +125,7 @@ class LineProblem:
         """Highest line that counts, as a part of the sampling rate."""
         return USABLE_BAND if self.trained.method.fixed_terms is None else 0.5
 
-    @functools.cached_property
+    @property
     def degrees_of_freedom(self) -> FloatArray:
         """Numbers that count, less initial states and offset, for every record, shape (records,)."""
         found = np.zeros(len(self.records))

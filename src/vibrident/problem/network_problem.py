@@ -22,36 +22,46 @@ class NetworkProblem(Protocol):
     @property
     def records(self) -> tuple[Record, ...]:
         """In order."""
+        ...
 
     @property
     def frame(self) -> Frame:
         """Shape of the network, and the delay at which its inputs were interpolated."""
+        ...
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
         """Numbers that count less initial states and offset, for every record, shape (records,)."""
+        ...
 
     @property
     def noise_floor(self) -> FloatArray:
         """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        ...
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Any:
         """Cost, gradient and normal matrix at ``z``; ``noise``: standard deviation of each record, shape (records,)."""
+        ...
 
     def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
         """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        ...
 
     def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
         """Every record at the lines of its transform, in order."""
+        ...
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
         """Response of every record with the best initial states and offsets, NaN where the network gives none."""
+        ...
 
     def at_delay_of(self, values: Mapping[str, float]) -> NetworkProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
+        ...
 
     def weights(self, values: Mapping[str, float]) -> Weights:
         """Network weights of the linear part, one set a sampling interval in order (leading axis)."""
+        ...
 
 
 def network_objective(z: FloatArray, args: tuple[Coordinates, NetworkProblem, FloatArray]) -> Any:

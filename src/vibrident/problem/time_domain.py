@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,7 +97,7 @@ class TimeProblem:
         model: SensorModel,
         method: Method,
         quantity: Quantity,
-        start: dict[str, float],
+        start: Mapping[str, float],
     ) -> TimeProblem:
         """Interpolate the inputs at the expected delay and cut the records into lanes.
 
@@ -140,12 +140,16 @@ class TimeProblem:
         segments = np.bincount(self.record_of_segment, minlength=len(self.records))
         return np.asarray(counts - (self.layout.order + 1.0) * segments, dtype=np.float64)
 
-    @functools.cached_property
+    @property
     def noise_floor(self) -> FloatArray:
         """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        return self._noise_floor
+
+    @functools.cached_property
+    def _noise_floor(self) -> FloatArray:
         return noise_floor(self.records)
 
-    def at_delay_of(self, values: dict[str, float]) -> TimeProblem:
+    def at_delay_of(self, values: Mapping[str, float]) -> TimeProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
         layout = self.layout
         if self.frame.settled(values, self.records):
@@ -170,9 +174,9 @@ class TimeProblem:
         """Largest distance of a valid response sample from its record's mean, response unit."""
         return response_size(self.records)
 
-    def weights(self, parameters: dict[str, Any]) -> Weights:
+    def weights(self, values: Mapping[str, Any]) -> Weights:
         """Network weights of the sensor's linear part, one set a sampling interval (leading axis R)."""
-        return _compiled_weights(parameters, self.layout, self.intervals_s, self.fractions, self.frame.delay_s)
+        return _compiled_weights(dict(values), self.layout, self.intervals_s, self.fractions, self.frame.delay_s)
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Normal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
