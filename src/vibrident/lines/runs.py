@@ -155,12 +155,13 @@ def _polynomials(
 
 
 def _transformed(
-    shape: tuple[int, ...], coefficients: bytes, first: int, samples: int, start: int, stop: int
+    shape: tuple[int, ...], known: bytes, first: int, samples: int, start: int, stop: int
 ) -> ComplexArray:
-    part = np.frombuffer(coefficients).reshape(shape)
+    part = np.frombuffer(known).reshape(shape)
     placed = np.zeros((shape[0], samples))
     places = np.arange(first, first + shape[1]) % samples  # z^N = 1: of a short run several coefficients meet
-    np.add.at(placed, (slice(None), places), part)
+    for row, coefficients in zip(placed, part, strict=True):
+        np.add.at(row, places, coefficients)
     return np.conj(np.asarray(fft.rfft(placed, axis=-1))[:, start:stop])  # z^p, where a transform has z^{−p}
 
 
