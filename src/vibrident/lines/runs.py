@@ -154,9 +154,7 @@ def _polynomials(
     )
 
 
-def _transformed(
-    shape: tuple[int, ...], known: bytes, first: int, samples: int, start: int, stop: int
-) -> ComplexArray:
+def _transformed(shape: tuple[int, ...], known: bytes, first: int, samples: int, start: int, stop: int) -> ComplexArray:
     part = np.frombuffer(known).reshape(shape)
     placed = np.zeros((shape[0], samples))
     places = np.arange(first, first + shape[1]) % samples  # z^N = 1: of a short run several coefficients meet
