@@ -51,6 +51,7 @@ LAYERS = (
     "systematic",
     "attempts",
     "identification",
+    "many",
     "joint",
     "validation",
     "prediction",

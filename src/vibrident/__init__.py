@@ -26,6 +26,7 @@ _WHERE = {
     "VibridentError": "vibrident.errors",
     "read": "vibrident.io",
     "identify": "vibrident.identification",
+    "identify_many": "vibrident.many",
     "identify_together": "vibrident.joint",
     "simulate": "vibrident.simulation",
     "predict": "vibrident.prediction",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -358,6 +358,10 @@ class Calibration:
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
         object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))
 
+    def __reduce__(self) -> tuple[object, ...]:  # views of mappings do not travel to another process
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        return _rebuilt, (own | {"sensor": dict(self.sensor), "certificate": dict(self.certificate)},)
+
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
 
@@ -385,3 +389,7 @@ class Calibration:
                 where=f"{where}, [response]",
                 remedy="set unit, and scale so that file values times scale are in that unit",
             )
+
+
+def _rebuilt(own: dict[str, Any]) -> Calibration:
+    return Calibration(**own)

@@ -1,0 +1,115 @@
+"""Many sensors, one after another or side by side, with memory that does not grow with their number."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import Any, Literal, overload
+
+from vibrident.errors import VibridentError
+from vibrident.records import Calibration
+from vibrident.result import Result
+
+#: Calibrations in the hands of a worker, or waiting for it.
+WINDOW = 2
+#: What keeps a worker's arithmetic on one core.
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@overload
+def identify_many(
+    calibrations: Iterable[Calibration],
+    model: str | None = ...,
+    estimator: Any = ...,
+    *,
+    uncertainty: Literal["auto", "noise", "inflated"] = ...,
+    workers: int = ...,
+    refused: Literal["raise"] = ...,
+) -> Iterator[Result]: ...
+
+
+@overload
+def identify_many(
+    calibrations: Iterable[Calibration],
+    model: str | None = ...,
+    estimator: Any = ...,
+    *,
+    uncertainty: Literal["auto", "noise", "inflated"] = ...,
+    workers: int = ...,
+    refused: Literal["return"],
+) -> Iterator[Result | VibridentError]: ...
+
+
+def identify_many(
+    calibrations: Iterable[Calibration],
+    model: str | None = None,
+    estimator: Any = "auto",
+    *,
+    uncertainty: Literal["auto", "noise", "inflated"] = "auto",
+    workers: int = 1,
+    refused: Literal["raise", "return"] = "raise",
+) -> Iterator[Result | VibridentError]:
+    """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
+
+    Args:
+        calibrations: taken one by one as results are asked for, so that a generator that reads files keeps only a few
+            in memory.
+        model: as for :func:`vibrident.identify`, the same for all.
+        estimator: as for :func:`vibrident.identify`, the same for all.
+        uncertainty: as for :func:`vibrident.identify`, the same for all.
+        workers: processes, each with one thread of arithmetic; 1: this one. A script that asks for more needs the usual
+            ``if __name__ == "__main__":``.
+        refused: what happens where data cannot be used, or model, estimator and data do not fit together: ``raise`` the
+            error, which ends the iteration, or ``return`` it in place of the result.
+
+    Raises:
+        ValueError: ``workers`` is below one, or ``refused`` is something else.
+    """
+    if workers < 1 or refused not in ("raise", "return"):
+        raise ValueError(f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, {refused!r}")
+    given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
+    found = (_identified(one, given) for one in calibrations) if workers == 1 else _beside(calibrations, given, workers)
+    return _told(found, refused)
+
+
+def _told(found: Iterable[Result | VibridentError], refused: str) -> Iterator[Result | VibridentError]:
+    for one in found:
+        if isinstance(one, VibridentError) and refused == "raise":
+            raise one
+        yield one
+
+
+def _identified(calibration: Calibration, given: dict[str, Any]) -> Result | VibridentError:
+    from vibrident.identification import identify
+
+    try:
+        return identify(calibration, **given)
+    except VibridentError as error:
+        return error
+
+
+def _beside(
+    calibrations: Iterable[Calibration], given: dict[str, Any], workers: int
+) -> Iterator[Result | VibridentError]:
+    """In processes of their own, a few calibrations ahead of what was asked for."""
+    import multiprocessing
+    from concurrent.futures import Future, ProcessPoolExecutor
+
+    waiting: deque[Future[Result | VibridentError]] = deque()
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when a worker starts
+    try:
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+            for calibration in calibrations:
+                waiting.append(pool.submit(_identified, calibration, given))
+                if len(waiting) >= WINDOW * workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
