@@ -2,7 +2,7 @@
 
 A shock or a sweep ends elsewhere than it began, often still moving. Such a displacement is a ramp at which no spectrum
 can look, and its acceleration is none. The second difference answers (2 sin ½ω)², exactly; the filter beside it
-answers (½ω / sin ½ω)², to 1e-6 up to 0.35 of the sampling rate, to 3e-4 up to 0.4, and nothing at half of it.
+answers (½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate, to 1e-3 up to 0.4, and nothing at half
 """
 
 from __future__ import annotations

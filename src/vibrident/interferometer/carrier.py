@@ -19,6 +19,8 @@ from vibrident.interferometer.setting import FloatArray, Signals
 PIECES, PIECE, PART, FLOOR = 48, 8192, 1e-4, 30.0
 #: Band kept, over what the carrier's band is wide, and part of the room beside the carrier that may be used.
 MARGIN, ROOM = 1.6, 0.8
+#: Samples that are mixed down at a time.
+PART_LENGTH = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,10 @@ class Baseband:
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
+        parts = [self._part(s, min(s + PART_LENGTH, stop)) for s in range(start, stop, PART_LENGTH)]
+        return np.concatenate(parts, axis=1)
+
+    def _part(self, start: int, stop: int) -> FloatArray:
         begin = start * self.factor
         end = min((stop - 1) * self.factor + 2 * self.first + 1, self.raw.samples)
         cycles = self.carrier_hz / self.raw.rate_hz
