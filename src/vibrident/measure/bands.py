@@ -264,6 +264,9 @@ def noise_where_bands_move(
     if kept.sum() < FEWEST_STILL:
         return np.ones(len(first))
     level = np.median(noise[:, kept] / np.maximum(np.mean(noise[:, kept], axis=0), 1e-300), axis=1)
+    # A stretch alone tells its noise to a quarter: over five it changes smoothly.
+    level = np.convolve(np.pad(level, 2, mode="reflect", reflect_type="odd"), np.full(5, 0.2), mode="valid")
+    level = np.maximum(level, 1e-300)
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
     found = level @ shares / max(float(np.mean(level)), 1e-300)
     return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0)
