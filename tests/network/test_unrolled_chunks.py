@@ -59,7 +59,7 @@ def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, 
         one = Weights(*(jnp.asarray(w)[rate] for w in weights))
         valid = record.mask
         reference = np.where(valid, np.asarray(record.reference) - np.asarray(record.reference)[valid].mean(), 0.0)
-        delay = problem.delay_s * record.sampling_rate_hz
+        delay = problem.frame.delay_s * record.sampling_rate_hz
         inputs = problem.layout.method.inputs(reference, valid, problem.layout.terms, delay).coefficients[run_of]
         cell = Cell.from_weights(one)
         forced = np.asarray(run(cell, inputs))
