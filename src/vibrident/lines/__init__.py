@@ -12,7 +12,7 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 
 from __future__ import annotations
 
-from vibrident.lines.normal import Batch, LineNormal, columns_of, freed, normal_equations
+from vibrident.lines.normal import Batch, LineNormal, columns_of, normal_equations
 from vibrident.lines.record import RecordLines
 from vibrident.lines.runs import Run, run_of, seen_by_network, unbroken
 from vibrident.lines.series import RunSeries, series_of, with_series
@@ -27,7 +27,6 @@ __all__ = [
     "StepTransfer",
     "Trained",
     "columns_of",
-    "freed",
     "normal_equations",
     "run_of",
     "seen_by_network",

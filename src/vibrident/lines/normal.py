@@ -64,12 +64,13 @@ class Batch:
         place = np.stack([2.0 * np.pi * run.lines / run.samples for run in runs])
         if np.all(place == place[0]):
             place = place[:1]
-        return cls(
-            np.expm1(1j * place),
-            np.stack([run.inputs for run in runs]),
-            np.stack([run.response for run in runs]),
-            np.asarray(numbers),
-        )
+        inputs, response = (run.inputs for run in runs), (run.response for run in runs)
+        joined = np.stack if len(runs) > 1 else _alone  # of a long run a copy counts
+        return cls(np.expm1(1j * place), joined(list(inputs)), joined(list(response)), np.asarray(numbers))
+
+
+def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:
+    return arrays[0][None]
 
 
 def normal_equations(
@@ -138,14 +139,32 @@ def _of_batch(
 
 def columns_of(
     batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
-) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Residual, (R, L), and slopes, (R, P, L), not weighted, with the states that ``root`` makes best; and 1/a."""
-    weighted = _forced(batch, transfer, root, slice(None))
-    states = _inverse(_products(weighted.free, weighted.free)) @ _products(weighted.free, weighted.residual[:, None])
-    plain = _forced(batch, transfer, np.ones_like(root), slice(None))
-    plain.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], plain.free)
-    columns = _slopes(batch, slope, plain, np.ones_like(root))
-    return plain.residual, columns[:, :-1], plain.over
+) -> tuple[ComplexArray, ComplexArray]:
+    """Residual, (R, L), and slopes, (R, P, L), not weighted, with the states that ``root`` makes best.
+
+    What other states could imitate is taken out of the slopes.
+    """
+    runs, lines = batch.response.shape
+    n, p = len(transfer.denominator) - 1, len(slope.denominator)
+    parts = [slice(i, i + AT_ONCE) for i in range(0, lines, AT_ONCE)]
+    gram, right, shared = np.zeros((runs, n, n)), np.zeros((runs, n, 1)), np.zeros((runs, n, p))
+    for part in parts:
+        block = _forced(batch, transfer, root, part)
+        gram += _products(block.free, block.free)
+        right += _products(block.free, block.residual[:, None])
+    inverse = _inverse(gram)
+    states = (inverse @ right)[..., 0]
+    residual, slopes, one = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex), np.ones_like(root)
+    for part in parts:
+        block = _forced(batch, transfer, one, part)
+        block.residual[:] -= np.einsum("rn,rnl->rl", states, block.free)
+        columns = _slopes(batch, slope, block, one)
+        residual[:, part], slopes[:, :, part] = block.residual, columns[:, :-1]
+        shared += _products(block.free * root[:, None, part] ** 2, columns[:, :-1])
+    share = inverse @ shared
+    for part in parts if p else ():
+        slopes[:, :, part] -= np.einsum("rnp,rnl->rpl", share, _forced(batch, transfer, one, part).free)
+    return residual, slopes
 
 
 def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
@@ -176,14 +195,6 @@ def _slopes(batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray) 
         if np.any(denominator):
             columns[:, number] -= modelled * horner(denominator, w)
     return columns
-
-
-def freed(slopes: ComplexArray, free: ComplexArray, twice: FloatArray) -> ComplexArray:
-    """Slopes (P, L) less what the free responses (L, n) could imitate, lines counted ``twice``."""
-    weighed = free * twice[:, None]
-    gram = np.real(np.conj(free).T @ weighed)
-    share = _inverse(gram[None])[0] @ np.real(np.conj(weighed).T @ slopes.T)
-    return slopes - (free @ share).T
 
 
 def modelled_slopes(

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy import fft
 
+from vibrident.lines.normal import horner
 from vibrident.lines.series import RunSeries
 from vibrident.measure.lines import line_counts
 from vibrident.measure.response import ComplexArray
@@ -81,9 +82,12 @@ class RecordLines:
             edges: beside initial states, offset and drift of each run, the slopes of these.
             tones: places, in lines, of tones; each with its slope with frequency.
         """
-        free = np.zeros((len(self.twice), 0)) if self.free is None else self.free(edges)
-        found = np.concatenate([free, *(self._tone(place) for place in tones)], axis=1) * (self.twice > 0)[:, None]
-        return found / np.sqrt(np.maximum(np.sum(np.abs(found) ** 2, axis=0), np.finfo(float).tiny))
+        free = np.zeros((len(self.twice), 0), dtype=complex) if self.free is None else self.free(edges)
+        found = np.concatenate([free, *(self._tone(place) for place in tones)], axis=1) if tones else free
+        for column in found.T:  # of a long record each copy counts
+            column[self.twice == 0.0] = 0.0
+            column /= max(float(np.linalg.norm(column)), np.finfo(float).tiny)
+        return found
 
     def _tone(self, place: float) -> ComplexArray:
         turn = np.arange(self.samples) / max(self.samples, 1)
@@ -97,23 +101,30 @@ class RecordLines:
         return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
 
 
-def free_of_run(w: ComplexArray, over: ComplexArray, order: int) -> FreeLines:
+def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
     """What the n initial states and a drift of a whole run add: z w^k / a and z / w, shape (lines, n + 1).
 
     With their slopes over the record: z w^k / a² and z / w², which n more states and a curved drift would add.
 
     Args:
-        w: z − 1 at all lines.
-        over: 1/a there.
-        order: n.
+        samples: N.
+        denominator: a, ascending in w = z − 1, shape (n + 1,).
     """
+    order = len(denominator) - 1
 
     def lines(edges: bool) -> ComplexArray:
-        z, drift = 1.0 + w, 1.0 / np.where(w == 0.0, 1.0, w)
-        columns = [z * w**k * over for k in range(order)] + [z * drift]
+        w = np.expm1(2j * np.pi / samples * np.arange(samples // 2 + 1))
+        over = 1.0 / horner(denominator, w)
+        found = np.empty((len(w), (order + 1) * (2 if edges else 1)), dtype=complex, order="F")
+        found[:, 0] = (1.0 + w) * over
+        for k in range(1, order):
+            found[:, k] = found[:, k - 1] * w
+        w[0] = 1.0  # line 0 does not count
+        found[:, order] = 1.0 + 1.0 / w
         if edges:
-            columns += [z * w**k * over**2 for k in range(order)] + [z * drift**2]
-        return np.stack(columns, axis=1)
+            np.multiply(found[:, :order], over[:, None], out=found[:, order + 1 : -1])
+            found[:, -1] = found[:, order] / w
+        return found
 
     return lines
 

@@ -63,8 +63,10 @@ def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSerie
     used: BoolArray = np.ones(run.samples, dtype=bool) if run.used is None else run.used
     w = np.expm1(2j * np.pi / run.samples * run.lines)
     over = 1.0 / horner(transfer.denominator, w)
-    driven_lines = [horner(column, w) * u for column, u in zip(transfer.numerator.T, run.inputs, strict=True)]
-    forced = np.sum(driven_lines, axis=0) * over
+    forced = np.zeros_like(over)
+    for column, own in zip(transfer.numerator.T, run.inputs, strict=True):
+        forced += horner(column, w) * own
+    forced *= over
     shapes = np.stack([(1.0 + w) * over * w**k for k in range(len(transfer.denominator) - 1)])
     whole = np.concatenate([_in_time(shapes, run.samples), np.ones((1, run.samples))])
     response, driven = _in_time(np.stack([run.response, forced]), run.samples)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import fft
 
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.inputs import USABLE_BAND
@@ -25,7 +26,6 @@ from vibrident.lines import (
     StepTransfer,
     Trained,
     columns_of,
-    freed,
     normal_equations,
     run_of,
     seen_by_network,
@@ -217,7 +217,14 @@ class LineProblem:
         for run in self.runs:
             transfer = self.trained.transfer(values, *self._step_of(run), self.frame.delay_s)
             nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
-            found[run.record][run.span] = series_of(run, transfer, nothing).predicted
+            if run.used is not None:
+                found[run.record][run.span] = series_of(run, transfer, nothing).predicted
+                continue
+            every = counted(run.samples, 0.5)  # all lines: an offset stands in line 0
+            residual, _ = columns_of(Batch.of([run], [0]), transfer, nothing, np.sqrt(every)[None, :])
+            residual[:, 0] = 0.0
+            own = self.records[run.record].response[run.span]
+            found[run.record][run.span] = own - np.asarray(fft.irfft(residual[0], run.samples))
         return found
 
     def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
@@ -242,18 +249,16 @@ class LineProblem:
     ) -> dict[str, Any]:
         """What the lines of a record say that is one whole run."""
         batch, twice = Batch.of([run], [0]), counted(run.samples, self.highest)
-        residual, slopes, over = columns_of(batch, *step, np.sqrt(twice)[None, :])
-        free, order = free_of_run(batch.shifted[0], over[0], self.frame.order), self.frame.order
-        own = freed(slopes[0], free(False)[:, :order], twice)
-        left = residual[0]
+        residual, slopes = columns_of(batch, *step, np.sqrt(twice)[None, :])
+        left, own = residual[0], slopes[0]
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
         return {
             "residual": left / noise,
             "predicted": (run.response - left) / noise,
             "used": np.ones(run.samples, dtype=bool),
             "twice": twice,
-            "slopes": own * turn / noise,
-            "free": free,
+            "slopes": np.multiply(own, turn / noise, out=own),
+            "free": free_of_run(run.samples, step[0].denominator),
         }
 
     def _response(self, coordinates: Coordinates, record: Record, samples: int) -> Any:
