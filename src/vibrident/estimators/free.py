@@ -74,7 +74,6 @@ def train_free(
         layout.order,
         layout.terms,
         layout.segments,
-        layout.blocks,
     )
     trace = levenberg_marquardt(_objective, pack(tied), args, tolerance=1e-2, progress=progress)
     interval = float(problem.intervals_s[0])
@@ -115,9 +114,9 @@ def _objective(vector: Any, args: Any) -> Normal:
     return _evaluate(vector, lanes, noise, *shape)
 
 
-@functools.partial(jax.jit, static_argnames=("states", "terms", "segments", "blocks"))
-def _evaluate(vector: Any, lanes: Any, noise: Any, states: int, terms: int, segments: int, blocks: int) -> Normal:
+@functools.partial(jax.jit, static_argnames=("states", "terms", "segments"))
+def _evaluate(vector: Any, lanes: Any, noise: Any, states: int, terms: int, segments: int) -> Normal:
     def batch(v: Any) -> Weights:
         return Weights(*(w[None] for w in unpack(v, states, terms)))
 
-    return normal_equations(batch(vector), jax.jacfwd(batch)(vector), lanes, noise, segments, blocks)
+    return normal_equations(batch(vector), jax.jacfwd(batch)(vector), lanes, noise, segments)

@@ -16,12 +16,10 @@ from typing import Any, NamedTuple
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.discretize.weights import Weights
-from vibrident.network.blocks import over_blocks, step_inputs
 from vibrident.network.unroll import (
     Lanes,
     Nuisance,
     Projection,
-    chained,
     dot,
     free_part,
     free_response,
@@ -45,7 +43,6 @@ class Normal(NamedTuple):
         squares: Σ r² of every segment, not weighted by the noise, shape (S,).
         response: the network's response with the best initial states and offsets, shape (L, M).
         columns: P columns of J, what initial states and offsets could imitate taken out, each of shape (L, M).
-            Empty where the lanes were taken in blocks; :func:`jacobian_column` then makes one.
     """
 
     matrix: Any
@@ -56,9 +53,7 @@ class Normal(NamedTuple):
     columns: Any
 
 
-def normal_equations(
-    weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int, blocks: int = 1
-) -> Normal:
+def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int) -> Normal:
     """Normal equations at ``weights``.
 
     Args:
@@ -67,16 +62,28 @@ def normal_equations(
         lanes: the data.
         noise: standard deviation of the response noise, by lane, shape (M,).
         segments: number of segments.
-        blocks: the lanes are taken in so many blocks, a divisor of M. With more than one, no columns are kept.
     """
-    known = _known(weights, lanes, segments, blocks)
-    return _normal(weights, slopes, lanes, noise, known, blocks, kept=blocks == 1)
-
-
-def jacobian_column(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int, blocks: int) -> Any:
-    """Column of J of one parameter, shape (L, M); arguments as of :func:`normal_equations`, P = 1."""
-    known = _known(weights, lanes, segments, blocks)
-    return _normal(weights, slopes, lanes, noise, known, blocks, kept=True).columns[0]
+    known = _known(weights, lanes, segments)
+    p, proj = slopes.output.shape[-1], known.projection
+    ends, in_chunk, response = _derivatives(weights, slopes, lanes, known.starts)
+    response = response + known.nuisance.offset[lanes.segment]
+    scale = lanes.weight / noise
+    residual = (lanes.response - response) * scale
+    # True derivative of the state at each chunk's start; zero at a segment's start, where it is a nuisance held.
+    d_starts = _chain(per_lane(known.power, lanes.rate), ends, lanes.first)  # (P, n, M)
+    columns = [
+        (slope + free_part(proj.rows, lanes.rate, d)) * scale for slope, d in zip(in_chunk, d_starts, strict=True)
+    ]
+    matrix = jnp.stack(
+        [jnp.stack([jnp.vdot(columns[max(a, b)], columns[min(a, b)]) for b in range(p)]) for a in range(p)]
+    )
+    gradient = jnp.stack([jnp.vdot(column, residual) for column in columns])
+    # What initial states and offset could imitate: moments of J against them, by segment; (P, S, n + 1).
+    totals = jnp.stack([imitable(proj, lanes, column) for column in columns])
+    squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
+    matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
+    freed = _freed(columns, jnp.einsum("sij,psj->psi", proj.inverse, totals), lanes, proj)
+    return Normal(matrix, gradient, jnp.vdot(residual, residual), squares, response, freed)
 
 
 class _Known(NamedTuple):
@@ -88,79 +95,23 @@ class _Known(NamedTuple):
     starts: Any
 
 
-def _known(weights: Weights, lanes: Lanes, segments: int, blocks: int) -> _Known:
+def _known(weights: Weights, lanes: Lanes, segments: int) -> _Known:
     n = weights.output.shape[-1]
-    proj = projection(weights, lanes, segments, blocks)
+    proj = projection(weights, lanes, segments)
     _, power = free_response(weights, lanes.response.shape[0])
-    rest = jnp.zeros((segments, n))
-
-    def step(carry: Any, lanes: Lanes, others: Any) -> tuple[Any, Any]:
-        before, moments = carry
-        forced, ends = from_rest(weights, lanes)
-        at_rest, after = chained(power, ends, lanes, rest, before)
-        signal = (lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest)) * lanes.weight
-        return (after, moments + imitable(proj._replace(carry=others), lanes, signal)), ends
-
-    start = (jnp.zeros(n), jnp.zeros((segments, n + 1)))
-    (_, moments), ends = over_blocks(step, start, lanes, proj.carry, blocks)
-    nuisance = nuisance_of(proj, moments)
+    forced, ends = from_rest(weights, lanes)
+    at_rest = start_states(power, ends, lanes, jnp.zeros((segments, n)))
+    signal = (lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest)) * lanes.weight
+    nuisance = nuisance_of(proj, imitable(proj, lanes, signal))
     return _Known(proj, nuisance, power, start_states(power, ends, lanes, nuisance.state))
 
 
-def _normal(
-    weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, known: _Known, blocks: int, *, kept: bool
-) -> Normal:
-    """The normal equations from what is known, with or without the columns."""
-    n, p = weights.output.shape[-1], slopes.output.shape[-1]
-    proj, segments = known.projection, known.projection.inverse.shape[0]
-
-    def step(carry: Any, lanes: Lanes, others: Any) -> tuple[Any, Any]:
-        before, sums = carry
-        starts, noise, its_carry = others
-        ends, in_chunk, response = _derivatives(weights, slopes, lanes, starts)
-        response = response + known.nuisance.offset[lanes.segment]
-        scale = lanes.weight / noise
-        residual = (lanes.response - response) * scale
-        # True derivative of the state at each chunk's start; zero at a segment's start, where it is a nuisance held.
-        d_starts, after = _chain(per_lane(known.power, lanes.rate), ends, lanes.first, before)  # (P, n, M)
-        columns = [
-            (slope + free_part(proj.rows, lanes.rate, d)) * scale for slope, d in zip(in_chunk, d_starts, strict=True)
-        ]
-        matrix = jnp.stack(
-            [jnp.stack([jnp.vdot(columns[max(a, b)], columns[min(a, b)]) for b in range(p)]) for a in range(p)]
-        )
-        found = (
-            matrix,
-            jnp.stack([jnp.vdot(column, residual) for column in columns]),
-            jnp.vdot(residual, residual),
-            # What initial states and offset could imitate: moments of J against them, by segment; (P, S, n + 1).
-            jnp.stack([imitable(proj._replace(carry=its_carry), lanes, column) for column in columns]),
-            jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments),
-        )
-        return (after, jax.tree.map(jnp.add, sums, found)), (response, columns if kept else [])
-
-    nothing = (jnp.zeros((p, p)), jnp.zeros(p), jnp.zeros(()), jnp.zeros((p, segments, n + 1)), jnp.zeros(segments))
-    others = (known.starts, noise, proj.carry)
-    (_, sums), (response, columns) = over_blocks(step, (jnp.zeros((p, n)), nothing), lanes, others, blocks)
-    matrix, gradient, cost, totals, squares = sums
-    matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
-    if kept:
-        columns = _freed(columns, jnp.einsum("sij,psj->psi", proj.inverse, totals), lanes, proj, blocks)
-    return Normal(matrix, gradient, cost, squares, response, columns)
-
-
-def _freed(columns: Any, shares: Any, lanes: Lanes, proj: Projection, blocks: int) -> Any:
+def _freed(columns: Any, shares: Any, lanes: Lanes, proj: Projection) -> Any:
     """The columns without their shares, shape (P, S, n + 1), of what initial states and offset could imitate."""
-
-    def step(nothing: Any, lanes: Lanes, others: Any) -> tuple[Any, Any]:
-        columns, carry = others
-        here = proj._replace(carry=carry)
-        return nothing, [
-            column - lanes.weight * nuisance_response(here, lanes, Nuisance(share[:, :-1], share[:, -1]))
-            for column, share in zip(columns, shares, strict=True)
-        ]
-
-    return over_blocks(step, (), lanes, (columns, proj.carry), blocks)[1]
+    return [
+        column - lanes.weight * nuisance_response(proj, lanes, Nuisance(share[:, :-1], share[:, -1]))
+        for column, share in zip(columns, shares, strict=True)
+    ]
 
 
 def contract(matrix: Any, vectors: Any) -> Any:
@@ -188,7 +139,7 @@ def _derivatives(weights: Weights, slopes: Weights, lanes: Lanes, starts: Any) -
         moved = contract(phi, dx) + over(d_phi, x) + over(d_gamma, u)
         return (following, moved), ([dy[a] for a in range(p)], y)
 
-    (_, ends), (dy, y) = lax.scan(step, (starts, jnp.zeros((p, *starts.shape))), step_inputs(lanes.inputs))
+    (_, ends), (dy, y) = lax.scan(step, (starts, jnp.zeros((p, *starts.shape))), lanes.inputs)
     return ends, dy, y
 
 
@@ -197,12 +148,9 @@ def over(slopes: Any, values: Any) -> Any:
     return dot([slopes[..., k, :] for k in range(values.shape[0])], list(values))
 
 
-def _chain(phi: Any, ends: Any, first: Any, before: Any) -> tuple[Any, Any]:
-    """∂x at the start of every chunk, shape (P, n, M), from the ends of chunks that began at zero.
-
-    With it the one behind the last chunk; ``before`` is the one behind the chunk before the first, shape (P, n).
-    """
-    _, n, count = ends.shape
+def _chain(phi: Any, ends: Any, first: Any) -> Any:
+    """∂x at the start of every chunk, shape (P, n, M), from the ends of chunks that began at zero."""
+    p, n, count = ends.shape
     power = jnp.moveaxis(jnp.broadcast_to(phi, (n, n, count)), -1, 0)
 
     def step(carry: Any, lane: Any) -> tuple[Any, Any]:
@@ -211,5 +159,5 @@ def _chain(phi: Any, ends: Any, first: Any, before: Any) -> tuple[Any, Any]:
         columns = [state[:, k, None] * matrix[None, :, k] for k in range(n)]
         return functools.reduce(jnp.add, columns) + end, state
 
-    after, states = lax.scan(step, before, (power, jnp.moveaxis(ends, -1, 0), first))
-    return jnp.moveaxis(states, 0, -1), after
+    _, states = lax.scan(step, jnp.zeros((p, n)), (power, jnp.moveaxis(ends, -1, 0), first))
+    return jnp.moveaxis(states, 0, -1)

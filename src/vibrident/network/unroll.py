@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.discretize.weights import Weights
-from vibrident.network.blocks import over_blocks, step_inputs
 
 
 class Lanes(NamedTuple):
@@ -25,7 +24,7 @@ class Lanes(NamedTuple):
     A segment is an unbroken run of steps with a state of its own: a whole record, or a part between gaps.
 
     Attributes:
-        inputs: shape (L, q, M); or, where they are made only when needed, :class:`vibrident.network.blocks.Windows`.
+        inputs: shape (L, q, M).
         response: shape (L, M), zero where ``weight`` is zero.
         weight: shape (L, M), one where the sample counts, zero where not.
         first: shape (M,), True at a segment's first chunk.
@@ -65,15 +64,7 @@ def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
         lanes: the lanes.
         initial: state at the start of every segment, shape (S, n).
     """
-    return chained(power, ends, lanes, initial, jnp.zeros(ends.shape[0]))[0]
-
-
-def chained(power: Any, ends: Any, lanes: Any, initial: Any, before: Any) -> tuple[Any, Any]:
-    """``start_states``, and the state behind the last lane; ``before`` is the state behind the lane before the first.
-
-    Both of shape (n,).
-    """
-    return _starts(per_lane(power, lanes.rate), ends, lanes.first, initial[lanes.segment].T, before)
+    return _starts(per_lane(power, lanes.rate), ends, lanes.first, initial[lanes.segment].T)
 
 
 class Projection(NamedTuple):
@@ -90,23 +81,20 @@ class Projection(NamedTuple):
     inverse: Any
 
 
-def projection(weights: Weights, lanes: Lanes, segments: int, blocks: int = 1) -> Projection:
-    """Prepare the projection for ``weights``, the lanes taken in so many blocks."""
+def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:
+    """Prepare the projection for ``weights``."""
     length, count = lanes.response.shape
     n = weights.output.shape[-1]
     rows, power = free_response(weights, length)
     chunk_power = per_lane(power, lanes.rate)
-    zero, none = jnp.zeros((n, count)), jnp.zeros(n)
-    carry = jnp.stack([_starts(chunk_power, zero, lanes.first, zero.at[i].set(1.0), none)[0] for i in range(n)], axis=1)
+    zero = jnp.zeros((n, count))
+    carry = jnp.stack([_starts(chunk_power, zero, lanes.first, zero.at[i].set(1.0)) for i in range(n)], axis=1)
 
-    def collect(nothing: Any, lanes: Lanes, _: Any) -> tuple[Any, Any]:
-        weighted = lanes.weight
-        pair = [[_collect(rows[..., i] * rows[..., j], lanes.rate, weighted) for j in range(n)] for i in range(n)]
-        single = jnp.stack([_collect(rows[..., i], lanes.rate, weighted) for i in range(n)])
-        gram = jnp.stack([jnp.stack(row) for row in pair])  # (n, n, M), in the chunk's own start state
-        return nothing, (gram, single, jnp.sum(weighted, axis=0))
-
-    _, (gram, single, total) = over_blocks(collect, (), lanes, (), blocks)
+    weighted = lanes.weight
+    pair = [[_collect(rows[..., i] * rows[..., j], lanes.rate, weighted) for j in range(n)] for i in range(n)]
+    single = jnp.stack([_collect(rows[..., i], lanes.rate, weighted) for i in range(n)])
+    gram = jnp.stack([jnp.stack(row) for row in pair])  # (n, n, M), in the chunk's own start state
+    total = jnp.sum(weighted, axis=0)
     gram = jnp.einsum("iam,ijm,jbm->mab", carry, gram, carry)
     cross = jnp.einsum("iam,im->ma", carry, single)
     top = jnp.concatenate([gram, cross[:, :, None]], axis=2)
@@ -153,7 +141,7 @@ def nuisance_response(p: Projection, lanes: Lanes, nuisance: Nuisance) -> Any:
 
 def from_rest(weights: Weights, lanes: Lanes) -> tuple[Any, Any]:
     """Forced response from a zero state in every lane, shape (L, M), and the end states, shape (n, M)."""
-    inputs = step_inputs(lanes.inputs)
+    inputs = lanes.inputs
     _, terms, count = inputs.shape
     n = weights.output.shape[-1]
     phi, gamma = per_lane(weights.transition, lanes.rate), per_lane(weights.drive, lanes.rate)
@@ -191,11 +179,8 @@ def _power(matrix: Any, exponent: int) -> Any:
     return result
 
 
-def _starts(power: Any, ends: Any, first: Any, initial: Any, before: Any) -> tuple[Any, Any]:
-    """State at the start of every lane, shape (n, M), from the lanes' end states and the segments' initial states.
-
-    With it the state behind the last lane; ``before`` is the one behind the lane before the first, shape (n,).
-    """
+def _starts(power: Any, ends: Any, first: Any, initial: Any) -> Any:
+    """State at the start of every lane, shape (n, M), from the lanes' end states and the segments' initial states."""
     n, count = ends.shape
     power = jnp.broadcast_to(power, (n, n, count))
 
@@ -206,8 +191,8 @@ def _starts(power: Any, ends: Any, first: Any, initial: Any, before: Any) -> tup
         return following, state
 
     lane = (jnp.moveaxis(power, -1, 0), ends.T, first, initial.T)
-    after, states = lax.scan(step, [before[i] for i in range(n)], lane)
-    return jnp.stack(states), jnp.stack(after)
+    _, states = lax.scan(step, [jnp.zeros(())] * n, lane)
+    return jnp.stack(states)
 
 
 def free_part(rows: Any, rate: Any, starts: Any) -> Any:

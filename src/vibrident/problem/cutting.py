@@ -9,16 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.discretize import Method
-from vibrident.discretize.inputs import StepFilters, StepInputs
+from vibrident.discretize.inputs import StepInputs
 from vibrident.lines.runs import seen_by_network, unbroken
-from vibrident.network.blocks import Windows
 from vibrident.network.unroll import Lanes
 from vibrident.records import FloatArray, Record
-
-#: Records of more samples than this, in all, are run in blocks of so many lanes, their inputs made when needed, …
-MOST_AT_ONCE, LANES_IN_BLOCK = 1 << 19, 256
-#: … unless they need more filters than this: each costs as much as the first.
-MOST_FILTERS = 3
 
 #: Bytes of which the address of an array is a multiple, where JAX need not copy it.
 ALIGNED = 64
@@ -31,12 +25,12 @@ class Piece:
     Attributes:
         record: number of the record.
         run: its samples.
-        step: the inputs of the record's steps, or what makes them.
+        step: the inputs of the record's steps.
     """
 
     record: int
     run: slice
-    step: StepInputs | StepFilters
+    step: StepInputs
 
     @property
     def steps(self) -> int:
@@ -46,8 +40,8 @@ class Piece:
 
 def steps_of(
     records: Sequence[Record], method: Method, terms: int, delay_s: float, *, linear: bool
-) -> Sequence[StepInputs | StepFilters]:
-    """Inputs of every record's steps; of long records of a linear sensor, what makes them.
+) -> Sequence[StepInputs]:
+    """Inputs of every record's steps.
 
     Args:
         records: the records.
@@ -58,16 +52,10 @@ def steps_of(
             of a motion that ends within a period.
     """
     late = [delay_s * record.sampling_rate_hz for record in records]
-    if linear and sum(record.samples for record in records) > MOST_AT_ONCE:
-        made = [
-            method.filters(seen_by_network(r, centred=True)[1], terms, d) for r, d in zip(records, late, strict=True)
-        ]
-        if len(_distinct([step.filters for step in made])) <= MOST_FILTERS:
-            return made
     return [method.inputs(*seen_by_network(r, centred=linear), terms, d) for r, d in zip(records, late, strict=True)]
 
 
-def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs | StepFilters], fewest: int) -> list[Piece]:
+def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs], fewest: int) -> list[Piece]:
     """The runs of usable steps that hold more than ``fewest`` samples."""
     return [
         Piece(index, run, step)
@@ -77,23 +65,10 @@ def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs | StepFilter
     ]
 
 
-def _distinct(filters: Sequence[FloatArray]) -> list[FloatArray]:
-    found: list[FloatArray] = []
-    for one in filters:
-        if not any(np.array_equal(one, other) for other in found):
-            found.append(one)
-    return found
-
-
 def bucket(count: int) -> int:
     """The next number of the form m·2ᵏ with 8 ≤ m ≤ 16: at most an eighth more."""
     step = max(1, 1 << (max(count - 1, 1).bit_length() - 4)) if count > 16 else 1
     return -(-count // step) * step
-
-
-def blocks_for(lanes: int, length: int) -> int:
-    """In how many blocks so many lanes of so many steps are run."""
-    return lanes // math.gcd(lanes, LANES_IN_BLOCK) if lanes * length > MOST_AT_ONCE else 1
 
 
 def cut(
@@ -102,7 +77,7 @@ def cut(
     """Cut segments into chunks of ``length`` steps, the last one padded with weight zero; also each one's first lane.
 
     Args:
-        pieces: the segments; all have inputs, or all have filters.
+        pieces: the segments.
         records: the records.
         rate: which sampling interval each record has.
         terms: inputs a step.
@@ -122,8 +97,7 @@ def cut(
         first[lane] = True
         places.append(mine)
         lane += count
-    made = isinstance(pieces[0].step, StepFilters)
-    inputs = _windows(pieces, places, records, total, length) if made else _inputs(pieces, places, total, length, terms)
+    inputs = _inputs(pieces, places, total, length, terms)
     return Lanes(inputs, response, weight, first, segment, rates), [place.start for place in places]
 
 
@@ -131,27 +105,9 @@ def _inputs(pieces: Sequence[Piece], places: Sequence[slice], total: int, length
     """Inputs of every step, shape (L, q, M)."""
     inputs = _zeros(length, terms, total)
     for piece, mine in zip(pieces, places, strict=True):
-        assert isinstance(piece.step, StepInputs)
         values = _part(piece.step.coefficients[piece.run], 0, (mine.stop - mine.start) * length)
         inputs[:, :, mine] = np.moveaxis(values.reshape(-1, length, terms), 0, -1)
     return inputs
-
-
-def _windows(
-    pieces: Sequence[Piece], places: Sequence[slice], records: Sequence[Record], total: int, length: int
-) -> Windows:
-    """The samples around every chunk, and the filters that make its inputs."""
-    steps = [piece.step for piece in pieces if isinstance(piece.step, StepFilters)]
-    distinct = _distinct([step.filters for step in steps])
-    taps = max(filters.shape[1] for filters in distinct)
-    samples, which = _zeros(length + taps - 1, total), np.zeros(total, dtype=int)
-    for piece, step, mine in zip(pieces, steps, places, strict=True):
-        which[mine] = next(i for i, filters in enumerate(distinct) if np.array_equal(filters, step.filters))
-        reference, _ = seen_by_network(records[piece.record], centred=True)
-        around = _part(reference, piece.run.start + step.first, (mine.stop - mine.start) * length + taps - 1)
-        samples[:, mine] = np.lib.stride_tricks.sliding_window_view(around, length + taps - 1)[::length].T
-    padded = [np.pad(filters, ((0, 0), (0, taps - filters.shape[1]))) for filters in distinct]
-    return Windows(samples, np.stack(padded), which)
 
 
 def _zeros(*shape: int) -> FloatArray:

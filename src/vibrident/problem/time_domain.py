@@ -22,11 +22,10 @@ from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.lines import RecordLines
 from vibrident.measure.lines import line_counts
-from vibrident.memory import give_back
 from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
 from vibrident.network.forced import forced_normal, forced_response
-from vibrident.network.sensitivity import Normal, jacobian_column, normal_equations
+from vibrident.network.sensitivity import Normal, normal_equations
 from vibrident.network.unroll import (
     Lanes,
     Nuisance,
@@ -36,7 +35,7 @@ from vibrident.network.unroll import (
     respond,
 )
 from vibrident.problem.coordinates import Coordinates
-from vibrident.problem.cutting import blocks_for, bucket, cut, pieces_of, steps_of
+from vibrident.problem.cutting import bucket, cut, pieces_of, steps_of
 from vibrident.problem.framing import Frame, noise_floor, response_size
 from vibrident.records import FloatArray, Quantity, Record
 
@@ -63,7 +62,6 @@ class Layout:
     segments: int
     nodes: int = 0
     rounds: tuple[int, int] = (0, 0)
-    blocks: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +122,8 @@ class TimeProblem:
         if not pieces:
             raise frame.too_short(records)
         lanes, first_lanes = cut(pieces, records, rate, terms, CHUNK)
-        blocks = blocks_for(lanes.first.shape[0], CHUNK) if model.is_linear else 1
         nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
-        layout = Layout(model, method, quantity, terms, order, bucket(len(pieces) + 1), nodes, rounds, blocks)
+        layout = Layout(model, method, quantity, terms, order, bucket(len(pieces) + 1), nodes, rounds)
         owners = np.array([piece.record for piece in pieces])
         placed = tuple((p.record, p.run, lane) for p, lane in zip(pieces, first_lanes, strict=True))
         return cls(layout, tuple(records), frame, lanes, intervals, fractions, owners, placed)
@@ -280,21 +277,7 @@ def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tupl
     def tied(z: Any) -> Weights:
         return _weights(coordinates.physical(z), layout, intervals, fractions, delay)
 
-    return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments, layout.blocks)
-
-
-def physical_column(
-    index: Any, z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
-) -> Any:
-    """One of the columns of ``physical_normal``, shape (L, M)."""
-    lanes, *where = data
-
-    def tied(z: Any) -> Weights:
-        return _weights(coordinates.physical(z), layout, *where)
-
-    _, slope = jax.jvp(tied, (z,), (jnp.zeros_like(z).at[index].set(1.0),))
-    slope = jax.tree.map(lambda s: s[..., None], slope)
-    return jacobian_column(tied(z), slope, lanes, noise, layout.segments, layout.blocks)
+    return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments)
 
 
 def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
@@ -318,28 +301,8 @@ def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tu
 
 #: Compiled, and the one large program of the package: everything that looks at records in time goes through it.
 _evaluate = jax.jit(physical_normal, static_argnames=("layout",))
-_column = jax.jit(physical_column, static_argnames=("layout",))
 
 
 def evaluate(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
-    """``physical_normal``, compiled; its columns are made when asked for where the lanes are taken in blocks."""
-    normal = _evaluate(z, coordinates, layout, data, noise)
-    if layout.blocks == 1:
-        return normal
-    give_back()
-    return normal._replace(columns=Columns(z, coordinates, layout, data, noise))
-
-
-class Columns(Sequence[Any]):
-    """Columns of J of long records, each of shape (L, M), made when asked for and not kept."""
-
-    def __init__(self, *at: Any) -> None:
-        self._at = at
-
-    def __len__(self) -> int:
-        return int(self._at[0].shape[0])
-
-    def __getitem__(self, index: Any) -> Any:
-        column = _column(range(len(self))[index], *self._at)
-        give_back()
-        return column
+    """``physical_normal``, compiled."""
+    return _evaluate(z, coordinates, layout, data, noise)
