@@ -52,6 +52,17 @@ def test_noise_of_any_colour_is_no_change(kind: str, colour: str, rng: np.random
     assert sum(len(found(kind, colour, 0.0, rng)) for _ in range(100)) == 0
 
 
+def test_the_rest_before_and_behind_a_burst_has_no_gain(rng: np.random.Generator) -> None:
+    """What motion's skirts leave in it beside steps of a converter is no change, though it looks like one of 100 %."""
+    burst = np.where((T > 1500) & (T < 3000), np.sin(np.pi * (T - 1500) / 1500) ** 2, 0.0)
+    for _ in range(50):
+        series, _ = prediction("random", rng)
+        series = series * burst
+        skirts = np.where((T <= 1500) & (T > 1200), 1e-4 * rng.standard_normal(N), 0.0)
+        response = np.round((series + 2.0 * skirts) / 1e-4) * 1e-4
+        assert changes([Record("r", series, response, RATE, "random")], [series + skirts], [None]) == []
+
+
 @pytest.mark.parametrize("kind", ["sine", "multisine", "random"])
 @pytest.mark.parametrize(("change", "size"), [(0.5, 1e-2), (0.1, 1e-2), (0.01, 1e-2), (1e-3, 1e-3)])
 def test_a_step_of_gain_is_found_with_its_time_and_size(

@@ -24,6 +24,8 @@ CHANCE, PLACES = 1e-4, 8.0
 ROBUST = 1e-4
 #: Blocks, fewest samples in one, and blocks on either side of a step.
 MOST_BLOCKS, FEWEST_BLOCKS, FEWEST_SAMPLES, BESIDE = 32, 8, 24, 2
+#: Part of the motion that must lie on either side of a step: a sensor at rest has no gain.
+MOVING = 0.02
 #: Mains, and the power over that of white noise at which it is heard.
 MAINS_HZ, HEARD = (50.0, 60.0), 12.0
 #: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
@@ -92,14 +94,16 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
         products[index], powers[index] = columns[:2] @ columns[2], columns[:2] @ columns[:2].T
         starts[index] = part[0]
     slow = np.linspace(-0.5, 0.5, blocks)  # a slow change, then a step before each block
-    steps = [np.where(np.arange(blocks) < place, 0.0, 1.0) for place in range(BESIDE, blocks - BESIDE + 1)]
+    before = np.cumsum(powers[:, 0, 0]) / np.sum(powers[:, 0, 0])
+    places = [p for p in range(BESIDE, blocks - BESIDE + 1) if MOVING < before[p - 1] < 1.0 - MOVING]
+    steps = [np.where(np.arange(blocks) < place, 0.0, 1.0) for place in places]
     shapes = np.stack([slow, *steps])
     squares, gains = _fitted(products, powers, shapes)
     best = int(np.argmin(squares))
     if not _beyond_doubt(products, powers, shapes[best], (float(squares[best]), gains[best]), chance):
         return None
     step = gains[best, 2:]
-    place = blocks // 2 if best == 0 else BESIDE + best - 1
+    place = blocks // 2 if best == 0 else places[best - 1]
     time_s = float(starts[place]) / record.sampling_rate_hz
     return Change(record.name, time_s, float(step[0] / scale[0]), float(-step[1] / scale[1]), slow=best == 0)
 
