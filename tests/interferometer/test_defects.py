@@ -92,7 +92,7 @@ def test_a_small_motion_takes_its_ellipse_from_a_larger_one(tmp_path):
 
 def test_motion_that_is_too_fast_for_the_sampling_is_refused(tmp_path):
     with pytest.raises(InputError, match="too fast"):
-        read(tmp_path, Optics(), [20.0], 10.0, sampling_rate_hz=1e5, samples=30_000)
+        read(tmp_path, Optics(rate_hz=1e5), [20.0], 10.0, sampling_rate_hz=1e5, samples=30_000)
 
 
 def test_slow_motion_of_the_table_is_taken_out(tmp_path):

@@ -48,3 +48,17 @@ def test_a_wrong_key_of_the_optics_is_refused(tmp_path, monkeypatch, capsys, opt
     code = run(monkeypatch, "simulate", "--interferometer", "quadrature", "--out", tmp_path / "x", "--optics", optics)
     assert code == 2
     assert word in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["quadrature", "heterodyne"])
+def test_simulated_light_can_be_identified_as_it_is(kind, tmp_path, monkeypatch):
+    """Nobody need know how fast the phase turns: the signals are sampled fast enough for the motion."""
+    made, found = tmp_path / "made", tmp_path / "found"
+    settings = ["--samples", "8000", "--frequencies", "160,400,1000", "--response-noise", "0.001", "--seed", "3"]
+    assert run(monkeypatch, "simulate", "--interferometer", kind, "--out", made, *settings) == 0
+    assert run(monkeypatch, "identify", made / "calibration.toml", "--no-pictures", "--out", found) == 0
+    truth = json.loads((made / "truth.json").read_text(encoding="utf-8"))
+    result = Result.load(found / "result.json")
+    for name, stated in truth["parameters"].items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - stated["value"]) < 4.0 * parameter.standard_uncertainty

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 INTERFEROMETERS = ("quadrature", "heterodyne")
 #: What may stand in --optics: key, what it takes, what it is.
 KEYS = {
-    "rate": ("HZ", "of the optical signals; that of the response without it"),
+    "rate": ("HZ", "of the optical signals; without it a multiple of the response's that the motion needs"),
     "carrier": ("HZ", "of a heterodyne signal; a quarter of the rate without it"),
     "noise": ("REL", "of each signal, over its amplitude"),
     "bits": ("N", "of the converter, 8 to 16; 0 for none"),
@@ -48,13 +48,13 @@ def optics_of(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
         InputError: a key is not known, or a value is no number.
     """
     from vibrident.interferometer.setting import Interferometer
-    from vibrident.simulation.interferometer import drawn
+    from vibrident.simulation.interferometer import CARRIER, drawn
     from vibrident.simulation.optics import Optics
 
     given = _given(text)
     carrier = None
     if kind == "heterodyne":
-        carrier = given.pop("carrier", 0.25 * given.get("rate", rate_hz))
+        carrier = given.pop("carrier", CARRIER * given.get("rate", rate_hz))
     setting = Interferometer(
         "heterodyne" if kind == "heterodyne" else "quadrature",
         632.991e-9,

@@ -18,6 +18,8 @@ from vibrident.simulation.scheme import Seed, Take
 from vibrident.simulation.sensors import Sensor
 
 COLUMNS = ("u1", "u2")
+#: Turn of phase from sample to sample, rad, that a rate of the optical signals is chosen for, and of the carrier's.
+LARGEST_TURN, CARRIER = 1.0, 0.25
 
 
 def drawn(optics: Optics, seed: int) -> Optics:
@@ -61,6 +63,7 @@ def write_optical_calibration(
     """
     takes: list[Take] = []
     truth = simulate(sensor, excitation, quantity="displacement", seed=seed, keep_takes=takes, **settings)
+    optics = _fast_enough(optics, truth)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     entries = []
@@ -87,6 +90,28 @@ def write_optical_calibration(
         )
     (target / "calibration.toml").write_text(_toml(truth, optics, entries, takes[0]), encoding="utf-8")
     return truth
+
+
+def _fast_enough(optics: Optics, truth: Calibration) -> Optics:
+    """The optics with a rate at which the phase of this motion can be followed, a multiple of the response's.
+
+    A carrier at its usual part of the response's rate moves with it.
+    """
+    if optics.rate_hz is not None:
+        return optics
+    rate = truth.records[0].sampling_rate_hz
+    turns = [
+        float(np.max(np.abs(np.diff(record.reference)))) * record.sampling_rate_hz
+        for record in truth.records
+        if record.reference is not None
+    ]
+    times = int(np.ceil(max(turns) / optics.setting.metres_per_radian / LARGEST_TURN / rate))
+    carrier = optics.setting.carrier_hz
+    if carrier is not None and carrier != CARRIER * rate:
+        times = max(times, int(np.ceil(carrier / CARRIER / rate)))
+    elif carrier is not None:
+        optics = replace(optics, setting=replace(optics.setting, carrier_hz=CARRIER * rate * max(times, 1)))
+    return optics if times <= 1 else replace(optics, rate_hz=rate * times)
 
 
 def _write(path: Path, channels: dict[str, np.ndarray], bits: int) -> None:

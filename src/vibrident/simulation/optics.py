@@ -25,7 +25,7 @@ class Optics:
 
     Attributes:
         setting: as the calibration file states it.
-        rate_hz: of the optical signals; None: that of the response.
+        rate_hz: of the optical signals; None: a multiple of that of the response, at which this motion can be followed.
         offsets, amplitudes: of both signals (heterodyne: the first), V.
         quadrature_error_rad: the second signal is sin(phase + this).
         noise: of each signal, white, over its mean amplitude.
