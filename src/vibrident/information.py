@@ -22,11 +22,3 @@ def inverse_normal(matrix: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
     return inverse / scale[:, None] / scale
-
-
-def inverse_where_known(matrix: FloatArray) -> FloatArray:
-    """Inverse of a normal matrix of unknowns that nobody asks for: a direction without information gets nothing."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    known = values > SMALLEST
-    return (vectors[:, known] / values[known]) @ vectors[:, known].T / scale[:, None] / scale

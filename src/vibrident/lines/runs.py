@@ -21,8 +21,6 @@ from vibrident.measure.response import ComplexArray
 from vibrident.measure.rest import offset_of_reference
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: Fewer lines than this part of the samples are computed one by one.
-FEW = 1 / 32
 #: Transforms of filters are kept for runs of up to so many samples.
 MOST_KEPT = 1 << 16
 
@@ -64,7 +62,7 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
     """
     lines = np.arange((span.stop - span.start) // 2 + 1)
     reference, _ = seen_by_network(record, centred=True)
-    inputs = input_lines(reference, span, step, lines)
+    inputs = input_lines(reference, span, step)
     used = record.mask[span]
     response = np.asarray(fft.rfft(np.where(used, record.response[span], 0.0)))
     return Run(number, span, lines, inputs, response, None if used.all() else used)
@@ -88,27 +86,26 @@ def unbroken(usable: BoolArray) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def input_lines(reference: FloatArray, span: slice, step: StepFilters, lines: NDArray[np.int_]) -> ComplexArray:
-    """Transforms of the inputs of the steps of a run at some lines, shape (q, L).
+def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> ComplexArray:
+    """Transforms of the inputs of the steps of a run at all lines, shape (q, L).
 
     Args:
         reference: the whole record's, shape (samples,).
         span: the run; every sample that its steps need is there.
         step: the filters, and their place.
-        lines: numbers of the lines, shape (L,).
     """
     samples = span.stop - span.start
     taps = step.filters.shape[1]
     late = step.first + taps // 2  # the middle of the filters is brought to the run's own samples
     begin = span.start + late
     before = taps // 2  # taps stand at −before … taps − before − 1 about ``begin``
-    own = np.asarray(fft.rfft(reference[begin : begin + samples]))[lines]
+    own = np.asarray(fft.rfft(reference[begin : begin + samples]))
     # Samples behind the run less those at its begin, from ``before`` samples ahead of either.
     ahead, behind = begin - before, begin + samples - before
     reach = max(taps - 1, 1)
     jump = _part(reference, behind, reach) - _part(reference, ahead, reach)
     edges = _edges(step.filters, before, jump)
-    filters, edge = _polynomials(step.filters, edges, -before, samples, lines)
+    filters, edge = _polynomials(step.filters, edges, -before, samples)
     edge += own * filters
     return edge
 
@@ -139,28 +136,20 @@ def _edge_places(taps: int, before: int) -> tuple[NDArray[np.int_], FloatArray]:
     return np.where(signs != 0.0, before + s - p, 0), signs
 
 
-def _polynomials(
-    filters: FloatArray, edges: FloatArray, first: int, samples: int, lines: NDArray[np.int_]
-) -> tuple[ComplexArray, ComplexArray]:
+def _polynomials(filters: FloatArray, edges: FloatArray, first: int, samples: int) -> tuple[ComplexArray, ComplexArray]:
     """Σ_i c[j, i] z^{first + i} at lines of N samples for the coefficients of both, each of shape (q, L)."""
-    if len(lines) < FEW * samples:
-        powers = np.outer(np.arange(first, first + filters.shape[1]), lines) % samples
-        z = np.exp(2j * np.pi / samples * powers)
-        return filters @ z, edges @ z
-    band = slice(int(lines[0]), int(lines[-1]) + 1)
-    known = (filters.shape, filters.tobytes(), first, samples, band.start, band.stop)
-    return (_kept if samples <= MOST_KEPT else _transformed)(*known), _transformed(
-        edges.shape, edges.tobytes(), first, samples, band.start, band.stop
-    )
+    of_filters = _kept if samples <= MOST_KEPT else _transformed
+    whole = of_filters(filters.shape, filters.tobytes(), first, samples)
+    return whole, _transformed(edges.shape, edges.tobytes(), first, samples)
 
 
-def _transformed(shape: tuple[int, ...], known: bytes, first: int, samples: int, start: int, stop: int) -> ComplexArray:
+def _transformed(shape: tuple[int, ...], known: bytes, first: int, samples: int) -> ComplexArray:
     part = np.frombuffer(known).reshape(shape)
     placed = np.zeros((shape[0], samples))
     places = np.arange(first, first + shape[1]) % samples  # z^N = 1: of a short run several coefficients meet
     for row, coefficients in zip(placed, part, strict=True):
         np.add.at(row, places, coefficients)
-    return np.conj(np.asarray(fft.rfft(placed, axis=-1))[:, start:stop])  # z^p, where a transform has z^{−p}
+    return np.conj(np.asarray(fft.rfft(placed, axis=-1)))  # z^p, where a transform has z^{−p}
 
 
 _kept = functools.lru_cache(maxsize=8)(_transformed)

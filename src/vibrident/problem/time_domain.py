@@ -300,9 +300,4 @@ def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tu
 
 
 #: Compiled, and the one large program of the package: everything that looks at records in time goes through it.
-_evaluate = jax.jit(physical_normal, static_argnames=("layout",))
-
-
-def evaluate(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
-    """``physical_normal``, compiled."""
-    return _evaluate(z, coordinates, layout, data, noise)
+evaluate = jax.jit(physical_normal, static_argnames=("layout",))
