@@ -26,7 +26,7 @@ from vibrident.io.finite import require_finite
 from vibrident.io.header_units import seconds_per_unit
 from vibrident.io.interferometer_section import InterferometerSection
 from vibrident.io.readers import open_columns
-from vibrident.io.record_files import Part, named_parts, read_record
+from vibrident.io.record_files import Part, named_parts, read_record, stated_rate
 from vibrident.io.sampling import Sampling, cut, sampling_from_times
 from vibrident.records import Calibration, Provenance, Record
 
@@ -176,16 +176,7 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
         require_finite(main, place, times, 0, "repair the time column, or give rate_hz")
         found, seconds = sampling_from_times(times, lambda row: main.locate(place, row)), seconds_per_unit(main, place)
         return Sampling(found.rate_hz / seconds, found.start_time_s * seconds)
-    stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
-    agreed = agreed_rate(stated, [(main, at)], part.where, part.file)
-    if agreed is None:
-        raise InputError(
-            "The sampling rate is not given.",
-            expected="rate_hz or time_column",
-            found="neither",
-            where=f"{part.where.split(', [[records]]')[0]}, [sampling]",
-            remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
-        )
+    agreed = stated_rate(part, calibration, [(main, at)])
     return Sampling(agreed.rate_hz, entry.start_time_s or 0.0)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.io.checksum import sha256
-from vibrident.io.clocks import SAME_RATE, agreed_rate, contradicting_rate, require_same_start
+from vibrident.io.clocks import SAME_RATE, Clock, agreed_rate, contradicting_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.file_order import natural
 from vibrident.io.finite import require_finite
@@ -262,11 +262,15 @@ def _scaled(full_scale: float | None, scale: float) -> float | None:
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def _stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[_Channel]) -> Sampling:
-    """Take the rate from the calibration file or from the data file; where both state one, they must agree."""
+def stated_rate(part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]) -> Clock:
+    """The rate of the calibration file or of the data file; where both state one, they must agree.
+
+    Raises:
+        InputError: neither states one, or they differ.
+    """
     entry = part.entry
     stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
-    agreed = agreed_rate(stated, [(c.source, c.position) for c in channels], part.where, part.file)
+    agreed = agreed_rate(stated, channels, part.where, part.file)
     if agreed is None:
         raise InputError(
             "The sampling rate is not given.",
@@ -275,8 +279,13 @@ def _stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequenc
             where=f"{part.where.split(', [[records]]')[0]}, [sampling]",
             remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
         )
+    return agreed
+
+
+def _stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[_Channel]) -> Sampling:
+    agreed = stated_rate(part, calibration, [(c.source, c.position) for c in channels])
     note = f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {agreed.rate_rounding:.1g} (relative)"
-    return Sampling(agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
+    return Sampling(agreed.rate_hz, part.entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
 
 
 def _check_frequency(part: Part, sampling: Sampling, file: str) -> None:
