@@ -37,7 +37,7 @@ class RecordLines:
         predicted: the network's response, shape (lines,).
         used: shape (n,).
         twice: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
-        slopes: of the response with z, initial states held, shape (p, lines).
+        slopes: of the response with z, less what initial states could imitate, shape (p, lines).
         free: columns of what is unknown beside z; None where they are too many to be looked at.
         response: the model's, H, at the lines for given z; None without a reference.
         z: where the network was evaluated, shape (p,).

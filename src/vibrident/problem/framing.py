@@ -47,7 +47,7 @@ class Frame:
         """The shape that these records need.
 
         Args:
-            records: at least one.
+            records: at least one; a record without reference is a free decay, its input is zero.
             model: the sensor model.
             method: the discretisation.
             quantity: what the reference is.

@@ -76,13 +76,7 @@ class LineProblem:
     ) -> LineProblem:
         """Transform all unbroken runs, with inputs interpolated at the expected delay.
 
-        Args:
-            records: at least one; a record without reference is a free decay, its input is zero.
-            model: the sensor model, linear.
-            method: the discretisation.
-            quantity: what the reference is.
-            start: start values of the parameters; the natural frequency and damping set how many inputs a step
-                are needed, the delay where they are interpolated.
+        Args: as of :meth:`vibrident.problem.framing.Frame.of`; the model is linear.
 
         Raises:
             ModelError: the model is not rational.

@@ -99,13 +99,7 @@ class TimeProblem:
     ) -> TimeProblem:
         """Interpolate the inputs at the expected delay and cut the records into lanes.
 
-        Args:
-            records: at least one; a record without reference is a free decay, its input is zero.
-            model: the sensor model.
-            method: the discretisation.
-            quantity: what the reference is.
-            start: start values of the parameters; the natural frequency and damping set how many inputs a step
-                are needed, the delay where they are interpolated.
+        Args: as of :meth:`vibrident.problem.framing.Frame.of`.
 
         Raises:
             InputError: no record is long enough.
