@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import struct
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -53,9 +52,7 @@ def _wav(path: Path) -> None:
 
 
 def _library(path: Path) -> None:
-    if str(ROOT / "tests" / "io") not in sys.path:
-        sys.path.append(str(ROOT / "tests" / "io"))
-    import formats
+    from tests.support import file_formats as formats
 
     writer = next(writer for name, writer in formats.WRITERS.items() if name.endswith(path.suffix))
     writer(path, signals(), RATE_HZ)

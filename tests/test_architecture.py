@@ -320,3 +320,15 @@ def test_every_public_module_says_what_it_is():
             if not module.rpartition(".")[2].startswith("_") and not ast.get_docstring(tree(module))
         ]
     )
+
+
+def test_tests_share_by_the_support_folder_only():
+    tests = [path for path in (ROOT / "tests").rglob("*.py") if "support" not in path.relative_to(ROOT).parts]
+    names = {path.stem for path in tests}
+    for path in tests:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            named = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            named += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in named:
+                ours = name.split(".")[0] in names or name.startswith("tests.")
+                assert not ours or name.startswith("tests.support"), f"{path}: import of {name}"

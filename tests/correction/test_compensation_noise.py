@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from known import DECENT, known_result
+from tests.support.corrections import DECENT, known_result
 
 import vibrident
 from vibrident.backend import jax, jnp

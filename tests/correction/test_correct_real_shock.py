@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.real_data import calibration_beside_data
 
 import vibrident
-from realdata import calibration_beside_data
 
 
 def test_the_measured_shock(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known import DECENT, known_result
 from scipy.signal import resample
+from tests.support.corrections import DECENT, known_result
 
 import vibrident
 from vibrident.simulation import SENSORS, ChannelNoise, HalfSineShock, simulate, with_noise

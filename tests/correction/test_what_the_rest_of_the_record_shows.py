@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from known import DECENT, known_result
+from tests.support.corrections import DECENT, known_result
 
 import vibrident
 from vibrident.simulation import HalfSineShock, Sine, simulate

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from tests.support.real_data import real_data
 
 import vibrident
-from realdata import real_data
 from vibrident import Calibration, InputError, Record
 from vibrident.decay.examine import examine
 from vibrident.errors import ModelError

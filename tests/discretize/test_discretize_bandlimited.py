@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from discrete_sensors import accelerometer, recursion, system_of, weights_of, without_free_response
 from numpy.polynomial import legendre
+from tests.support.discrete_sensors import accelerometer, recursion, system_of, weights_of, without_free_response
 
 from vibrident.discretize import band_limited_inputs, method, sampled_inputs
 from vibrident.discretize.inputs import HALF_WIDTH, half_width_for

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from discrete_sensors import PAPER, accelerometer, matrices, recursion, system_of, tone_state, weights_of
 from numpy.polynomial import legendre
 from scipy.linalg import expm as scipy_expm
+from tests.support.discrete_sensors import PAPER, accelerometer, matrices, recursion, system_of, tone_state, weights_of
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import METHODS, Weights, method

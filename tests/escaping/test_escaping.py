@@ -15,13 +15,13 @@ from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import pytest
-from export_results import paper
-from hostile import STRINGS, with_text
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from rich.console import Console
-from sample_results import table2
+from tests.support.exported import paper
+from tests.support.hostile import STRINGS, with_text
+from tests.support.sample_results import table2
 
 from vibrident import escaping, plots, terminal
 from vibrident.cli.files import record_files

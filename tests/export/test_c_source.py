@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from export_results import CASES, PAPER, case, paper, result
+from tests.support.exported import CASES, PAPER, case, paper, result
 
 from vibrident.errors import InputError
 from vibrident.export import export, sensor_of

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from export_results import CASES, case, paper
+from tests.support.exported import CASES, case, paper
 from typer.testing import CliRunner
 
 from vibrident.cli import app

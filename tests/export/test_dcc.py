@@ -9,8 +9,9 @@ import re
 from dataclasses import replace
 
 import pytest
-from export_results import CASES, PAPER, case, paper, result
 from lxml import etree
+from tests.support.certified import CERTIFICATE, certified, written
+from tests.support.exported import CASES, PAPER, case, paper, result
 
 from vibrident.errors import InputError
 from vibrident.export import export
@@ -23,27 +24,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning"),
 ]
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
-CERTIFICATE = {
-    "number": "2025-0815",
-    "laboratory": "Laboratory for <Vibration>",
-    "laboratory_address": "Road 1\n12345 Town",
-    "accreditation": "D-K-00000-01-00",
-    "customer": "Customer & Co.",
-    "order_number": "A 7",
-    "date_of_receipt": "2025-11-01",
-    "date_of_calibration": "2025-11-13",
-    "date_of_issue": "2025-11-14",
-    "temperature_c": 23.1,
-    "temperature_uncertainty_c": 0.5,
-    "relative_humidity_percent": 45.0,
-    "air_pressure_hpa": 1013.2,
-    "procedure": "ISO 16063-11, method 3",
-    "traceability": "to the SI",
-    "instruments": ({"name": "interferometer", "serial_number": "17", "certificate": "PTB 1"}, {"name": "amplifier"}),
-    "operator": "A. Operator",
-    "approved_by": "B. Head",
-    "remarks": ("one", "two"),
-}
 #: Children of each element in their order, from the schema's sequences; ? optional, * any number, + at least one,
 #: | one of these.
 #: administrativeData is an xs:all and locations are choices: their order is free.
@@ -132,18 +112,9 @@ ATTRIBUTES = {
 LOCATION = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 
 
-def certified(made):
-    return replace(made, certificate=CERTIFICATE)
-
-
 def short(element):
     name = etree.QName(element)
     return {v: k for k, v in SPACES.items()}[name.namespace] + ":" + name.localname
-
-
-def written(made, folder, **more):
-    (path,) = export(made, "dcc", folder, country="DE", **more)
-    return etree.parse(str(path)).getroot()
 
 
 def check_structure(root):

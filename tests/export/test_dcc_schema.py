@@ -12,9 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from export_results import CASES, case, paper
 from lxml import etree
-from test_dcc import CERTIFICATE, certified, written
+from tests.support.certified import CERTIFICATE, certified, written
+from tests.support.exported import CASES, case, paper
 from typer.testing import CliRunner
 
 from vibrident.cli import app

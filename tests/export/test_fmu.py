@@ -7,7 +7,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from export_results import case, paper
+from tests.support.exported import case, paper
 
 from vibrident.errors import InputError
 from vibrident.export import export, sensor_of

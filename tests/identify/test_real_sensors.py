@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.support.real_data import calibration_beside_data
 
 import vibrident
-from realdata import calibration_beside_data
 from vibrident.result import Result
 
 

@@ -1,14 +1,10 @@
 """What the tests of vibrident.io share."""
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from vibrident.errors import InputError
-
-sys.path.insert(0, str(Path(__file__).parents[1]))  # tests/realdata.py
 
 
 @pytest.fixture

@@ -1,18 +1,15 @@
 """TDMS, UFF 58, miniSEED, SAC, MDF and Parquet: the right numbers at the right rate, and a clear word on the rest."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support import file_formats as formats
 
 from vibrident.errors import InputError
 from vibrident.io import read
 from vibrident.io.clocks import plainest_clock
 from vibrident.io.readers import open_columns
-
-sys.path.insert(0, str(Path(__file__).parent))
-import formats
 
 LIBRARIES = {
     "x.tdms": ("nptdms", "tdms"),

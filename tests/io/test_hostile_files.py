@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from formats import uff
+from tests.support.file_formats import uff
 
 from vibrident import memory
 from vibrident.errors import InputError

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tests.support.real_data import calibration_beside_data
 
-from realdata import calibration_beside_data
 from vibrident.io import describe, read
 
 SINE_STEPS = [

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 from scipy.stats import kstest
-from sensors import MECHANICS, SENSITIVITY, pickups, shock, table
+from tests.support.joint_sensors import MECHANICS, SENSITIVITY, pickups, shock, table
 
 import vibrident
 from vibrident.records import Calibration, SystematicEffect

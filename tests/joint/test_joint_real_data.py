@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.real_data import calibration_beside_data
 
 import vibrident
-from realdata import calibration_beside_data
 from vibrident.records import Calibration
 from vibrident.result import Result
 

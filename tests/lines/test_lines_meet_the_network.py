@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from line_sensors import values_of
+from tests.support.line_sensors import values_of
 
 from vibrident.discretize import method
 from vibrident.estimators.optimise import levenberg_marquardt

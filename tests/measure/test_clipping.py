@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.real_data import calibration_beside_data
 
-from realdata import calibration_beside_data
 from vibrident import identify
 from vibrident.errors import InputError
 from vibrident.io import read

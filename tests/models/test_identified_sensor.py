@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.export.export_results import CASES, result
+from tests.support.exported import CASES, result
 
 from vibrident import IdentifiedSensor
 from vibrident.errors import InputError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from unrolled import cut, random_weights, recursion, stacked
+from tests.support.unrolled import cut, random_weights, recursion, stacked
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import Weights, method

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 from scipy.signal import lfilter, ss2tf
-from unrolled import cut, random_weights, recursion, stacked
+from tests.support.unrolled import cut, random_weights, recursion, stacked
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import Weights

@@ -3,7 +3,7 @@ import sys
 
 import numpy as np
 import pytest
-from sample_results import CALIBRATIONS, SAMPLES, table2, table_only, troubled
+from tests.support.sample_results import CALIBRATIONS, SAMPLES, table2, table_only, troubled
 
 from vibrident import plots
 from vibrident.plots import inspection
@@ -117,9 +117,9 @@ def test_pictures_render_from_the_saved_result(tmp_path):
 
 def test_no_pyplot_and_no_change_of_settings():
     script = (
-        "import sys; sys.path.insert(0, 'tests/plots')\n"
+        "import sys\n"
         "import matplotlib; before = dict(matplotlib.rcParams.copy())\n"
-        "from sample_results import table_only\n"
+        "from tests.support.sample_results import table_only\n"
         "from vibrident import plots; plots.sensitivity.figure(table_only()).canvas.draw()\n"
         "assert dict(matplotlib.rcParams.copy()) == before\n"
         "assert 'matplotlib.pyplot' not in sys.modules and 'jax' not in sys.modules\n"

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from sample_results import calibration_mixed, calibration_records
+from tests.support.sample_results import calibration_mixed, calibration_records
 
 from vibrident.naming import pretty, scaled
 from vibrident.plots import choose, style, units

@@ -8,8 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pypdf
 import pytest
-from printed import CERTIFICATE, NUMBER, assert_rounded, factor_to, stated
-from sample_results import SAMPLES, THIRD_OCTAVES, accelerometer, pickup, single_point, table2, table_only, troubled
+from tests.support.printed import CERTIFICATE, NUMBER, assert_rounded, factor_to, stated
+from tests.support.sample_results import (
+    SAMPLES,
+    THIRD_OCTAVES,
+    accelerometer,
+    pickup,
+    single_point,
+    table2,
+    table_only,
+    troubled,
+)
 
 from vibrident import report
 from vibrident.errors import InputError

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pypdf
 import pytest
-from printed import NUMBER, assert_rounded, later
-from sample_results import pickup, table2, table_only
+from tests.support.printed import NUMBER, assert_rounded, later
+from tests.support.sample_results import pickup, table2, table_only
 
 from vibrident import report
 from vibrident.comparison import normalized_error, not_comparable

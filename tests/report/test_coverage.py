@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_results import table2
 from scipy.special import stdtr
+from tests.support.sample_results import table2
 
 from vibrident.report.coverage import coverage
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pypdf
 import pytest
-from printed import NUMBER, assert_rounded, factor_to
-from sample_results import accelerometer, pickup, table2
-from test_html_report import read
+from tests.support.printed import NUMBER, assert_rounded, factor_to
+from tests.support.report_page import read
+from tests.support.sample_results import accelerometer, pickup, table2
 
 from vibrident import report
 from vibrident.naming import parameter_name

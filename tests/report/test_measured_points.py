@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from rich.console import Console
-from sample_results import table2
+from tests.support.sample_results import table2
 
 from vibrident import terminal
 from vibrident.report import content, tables

@@ -2,7 +2,7 @@ import json
 import re
 
 import pytest
-from sample_results import SAMPLES, pickup, table2, table_only, troubled
+from tests.support.sample_results import SAMPLES, pickup, table2, table_only, troubled
 
 from vibrident import report
 from vibrident.naming import parameter_name

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from printed import CERTIFICATE, later
+from tests.support.printed import CERTIFICATE, later
 from typer.testing import CliRunner
 
 import vibrident

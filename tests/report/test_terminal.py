@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 from rich.console import Console
-from sample_results import S0, SAMPLES, pickup, table2, table_only, troubled
+from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only, troubled
 
 from vibrident import terminal
 from vibrident.report import words

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from serving import VIBRIDENT, Server, serving
+from tests.support.serving import VIBRIDENT, Server, serving
 
 LIMIT_MB = 100
 #: Pictures that the tests take, to be looked at.

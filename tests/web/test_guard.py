@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from serving import alone
+from tests.support.serving import alone
 
 from vibrident.errors import InputError
 from vibrident.web.guard import Guard, policy

@@ -8,7 +8,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from serving import serving, upload
+from tests.support.serving import serving, upload
 
 WAIT_MS = 120_000
 MOST_STALL_S = 0.050

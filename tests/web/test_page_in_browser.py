@@ -10,10 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from contrast import texts, too_faint
 from pypdf import PdfReader
-
-from realdata import real_data
+from tests.support.contrast import texts, too_faint
+from tests.support.real_data import real_data
 
 WAIT_MS = 120_000
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from serving import simulated, upload
+from tests.support.serving import simulated, upload
 
 WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 import h5py
 import pytest
-from serving import VIBRIDENT, serving, simulated, upload
+from tests.support.serving import VIBRIDENT, serving, simulated, upload
 
 WAIT_MS = 120_000
 TAG = "<img src=x onerror=window.pwned=1>"

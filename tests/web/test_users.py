@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("nicegui")
 
-from serving import alone
+from tests.support.serving import alone
 
 from vibrident.errors import InputError
 from vibrident.io.guess import guess_columns

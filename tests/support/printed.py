@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 from decimal import Decimal
 
-from sample_results import table2
+from tests.support.sample_results import table2
 
 CERTIFICATE = {
     "number": "2025-0042",

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-_CALIBRATIONS = Path(__file__).parent / "calibrations"
-_BESIDE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "data"
+_CALIBRATIONS = Path(__file__).parents[1] / "calibrations"
+_BESIDE_CHECKOUT = Path(__file__).resolve().parents[3] / "shared" / "data"
 SINE_TABLE = "sinusoidal_calibration_with_uncertainties.csv"
 
 

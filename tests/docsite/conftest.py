@@ -1,6 +1,0 @@
-"""The package that makes the documentation lies beside src."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
