@@ -22,6 +22,8 @@ SOURCES = ROOT / "src"
 LAYERS = (
     "errors",
     "extras",
+    "registry",
+    "warning_kinds",
     "memory",
     "parcel",
     "sandbox",
@@ -75,6 +77,7 @@ FRONT_ENDS = ("cli", "web", "__main__")
 NO_JAX = (
     "errors",
     "extras",
+    "registry",
     "memory",
     "parcel",
     "sandbox",

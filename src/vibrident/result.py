@@ -12,34 +12,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from vibrident.errors import InputError
+from vibrident.warning_kinds import WARNING_CODES as WARNING_CODES
+from vibrident.warning_kinds import WarningCode as WarningCode
 
 SCHEMA = "vibrident.result/1"
-
-WarningCode = Literal[
-    "lack_of_fit",
-    "weakly_determined",
-    "at_bound",
-    "band_sensitive",
-    "nonlinear",
-    "clipped",
-    "dead_channel",
-    "drift",
-    "polarity",
-    "aliasing",
-    "short_record",
-    "reference_noise",
-    "estimators_disagree",
-    "units_suspect",
-    "clock_suspect",
-    "regimes",
-    "fringe_slip",
-    "few_fringes",
-    "ellipse_unstable",
-]
-WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 
 #: Most bytes of a result file; one with hundreds of records has a few millions.
 MOST_BYTES = 200_000_000

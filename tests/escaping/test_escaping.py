@@ -27,7 +27,7 @@ from vibrident import escaping, plots, terminal
 from vibrident.cli.files import record_files
 from vibrident.errors import InputError
 from vibrident.export import Options, export, sensor_of
-from vibrident.export.fmu import slave
+from vibrident.export.formats.fmu import slave
 from vibrident.report import content, page
 
 XML_BANNED = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")

@@ -15,7 +15,7 @@ from tests.support.exported import CASES, PAPER, case, paper, result
 
 from vibrident.errors import InputError
 from vibrident.export import export, sensor_of
-from vibrident.export.c_source import firmware
+from vibrident.export.formats.c import firmware
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 RATES = {"coil": 1000.0, "coil inverted": 1000.0, "coil two modes": 1000.0, "piezo": 102400.0}

@@ -6,16 +6,17 @@ import csv
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from tests.support.exported import CASES, case, paper
 from typer.testing import CliRunner
 
 from vibrident.cli import app
-from vibrident.cli.options import EXPORTS
 from vibrident.errors import InputError
 from vibrident.export import FORMATS, export
 from vibrident.export.missing import library
+from vibrident.export.options import OPTIONS
 from vibrident.result import Result
 
 pytestmark = pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning")
@@ -58,8 +59,18 @@ def test_blanks_stand_for_what_is_not_known(tmp_path):
     assert all(row[2] == row[6] == row[7] == "" for row in measured[1:])
 
 
-def test_the_command_offers_every_format():
-    assert set(EXPORTS) == set(FORMATS)
+def test_command_and_documentation_offer_every_format_and_option():
+    done = CliRunner().invoke(app, ["export", "--help"], env={"COLUMNS": "300"})
+    page = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
+    for name, form in FORMATS.all().items():
+        assert name in done.output
+        assert f"`{name}`" in page
+        assert form.holds in page
+        assert form.cannot_hold in page
+        for option in form.options:
+            flag = OPTIONS[option].flag
+            assert any(flag in line and name in line for line in done.output.splitlines())
+            assert any(flag in line and f"`{name}`" in line for line in page.splitlines())
 
 
 @pytest.mark.parametrize(

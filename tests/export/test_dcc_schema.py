@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 
 from vibrident.cli import app
 from vibrident.errors import InputError
-from vibrident.export.dcc import VERSION
 from vibrident.export.dcc_schema import validate
+from vibrident.export.formats.dcc import VERSION
 from vibrident.result import ResultWarning
 
 pytestmark = [

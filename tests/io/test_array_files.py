@@ -1,5 +1,7 @@
 """HDF5, MATLAB and WAV: the right numbers, and a clear word on what is refused."""
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -7,10 +9,10 @@ import scipy.io
 import soundfile
 
 from vibrident.io.columns import Clock
-from vibrident.io.hdf5_file import Hdf5File
-from vibrident.io.matlab_file import open_matlab_file
+from vibrident.io.formats.hdf5 import Hdf5File
+from vibrident.io.formats.matlab import open_matlab_file
+from vibrident.io.formats.wav import WavFile
 from vibrident.io.readers import READERS, open_columns
-from vibrident.io.wav_file import WavFile
 
 SIGNAL = np.linspace(-1, 1, 20)
 
@@ -179,3 +181,9 @@ def test_unknown_ending_names_the_known_ones(tmp_path, refused):
     error = refused(lambda: open_columns(tmp_path / "x.xlsx"), found="'.xlsx'", where="x.xlsx")
     assert all(ending in error.expected for ending in READERS)
     refused(lambda: open_columns(tmp_path / "x"), found="no ending")
+
+
+def test_every_reader_is_in_the_documentation():
+    rows = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8").splitlines()
+    for reader in READERS.values():
+        assert any(" ".join(reader.endings) in row and f"`{reader.extra}`" * bool(reader.extra) in row for row in rows)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibrident.io.csv_file import CsvFile
+from vibrident.io.formats.csv import CsvFile
 
 ROWS = [(0.0, 1.5, -2.25), (0.5, 2.5, 3.0e-3), (1.0, -1.0, 12.75), (1.5, 0.25, 1e10)]
 

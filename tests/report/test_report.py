@@ -1,5 +1,6 @@
 import json
 import re
+from pathlib import Path
 
 import pytest
 from tests.support.sample_results import SAMPLES, pickup, table2, table_only, troubled
@@ -9,6 +10,7 @@ from vibrident.naming import parameter_name
 from vibrident.plots import PICTURES
 from vibrident.report import words
 from vibrident.result import WARNING_CODES, Result
+from vibrident.warning_kinds import WARNINGS
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
@@ -48,8 +50,10 @@ def test_tables_are_whole(sample):
 
 
 def test_every_code_is_explained_and_none_else():
-    assert set(words.WORDS) == set(WARNING_CODES)
-    assert len({w.meaning for w in words.WORDS.values()}) == len(WARNING_CODES)
+    assert set(WARNINGS) == set(WARNING_CODES)
+    assert len({w.meaning for w in WARNINGS.values()}) == len(WARNING_CODES)
+    page = (Path(__file__).parents[2] / "docs" / "warnings.md").read_text(encoding="utf-8")
+    assert all(f"\n| `{code}` |" in page for code in WARNINGS)
     assert words.explain("from_the_future").title == "from_the_future"
 
 

@@ -22,6 +22,7 @@ from vibrident.cli.commands.reproduce import reproduce
 from vibrident.cli.commands.serve import serve
 from vibrident.cli.commands.simulate import simulate
 from vibrident.cli.console import show_error
+from vibrident.cli.options import filled
 from vibrident.errors import VibridentError
 
 BAD_INPUT, INTERRUPTED = 2, 130
@@ -29,6 +30,16 @@ BAD_INPUT, INTERRUPTED = 2, 130
 
 class Commands(TyperGroup):
     """Commands whose errors are one message on stderr. A bug keeps its traceback."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find a command; the names that plug-ins add to are looked up where its help is asked for."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None and {"-h", "--help"} & set(rest):
+            for parameter in command.params:
+                for text in ("metavar", "help"):
+                    if hasattr(parameter, text):
+                        setattr(parameter, text, filled(getattr(parameter, text)))
+        return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command."""

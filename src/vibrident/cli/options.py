@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from vibrident.errors import InputError, did_you_mean
+from vibrident.registry import EXPORTS
 
 ESTIMATORS = ("auto", "ipnn", "ml", "lsm")
 DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
@@ -21,21 +23,51 @@ SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seism
 STARTS = ("rest", "steady")
 METHODS = ("exact", "rk4")
 FORMATS = ("html", "pdf", "md")
-EXPORTS = ("csv", "control", "scipy", "stationxml", "sacpz", "c", "fmu", "dcc")
 
 CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]
 
 
-def choice(name: str, allowed: Sequence[str], help: str, metavar: str | None = None, **more: Any) -> Any:
-    """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them."""
+#: Names to choose from, or what gives them when they are asked for.
+Names = Sequence[str] | Callable[[], Sequence[str]]
+
+
+def choice(name: str, allowed: Names, help: str, metavar: str | None = None, **more: Any) -> Any:
+    """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them.
+
+    Names that plug-ins may add to are asked for when they are needed: then ``metavar`` is a key of ``REGISTERED``.
+    """
     return typer.Option(
         name,
-        metavar=metavar or "|".join(allowed),
+        metavar=metavar or "|".join(_given(allowed)),
         help=help,
-        callback=lambda value: None if value is None else one_of(name, value, allowed),
-        autocompletion=lambda: list(allowed),
+        callback=lambda value: None if value is None else one_of(name, value, _given(allowed)),
+        autocompletion=lambda: list(_given(allowed)),
         **more,
     )
+
+
+def _given(names: Names) -> Sequence[str]:
+    return names() if callable(names) else names
+
+
+def _with(option: str) -> str:
+    """Export formats that an option concerns."""
+    return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
+
+
+#: What stands in a help text for the names that are registered, and gives them.
+REGISTERED: Mapping[str, Callable[[], str]] = {
+    "{exports}": lambda: "|".join(EXPORTS.names()),
+    **{f"{{exports: {option}}}": partial(_with, option) for option in ("rate_hz", "channel", "country", "schema")},
+}
+
+
+def filled(text: str | None) -> str | None:
+    """A text of the help with the names that are registered."""
+    for key, names in REGISTERED.items():
+        if text and key in text:
+            text = text.replace(key, names())
+    return text
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:

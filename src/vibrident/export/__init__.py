@@ -11,13 +11,16 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibrident.errors import InputError, did_you_mean
-from vibrident.export.formats import FORMATS, Format
+from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor, check_band, sensor_of
+from vibrident.registry import EXPORTS, Registry
 from vibrident.result import Result
 
 __all__ = ["FORMATS", "Format", "Options", "Sensor", "check_band", "export", "sensor_of"]
+
+#: Name → format, of the built-in ones and those of plug-ins.
+FORMATS: Registry[Format] = EXPORTS
 
 
 def export(
@@ -37,15 +40,15 @@ def export(
 
     Args:
         result: from :func:`vibrident.identify` or :meth:`vibrident.Result.load`.
-        form: name of the format, a key of ``FORMATS``.
+        form: name of the format, one of ``FORMATS``.
         folder: where the files go; made where it is missing.
-        rate_hz: sampling rate of ``c`` and ``fmu``; None takes that of the result's network, where it has one.
+        rate_hz: sampling rate of discrete forms; None takes that of the result's network, where it has one.
         band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
         without: add-ons to leave out, ``delay`` or ``boxcar``; the file says what that costs.
         name: of the files, and of what is defined in them.
-        schema: XSD to validate ``dcc`` against.
-        country: ISO 3166-1 code of the laboratory's country, for ``dcc``.
-        channel: NET.STA.LOC.CHA for ``stationxml`` and ``sacpz``.
+        schema: XSD to validate a certificate against.
+        country: ISO 3166-1 code of the laboratory's country, for a certificate.
+        channel: NET.STA.LOC.CHA, for seismological forms.
 
     Returns:
         The files written.
@@ -53,18 +56,11 @@ def export(
     Raises:
         InputError: the format is not known, cannot hold this sensor, or lacks a library or a choice.
     """
-    if form not in FORMATS:
-        raise InputError(
-            f"The export format {form!r} is not known.",
-            expected=" | ".join(FORMATS),
-            found=repr(form),
-            where="--format",
-            remedy=did_you_mean(form, FORMATS),
-        )
+    chosen = FORMATS[form]
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
     options = Options(rate_hz, band, tuple(without), name, xsd, country, channel)
     sensor = sensor_of(result, band).without(options.without)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    return FORMATS[form].write(sensor, target, options)
+    return chosen.write(sensor, target, options)

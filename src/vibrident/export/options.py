@@ -3,13 +3,40 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from vibrident.errors import InputError
 
 _NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII)
+
+
+@dataclass(frozen=True)
+class Option:
+    """A choice that concerns some formats alone: its flag on the command line, and its label on the page.
+
+    Attributes:
+        flag: on the command line.
+        label: in a form; empty where it is for the command line alone.
+        number: True for a number, False for text.
+    """
+
+    flag: str
+    label: str = ""
+    number: bool = False
+
+
+#: Field of ``Options`` → what it is, of those that concern some formats alone.
+OPTIONS: Mapping[str, Option] = MappingProxyType(
+    {
+        "rate_hz": Option("--rate", "Sampling rate in Hz", number=True),
+        "channel": Option("--channel", "Channel, NET.STA.LOC.CHA"),
+        "country": Option("--country", "Country, two letters"),
+        "schema": Option("--schema"),
+    }
+)
 
 
 @dataclass(frozen=True)

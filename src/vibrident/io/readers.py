@@ -1,48 +1,38 @@
-"""Which reader belongs to which file ending. A new format is one module and one line here."""
+"""Which reader belongs to which file ending."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 
+from vibrident import registry
 from vibrident.errors import InputError
 from vibrident.io.columns import ColumnFile
-from vibrident.io.csv_file import CsvFile
-from vibrident.io.hdf5_file import Hdf5File
-from vibrident.io.matlab_file import open_matlab_file
-from vibrident.io.mdf_file import MdfFile
-from vibrident.io.parquet_file import ParquetFile
-from vibrident.io.seismic_file import MiniSeedFile, SacFile
-from vibrident.io.tdms_file import TdmsFile
-from vibrident.io.uff_file import UffFile
-from vibrident.io.wav_file import WavFile
+from vibrident.io.reader import Reader
 
-READERS: Mapping[str, Callable[[Path], ColumnFile]] = MappingProxyType(
-    {
-        ".csv": CsvFile,
-        ".txt": CsvFile,
-        ".dat": CsvFile,
-        ".asc": CsvFile,
-        ".tsv": CsvFile,
-        ".h5": Hdf5File,
-        ".hdf5": Hdf5File,
-        ".hdf": Hdf5File,
-        ".mat": open_matlab_file,
-        ".wav": WavFile,
-        ".tdms": TdmsFile,
-        ".uff": UffFile,
-        ".unv": UffFile,
-        ".mseed": MiniSeedFile,
-        ".miniseed": MiniSeedFile,
-        ".sac": SacFile,
-        ".mf4": MdfFile,
-        ".mdf": MdfFile,
-        ".parquet": ParquetFile,
-        ".pq": ParquetFile,
-    }
-)
+
+class _ByEnding(Mapping[str, Reader]):
+    """Ending → reader, of the built-in ones and those of plug-ins; of two readers of one ending the built-in one."""
+
+    def _all(self) -> dict[str, Reader]:
+        found: dict[str, Reader] = {}
+        for reader in registry.READERS.all().values():
+            for ending in reader.endings:
+                found.setdefault(ending, reader)
+        return found
+
+    def __getitem__(self, ending: str) -> Reader:
+        return self._all()[ending]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+
+READERS: Mapping[str, Reader] = _ByEnding()
 
 
 _SPREADSHEETS = frozenset({".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".fods", ".numbers"})
@@ -65,7 +55,7 @@ def open_columns(path: Path) -> ColumnFile:
             where=str(path),
             remedy="write its data into a file first",
         )
-    return reader(path)
+    return reader.open(path)
 
 
 def unknown_format(suffix: str, where: str) -> InputError:

@@ -9,15 +9,12 @@ from vibrident import sandbox
 from vibrident.errors import InputError
 from vibrident.io.allowance import memory_for
 from vibrident.io.calibration_file import read_calibration_file
-from vibrident.io.csv_file import CsvFile
 from vibrident.io.readers import READERS
 from vibrident.io.record_files import data_files, read_records
 from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
 from vibrident.records import Calibration
 
-#: Formats that no native library, and none that walks through links of the file, is needed for.
-_PLAIN = frozenset(suffix for suffix, reader in READERS.items() if reader is CsvFile)
 #: Most memory of a process that reads: for the libraries, and so many times what the numbers may take.
 _LIBRARIES_BYTES, _COPIES = 600_000_000, 2
 #: Time of such a process: for the libraries, and for each byte.
@@ -35,7 +32,8 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     """
     file = Path(path)
     names = data_files(read_calibration_file(file), file.parent, str(file))
-    if all(Path(name).suffix.lower() in _PLAIN for name in names):
+    readers = (READERS.get(Path(name).suffix.lower()) for name in names)
+    if all(reader is not None and reader.plain for reader in readers):
         return read(file)
     size = sum((file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name))
     memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))

@@ -168,13 +168,11 @@ def report(paths: Sequence[Path], form: Any, names: Sequence[str]) -> bytes:
     return content(results[0], form) if len(results) == 1 else content(results, form, names)
 
 
-def exported(
-    path: Path, folder: Path, form: str, rate_hz: float | None, channel: str | None, country: str | None
-) -> tuple[bytes, str]:
+def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tuple[bytes, str]:
     """One file as it is, several as an archive; with its name. The folder is the caller's, to be removed."""
     from vibrident.export import export
 
-    files = export(Result.load(path), form, folder, rate_hz=rate_hz, channel=channel, country=country)
+    files = export(Result.load(path), form, folder, **options)
     if len(files) == 1:
         return files[0].read_bytes(), files[0].name
     archive = io.BytesIO()

@@ -8,7 +8,6 @@ from typing import Any
 
 from nicegui import ui
 
-from vibrident.cli.options import EXPORTS
 from vibrident.escaping import html
 from vibrident.report import FILE_NAMES
 from vibrident.web import frame, looks
@@ -95,35 +94,41 @@ class OutcomeStep:
 
     def _exports(self, named: Named) -> None:
         """Other formats, each with the option that it alone needs."""
-        from vibrident.export.formats import FORMATS
+        from vibrident.export import FORMATS
+        from vibrident.export.options import OPTIONS
 
-        titles = {name: f"{name}: {FORMATS[name].title}" for name in EXPORTS}
+        forms = FORMATS.all()
+        plain = next(name for name, form in forms.items() if not (form.options or form.extra))
+        titles = {name: f"{name}: {form.title}" for name, form in forms.items()}
         ui.html("<h3>Other formats</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            form = ui.select(titles, value="csv", label="Export as").style("min-width: min(15rem, 100%)")
-            options = (
-                (rate := ui.number("Sampling rate in Hz"), ("c", "fmu")),
-                (channel := ui.input("Channel, NET.STA.LOC.CHA"), ("stationxml", "sacpz")),
-                (country := ui.input("Country, two letters"), ("dcc",)),
-            )
-            for field in (form, rate, channel, country):
+            form = ui.select(titles, value=plain, label="Export as").style("min-width: min(15rem, 100%)")
+            fields = {
+                name: ui.number(option.label) if option.number else ui.input(option.label)
+                for name, option in OPTIONS.items()
+                if option.label
+            }
+            for field in (form, *fields.values()):
                 field.props("dense outlined stack-label")
 
             def needed(value: str) -> None:
-                for field, forms in options:
-                    field.visible = value in forms
+                for name, field in fields.items():
+                    field.visible = name in forms[value].options
 
-            needed("csv")
+            def asked() -> dict[str, Any]:
+                return {name: field.value or None for name, field in fields.items()}
+
+            needed(form.value)
             form.on_value_change(lambda event: needed(event.value))
-            ui.button(
-                "Export", on_click=lambda: self._export(named, form.value, rate.value, channel.value, country.value)
-            ).props("outline id=get-export")
+            ui.button("Export", on_click=lambda: self._export(named, form.value, asked())).props(
+                "outline id=get-export"
+            )
 
     async def _report(self, named: Named, form: Any) -> None:
         self.errors.clear()
         await give(self.user, self.errors, FILE_NAMES[form][0], looks.report, [named.path], form, [])
 
-    async def _export(self, named: Named, form: str, rate: Any, channel: Any, country: Any) -> None:
+    async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
         session, errors = self.user.session, self.export_errors
         folder = session.new_folder("export")
@@ -133,9 +138,7 @@ class OutcomeStep:
                 named.path,
                 folder,
                 form,
-                rate,
-                channel or None,
-                country or None,
+                options,
                 file_bytes=_MOST_EXPORTED,
             )
             place = await asyncio.to_thread(session.download, made)

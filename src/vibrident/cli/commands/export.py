@@ -11,13 +11,14 @@ from vibrident.cli import options
 from vibrident.cli.console import wrote
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
+from vibrident.registry import EXPORTS
 
 
 def export(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)
     ],
-    form: Annotated[str, options.choice("--format", options.EXPORTS, "Form to write.", show_default=False)],
+    form: Annotated[str, options.choice("--format", EXPORTS.names, "Form to write.", "{exports}", show_default=False)],
     folder: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Folder for the files.", show_default="beside the result"),
@@ -25,7 +26,10 @@ def export(
     rate: Annotated[
         float | None,
         typer.Option(
-            "--rate", metavar="HZ", help="Sampling rate of c and fmu.", show_default="the network's, where there is one"
+            "--rate",
+            metavar="HZ",
+            help="Sampling rate of {exports: rate_hz}.",
+            show_default="the network's, where there is one",
         ),
     ] = None,
     band: Annotated[
@@ -43,14 +47,17 @@ def export(
     ] = None,
     name: Annotated[str, typer.Option("--name", metavar="NAME", help="Name of files and functions.")] = "sensor",
     schema: Annotated[
-        Path | None, typer.Option("--schema", metavar="XSD", help="dcc: validate against this schema.")
+        Path | None, typer.Option("--schema", metavar="XSD", help="{exports: schema}: validate against this schema.")
     ] = None,
     country: Annotated[
-        str | None, typer.Option("--country", metavar="XX", help="dcc: ISO 3166-1 code of the laboratory's country.")
+        str | None,
+        typer.Option(
+            "--country", metavar="XX", help="{exports: country}: ISO 3166-1 code of the laboratory's country."
+        ),
     ] = None,
     channel: Annotated[
         str | None,
-        typer.Option("--channel", metavar="NET.STA.LOC.CHA", help="stationxml, sacpz: codes of the channel."),
+        typer.Option("--channel", metavar="NET.STA.LOC.CHA", help="{exports: channel}: codes of the channel."),
     ] = None,
 ) -> None:
     """Write a result in a form that other programs read. It needs the result alone, neither the data nor JAX.

@@ -19,6 +19,7 @@ from vibrident.io.channels import Channel, ChannelFile, real_numbers
 from vibrident.io.clocks import clock_from_times
 from vibrident.io.columns import Clock, unreadable
 from vibrident.io.extra import let_go, library
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "an MDF file of measured signals, written to its end"
@@ -172,3 +173,6 @@ def _signal(file: Any, group: int, index: int) -> FloatArray:
     if valid.samples.size != stated:
         values[~np.isin(signal.timestamps, valid.timestamps)] = np.nan
     return values
+
+
+MDF = Reader(name="mdf", title="MDF (ASAM)", endings=(".mf4", ".mdf"), open=MdfFile, extra="mdf")

@@ -14,6 +14,7 @@ from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers
 from vibrident.io.columns import Clock, unreadable
 from vibrident.io.extra import library
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a TDMS file, written to its end"
@@ -85,3 +86,6 @@ def _clock(properties: Any) -> Clock | None:
     return Clock(
         1.0 / increment_s, start_ns=int(start.astype("datetime64[ns]").astype(np.int64)) + round(offset_s * 1e9)
     )
+
+
+TDMS = Reader(name="tdms", title="TDMS (LabVIEW)", endings=(".tdms",), open=TdmsFile, extra="tdms")

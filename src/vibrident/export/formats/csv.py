@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from vibrident.escaping import csv_cell
+from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
 
@@ -87,3 +88,12 @@ def _cell(value: object) -> str:
     if value is None:
         return ""
     return repr(float(value)) if isinstance(value, float) else csv_cell(value)
+
+
+CSV = Format(
+    name="csv",
+    title="tables of all numbers",
+    write=write,
+    holds="parameters, u, intervals, correlation, curve and measured points with u",
+    cannot_hold="settings, fit metrics",
+)

@@ -22,6 +22,7 @@ import numpy as np
 
 from vibrident.escaping import python_docstring, xml_text
 from vibrident.export.filters import checked_rate, model_filter
+from vibrident.export.form import Format
 from vibrident.export.missing import library
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros
@@ -202,3 +203,14 @@ def slave(sensor: Sensor, options: Options) -> str:
         response_text=xml_text(response_text),
         cell_text=xml_text(cell_text),
     )
+
+
+FMU = Format(
+    name="fmu",
+    title="FMI 2.0 co-simulation unit",
+    write=write,
+    holds="model and cell at a fixed step; parameters and u as constants",
+    cannot_hold="uncertainty of the outputs",
+    options=("rate_hz",),
+    extra="fmu",
+)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.escaping import sac_comment
+from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.seismic import caveats, codes, described, unit
@@ -56,3 +57,13 @@ def _cancelled(system: PolesZeros) -> PolesZeros:
 
 def _numbers(name: str, roots: np.ndarray) -> list[str]:
     return [f"{name} {len(roots)}", *(f"{float(r.real)!r} {float(r.imag)!r}" for r in roots)]
+
+
+SACPZ = Format(
+    name="sacpz",
+    title="SAC poles and zeros",
+    write=write,
+    holds="poles, zeros, constant",
+    cannot_hold="uncertainty (comments only)",
+    options=("channel",),
+)

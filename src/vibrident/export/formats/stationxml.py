@@ -15,6 +15,7 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.escaping import xml_text
+from vibrident.export.form import Format
 from vibrident.export.missing import library
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
@@ -143,3 +144,15 @@ def _root(root: complex, u: np.ndarray | None, index: int | None) -> Any:
         return ComplexWithUncertainties(complex(root))
     spread = complex(u[index])
     return ComplexWithUncertainties(complex(root), lower_uncertainty=spread, upper_uncertainty=spread)
+
+
+STATIONXML = Format(
+    name="stationxml",
+    title="FDSN StationXML",
+    write=write,
+    holds="poles and zeros with u (`plusError`, `minusError`, k = 1), sensitivity in the middle of the band, "
+    "parameters as comments",
+    cannot_hold="correlation; uncertainty over frequency; place and orientation",
+    options=("channel",),
+    extra="seismic",
+)

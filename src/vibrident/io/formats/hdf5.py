@@ -18,6 +18,7 @@ import numpy as np
 from vibrident.errors import InputError
 from vibrident.io.allowance import MOST_COLUMNS, require_few, require_room
 from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "an HDF5 file with datasets of real numbers"
@@ -252,3 +253,6 @@ def _reason_against(dataset: Any) -> str:
         return _kept_elsewhere(dataset)
     words = {"c": "complex", "O": "text or references", "S": "text", "V": "compound (a table of mixed fields)"}
     return f"{words.get(dataset.dtype.kind, str(dataset.dtype))} and not real numbers"
+
+
+HDF5 = Reader(name="hdf5", title="HDF5", endings=(".h5", ".hdf5", ".hdf"), open=Hdf5File)

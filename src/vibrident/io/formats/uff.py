@@ -14,6 +14,7 @@ from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_re
 from vibrident.io.clocks import clock_from_times, plainest_clock
 from vibrident.io.columns import Clock, unreadable
 from vibrident.io.extra import library
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom)"
@@ -126,3 +127,6 @@ def _half_unit(interval_s: float) -> float:
     stated = Decimal(repr(interval_s))
     digits = max(len(stated.normalize().as_tuple().digits), _LEAST_DIGITS)
     return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)
+
+
+UFF = Reader(name="uff", title="universal file format", endings=(".uff", ".unv"), open=UffFile, extra="uff")

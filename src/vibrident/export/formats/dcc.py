@@ -16,7 +16,9 @@ from vibrident import __version__
 from vibrident.errors import InputError
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_schema import validate
-from vibrident.export.dcc_tree import DCC, LANGUAGE, SI, Tree, cleaned, identified
+from vibrident.export.dcc_tree import DCC as NAMESPACE
+from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, identified
+from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
 from vibrident.report.coverage import coverage, interval_text
@@ -100,8 +102,8 @@ def _is_date(text: str) -> bool:
 
 
 def _certificate(tree: Tree, result: Result, options: Options) -> Any:
-    names = {"dcc": DCC, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
-    root = tree.etree.Element(f"{{{DCC}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
+    names = {"dcc": NAMESPACE, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
+    root = tree.etree.Element(f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
     root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
     root.append(_administration(tree, result, options))
     root.append(tree.make("measurementResults", measurement(tree, result)))
@@ -216,3 +218,15 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
             yield key, tree.stated("declaration", result.certificate[key])
     for remark in result.certificate.get("remarks", ()):
         yield "remark", tree.stated("declaration", remark)
+
+
+DCC = Format(
+    name="dcc",
+    title="digital calibration certificate",
+    write=write,
+    holds="parameters with u and 95 % interval, correlation, curve and measured points with U (k = 2), "
+    "what `[certificate]` states, warnings",
+    cannot_hold="training, excerpts",
+    options=("country", "schema"),
+    extra="dcc",
+)

@@ -15,6 +15,7 @@ from vibrident.io.allowance import require_few
 from vibrident.io.columns import ColumnFile, unreadable
 from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number
 from vibrident.io.csv_lines import numbered_rows, row_lines
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 #: What pandas takes for a missing value.
@@ -133,3 +134,12 @@ class CsvFile(ColumnFile):
             where=f"{self.file}, " + ", ".join(self._column(position) for position in positions),
             remedy="check these columns",
         )
+
+
+CSV = Reader(
+    name="csv",
+    title="text files of columns",
+    endings=(".csv", ".txt", ".dat", ".asc", ".tsv"),
+    open=CsvFile,
+    plain=True,
+)

@@ -16,6 +16,7 @@ from vibrident.escaping import c_comment
 from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
 from vibrident.export.discrete import Cell, Sections
 from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
+from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import Sensor, identity
@@ -193,3 +194,13 @@ def _single(value: float) -> str:
 def _filled(template: str, values: Mapping[str, str]) -> str:
     """In one pass: what is filled in is no template."""
     return re.sub("@(\\w+)@", lambda place: values[place[1]], template)
+
+
+C = Format(
+    name="c",
+    title="C99 for firmware",
+    write=write,
+    holds="model, correction, network cell, in `double` and `float`",
+    cannot_hold="uncertainty (comment only)",
+    options=("rate_hz",),
+)

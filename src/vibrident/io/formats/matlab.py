@@ -11,7 +11,8 @@ import numpy as np
 
 from vibrident.io.allowance import require_room
 from vibrident.io.columns import ColumnFile, unreadable
-from vibrident.io.hdf5_file import ArrayColumn, ArrayFile, Hdf5File, columns_of
+from vibrident.io.formats.hdf5 import ArrayColumn, ArrayFile, Hdf5File, columns_of
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a MATLAB file with numeric arrays"
@@ -74,3 +75,6 @@ class MatlabFile(ArrayFile):
             return tuple(np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns)
         except Exception as error:
             raise unreadable(self.file, error, _EXPECTED) from error
+
+
+MATLAB = Reader(name="matlab", title="MATLAB, every version", endings=(".mat",), open=open_matlab_file)

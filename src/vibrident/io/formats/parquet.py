@@ -12,6 +12,7 @@ from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
 from vibrident.io.columns import Clock, unreadable
 from vibrident.io.extra import library
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a Parquet file with columns of numbers"
@@ -96,3 +97,6 @@ def _clock(text: bytes | None, where: str) -> Clock | None:
             remedy="correct the metadata, or write the file without it and give rate_hz",
         )
     return Clock(rate_hz)
+
+
+PARQUET = Reader(name="parquet", title="Parquet", endings=(".parquet", ".pq"), open=ParquetFile, extra="parquet")

@@ -9,6 +9,7 @@ import numpy as np
 
 from vibrident.io.allowance import require_room
 from vibrident.io.columns import Clock, ColumnFile, unreadable
+from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a WAV file of PCM or floating-point samples"
@@ -91,3 +92,6 @@ class WavFile(ColumnFile):
     def locate(self, position: int, row: int) -> str:
         """File, channel and sample of a value."""
         return f"{self.file}, {self.names[position]}, sample {row + 1}"
+
+
+WAV = Reader(name="wav", title="WAV audio", endings=(".wav",), open=WavFile)
