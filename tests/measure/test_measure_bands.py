@@ -24,6 +24,18 @@ def test_bands_show_the_sensor(excitation, within):
     assert found.frequency_hz.max() > 10 * found.frequency_hz.min()
 
 
+@pytest.mark.parametrize("quantity", ["velocity", "displacement"])
+@pytest.mark.parametrize("excitation", ["random", "sweep", "shock"])
+def test_low_frequencies_of_a_displacement_do_not_leak_over_the_others(quantity, excitation):
+    """Nor does what a shock moved the sensor by in the end."""
+    motion = {"samples": 8000, "sampling_rate_hz": 10e3, "quantity": quantity}
+    record = simulate(("accelerometer", P), excitation, response_noise=1e-6, seed=3, **motion).records[0]
+    found = measure_bands([record], quantity)
+    true = parse("accelerometer").frequency_response(P, found.frequency_hz, quantity)
+    assert np.median(np.abs(found.ratio / true - 1)) < 0.02
+    assert found.frequency_hz.max() > 800.0
+
+
 def test_nothing_without_a_reference_or_motion():
     decay = simulate(("accelerometer", P), "decay", samples=1000).records
     assert measure_bands(decay) is None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
-from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.records import BoolArray, FloatArray, Quantity, Record
 
 LINES_IN_BAND = 6
 #: Fewer lines do not tell the noise of a band beside its response.
@@ -41,11 +41,15 @@ MOST_SHARED = 0.3
 #: this part of the largest power hardly count in the impulse response, of whose peaks of about one height the first is
 #: taken: a motion that repeats has several.
 LATE, WHITENED, FIRST_PEAK = 4, 1e-3, 0.9
+#: A displacement holds so much more at low frequencies that these would leak over all others; differences of both
+#: channels, sample by sample, are level and have the same ratio.
+DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
 
 
-def measure_bands(records: Sequence[Record]) -> MeasuredResponse | None:
-    """Banded response of records with a reference; None where no band holds excitation."""
-    parts = [part for index, r in enumerate(records) if (part := _measure(index, r)) is not None]
+def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration") -> MeasuredResponse | None:
+    """Banded response of records with a reference of this quantity; None where no band holds excitation."""
+    times = DIFFERENCES.get(quantity, 0)
+    parts = [part for index, r in enumerate(records) if (part := _measure(index, r, times)) is not None]
     return MeasuredResponse.join(parts) if parts else None
 
 
@@ -60,11 +64,12 @@ def band_edges(samples: int, rate: float) -> FloatArray:
     return np.array(edges, dtype=float)
 
 
-def _measure(index: int, record: Record) -> MeasuredResponse | None:
+def _measure(index: int, record: Record, differences: int) -> MeasuredResponse | None:
     if record.reference is None:
         return None
-    late = bulk_delay(record)
-    record, whole = _aligned(record, late), record
+    late = bulk_delay(record, differences)
+    whole = _differenced(record, differences)
+    record = _aligned(whole, late)
     n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
     assert record.reference is not None
     window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
@@ -103,17 +108,22 @@ def _measure(index: int, record: Record) -> MeasuredResponse | None:
     return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
 
 
-def bulk_delay(record: Record) -> int:
-    """Samples by which the response comes later than the reference: the peak of the impulse response.
+def bulk_delay(record: Record, differences: int = 0) -> int:
+    """Samples by which the response comes later than the motion: the peak of the impulse response.
 
     Zero where it is too small to matter: the phase then hardly turns within a band.
+
+    Args:
+        record: with a reference.
+        differences: how often the reference is differenced to be level as an acceleration is.
     """
-    assert record.reference is not None
+    moved = _differenced(record, differences)
+    assert moved.reference is not None
     n = record.samples
     size: int = 2 * n
-    if not record.mask.any() or not record.reference_mask.any():
+    if not record.mask.any() or not moved.reference_mask.any():
         return 0
-    channels = (record.reference, record.reference_mask), (record.response, record.mask)
+    channels = (moved.reference, moved.reference_mask), (record.response, record.mask)
     x, y = (np.asarray(fft.rfft(np.where(m, v - v[m].mean(), 0.0), size), dtype=complex) for v, m in channels)
     power = np.abs(x) ** 2
     whitened = y * np.conj(x) / (power + WHITENED * np.max(power) + np.finfo(float).tiny)
@@ -139,6 +149,18 @@ def _aligned(record: Record, late: int) -> Record:
         valid=record.mask[second] & record.reference_mask[first],
         reference_valid=None,
     )
+
+
+def _differenced(record: Record, times: int) -> Record:
+    """The record with both channels differenced so often; their ratio stays."""
+    if times == 0 or record.samples <= LINES_IN_BAND + times:
+        return record
+    assert record.reference is not None
+    used = record.mask & record.reference_mask
+    for _ in range(times):
+        used = used[1:] & used[:-1]
+    reference, response = (np.diff(values, n=times) for values in (record.reference, record.response))
+    return replace(record, reference=reference, response=response, valid=used, reference_valid=None)
 
 
 def _spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> ComplexArray:

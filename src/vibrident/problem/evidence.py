@@ -69,7 +69,7 @@ class Evidence:
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
         others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
         tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None
-        bands = measure_bands([records[i] for i in others]) if others else None
+        bands = measure_bands([records[i] for i in others], calibration.quantity) if others else None
         bands = _renumbered(bands, others) if bands is not None else None
         more: list[Finding] = []
         if tones is not None:
