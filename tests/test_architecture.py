@@ -65,6 +65,7 @@ LAYERS = (
     "report",
     "export",
     "terminal",
+    "history",
     "paper",
     "cli",
     "web",
@@ -100,6 +101,7 @@ NO_JAX = (
     "report",
     "export",
     "terminal",
+    "history",
 )
 DOOR_TO_JAX = "vibrident.backend"
 #: For arrays that are JAX's already: it may import JAX inside a function.
@@ -277,13 +279,13 @@ def test_modules_without_jax_load_none():
     assert not loaded, f"Importing {loaded} loads JAX, or something it imports does; it belongs to the set without JAX."
 
 
-@pytest.mark.parametrize("library", ["jax", "matplotlib"])
+@pytest.mark.parametrize("library", ["jax", "matplotlib", "sqlalchemy"])
 def test_importing_the_package_loads_no_heavy_library(library):
     assert run_python(f"import sys, vibrident; print({library!r} in sys.modules)").strip() == "False"
 
 
 @pytest.mark.skipif("vibrident.cli" not in modules(), reason="there is no vibrident.cli yet")
-@pytest.mark.parametrize("library", ["jax", "matplotlib"])
+@pytest.mark.parametrize("library", ["jax", "matplotlib", "sqlalchemy"])
 def test_help_loads_no_heavy_library(library):
     printed = run_python(
         "import sys\n"

@@ -16,6 +16,8 @@ from vibrident.result import Parameter, Result
 
 SCHEMA = "vibrident.comparison/1"
 TRUTH_SCHEMA = "vibrident.truth/1"
+#: k of every expanded uncertainty that is compared.
+COVERAGE_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -48,20 +50,96 @@ def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviatio
     return {name: value for name, value in found.items() if value is not None}
 
 
-def normalized_error(one: float, expanded_one: float, other: float, expanded_other: float) -> float | None:
-    """E_n = (one − other)/√(U_one² + U_other²) (ISO 13528, ISO/IEC 17043): two values agree where |E_n| ≤ 1.
+def normalized_error(
+    one: float, expanded_one: float, other: float, expanded_other: float, covariance: float = 0.0
+) -> float | None:
+    """E_n = (one − other)/U(one − other) (ISO 13528, ISO/IEC 17043): two values agree where |E_n| ≤ 1.
+
+    U² = U_one² + U_other² − 2 k² cov (GUM 5.2.2): what both share, such as a reference, is no part of their difference.
 
     Args:
         one: a value.
         expanded_one: its expanded uncertainty U, k = 2.
-        other: the value to compare with, in the same unit, independent of the first.
+        other: the value to compare with, in the same unit.
         expanded_other: its expanded uncertainty.
+        covariance: of the two values; zero for independent ones.
 
     Returns:
-        E_n; None where both uncertainties are zero.
+        E_n; None where the difference has no uncertainty.
     """
-    spread = math.hypot(expanded_one, expanded_other)
-    return (one - other) / spread if spread > 0 else None
+    square = expanded_one**2 + expanded_other**2 - 2.0 * COVERAGE_FACTOR**2 * covariance
+    return (one - other) / math.sqrt(square) if square > 0 else None
+
+
+#: Kinds of contributions that stay the same from one calibration to the next as long as their source does. Others are
+#: new each time: a sensor is mounted anew, and an ellipse is fitted to the signals of the day.
+LASTING_KINDS = ("gain", "timing", "phase", "clock")
+#: The row of the budget that stands for the reference's own calibration.
+REFERENCE_SOURCE = "calibration of the reference"
+_GAINS = ("sensitivity", "generator_constant")
+
+
+def shared_sources(
+    result: Result, *, parameter: str | None = None, sensitivity: float | None = None
+) -> dict[str, float]:
+    """The systematic contributions that another calibration may share, by what identifies each.
+
+    Two calibrations share a contribution where the key is the same: kind and source in words, the laboratory, and the
+    instruments that the certificate states (with serial number and certificate): for the calibration of the reference
+    all of them, for another source those whose name or serial number its words contain.
+
+    Args:
+        result: the result.
+        parameter: of this parameter; in its unit.
+        sensitivity: of the sensitivity at the reference frequency instead, whose value this is; in its unit. A gain
+            acts on it as it is, other sources as on the parameter for the gain.
+
+    Returns:
+        key to standard uncertainty, larger than zero.
+    """
+    found: dict[str, float] = {}
+    for row in result.settings.get("uncertainty_budget") or ():
+        kind = str(row.get("kind", ""))
+        if kind in LASTING_KINDS:
+            u = _sensitivity_share(result, row, sensitivity) if sensitivity is not None else _share(row, parameter)
+            if math.isfinite(u) and u > 0:
+                key = _identity(result, kind, str(row.get("source", "")))
+                found[key] = math.hypot(found.get(key, 0.0), u)
+    return found
+
+
+def shared_covariance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Covariance of two values from their shared sources: the smaller variance of each (the larger has more beside)."""
+    return sum(min(u, other[key]) ** 2 for key, u in one.items() if key in other)
+
+
+def _share(row: Mapping[str, Any], parameter: str | None) -> float:
+    return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
+
+
+def _sensitivity_share(result: Result, row: Mapping[str, Any], sensitivity: float) -> float:
+    if row.get("kind") == "gain":
+        return abs(float(row.get("standard_uncertainty") or 0.0) * sensitivity)
+    for name in _GAINS:
+        if name in result.parameters and result.parameters[name].value:
+            return _share(row, name) / abs(result.parameters[name].value) * abs(sensitivity)
+    return 0.0
+
+
+def _identity(result: Result, kind: str, source: str) -> str:
+    words = " ".join(source.casefold().split())
+    instruments = [
+        {key: str(value).casefold() for key, value in entry.items()}
+        for entry in result.certificate.get("instruments") or ()
+        if isinstance(entry, Mapping)
+    ]
+    if words != REFERENCE_SOURCE:
+        named = ("name", "serial_number")
+        instruments = [entry for entry in instruments if any(entry.get(key) and entry[key] in words for key in named)]
+    told = ("name", "manufacturer", "type", "serial_number", "certificate")
+    listed = sorted("/".join(entry.get(key, "") for key in told) for entry in instruments)
+    laboratory = " ".join(str(result.certificate.get("laboratory") or "").casefold().split())
+    return "|".join([kind, words, laboratory, *listed])
 
 
 def not_comparable(one: Result, other: Result) -> str:

@@ -1,0 +1,225 @@
+"""What the store keeps of a result, and how results are added: each whole or not at all, and once."""
+
+from __future__ import annotations
+
+import datetime
+import getpass
+import hashlib
+import itertools
+import json
+import math
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from vibrident.comparison import shared_sources
+from vibrident.errors import InputError
+from vibrident.history import schema
+from vibrident.history.store import Store
+from vibrident.plots.units import reference_unit, sensitivity_unit
+from vibrident.report.history import date_of
+from vibrident.report.points import nominal_points, reference_point
+from vibrident.result import Result
+
+#: Results a transaction: few enough that other writers wait for milliseconds only.
+_AT_ONCE = 20
+#: Digits kept of the SHA-256 of a data file; it only tells whether two results are of the same data.
+_FILE_DIGITS = 20
+_SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a result becomes in the store: rows by table, without the keys that the database gives."""
+
+    sensor: Row
+    calibration: Row
+    parameters: list[Row]
+    points: list[Row]
+
+
+def rows_of(result: Result, serial_number: str | None = None, date: datetime.date | None = None) -> Rows:
+    """The rows of a result.
+
+    Args:
+        result: the result.
+        serial_number: where the result states none.
+        date: of the calibration, where the result states none.
+
+    Raises:
+        InputError: neither result nor argument says which sensor it was or when it was calibrated.
+    """
+    text = result.to_json()
+    sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
+    sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
+    stated = result.certificate.get("date_of_calibration") is not None
+    when = date_of(result) if stated or date is None else date
+    if when is None:
+        raise _missing("date of its calibration", '[certificate] date_of_calibration = "2025-03-31"', "--date")
+    calibration = {
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "date": when,
+        "date_stated": stated or date is not None,
+        "model": result.model,
+        "estimator": result.estimator,
+        "adequate": result.fit.adequate,
+        "chi2_reduced": _number(result.fit.chi2_reduced),
+        "warnings": json.dumps(result.warning_codes),
+        "laboratory": str(result.certificate.get("laboratory") or ""),
+        "certificate_number": str(result.certificate.get("number") or ""),
+        "data_files": json.dumps(_data_files(result)),
+        "document": zlib.compress(text.encode()),
+    }
+    return Rows(sensor, calibration, [*_reference_sensitivity(result), *_parameters(result)], _points(result))
+
+
+def _serial_number(stated: str, given: str | None) -> str:
+    if given and stated and given != stated:
+        raise InputError(
+            "The serial number is not that of the result.",
+            expected=f"{stated}, as the result states",
+            found=given,
+            where="--serial",
+            remedy="leave the option away, or give the result of that sensor",
+        )
+    if not (stated or given):
+        raise _missing("serial number", '[sensor] serial_number = "4711"', "--serial")
+    return stated or str(given)
+
+
+def _missing(what: str, key: str, option: str) -> InputError:
+    return InputError(
+        f"The result does not state the {what}, so it has no place in a history.",
+        expected=key.split(" ", 1)[1].partition(" =")[0],
+        found="none",
+        where="result.json, sensor and certificate",
+        remedy=f"state {key} in the calibration file, or give {option}",
+    )
+
+
+def _data_files(result: Result) -> list[str]:
+    hashes = (str(entry.get("sha256") or "") for entry in result.provenance.get("files") or ())
+    return sorted({text[:_FILE_DIGITS] for text in hashes if text})
+
+
+def _reference_sensitivity(result: Result) -> list[Row]:
+    """The magnitude of the sensitivity at the reference frequency as a parameter; none where the result has none."""
+    chosen, _ = reference_point(result)
+    if chosen is None or not math.isfinite(chosen.magnitude):
+        return []
+    return [
+        {
+            "name": schema.REFERENCE_SENSITIVITY,
+            "value": chosen.magnitude,
+            "unit": sensitivity_unit(result.response_unit, reference_unit(result)),
+            "standard_uncertainty": _number(chosen.magnitude_uncertainty),
+            "identifiable": True,
+            "derived": True,
+            "frequency_hz": chosen.frequency_hz,
+            "shared": json.dumps(shared_sources(result, sensitivity=chosen.magnitude)),
+        }
+    ]
+
+
+def _parameters(result: Result) -> list[Row]:
+    return [
+        {
+            "name": name,
+            "value": _number(parameter.value),
+            "unit": parameter.unit,
+            "standard_uncertainty": _number(parameter.standard_uncertainty),
+            "identifiable": parameter.identifiable,
+            "derived": parameter.derived,
+            "frequency_hz": None,
+            "shared": json.dumps(shared_sources(result, parameter=name)),
+        }
+        for name, parameter in result.parameters.items()
+    ]
+
+
+def _points(result: Result) -> list[Row]:
+    return [
+        {
+            "nominal_hz": float(point.nominal),
+            "frequency_hz": point.frequency_hz,
+            "magnitude": point.magnitude,
+            "magnitude_uncertainty": _number(point.magnitude_uncertainty),
+            "phase_deg": _number(point.phase_deg),
+            "phase_deg_uncertainty": _number(point.phase_deg_uncertainty),
+        }
+        for point in nominal_points(result)
+        if math.isfinite(point.magnitude)
+    ]
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def add_all(
+    store: Store,
+    results: Iterable[Result],
+    *,
+    serial_number: str | None = None,
+    date: datetime.date | None = None,
+) -> Iterator[tuple[bool, int]]:
+    """Add results; yield for each whether it was new, and its calibration's number in the store.
+
+    Raises:
+        InputError: as :func:`rows_of`; those before are in the store then.
+    """
+    prepared = (rows_of(result, serial_number, date) for result in results)
+    while batch := list(itertools.islice(prepared, _AT_ONCE)):
+        with store.writing() as connection:
+            added = [_insert(store, connection, rows) for rows in batch]
+        yield from added
+
+
+def _insert(store: Store, connection: sa.Connection, rows: Rows) -> tuple[bool, int]:
+    sensor_id = _sensor_id(store, connection, rows.sensor)
+    key = connection.execute(
+        store.insert(schema.calibration)
+        .values(rows.calibration | {"sensor_id": sensor_id})
+        .on_conflict_do_nothing()
+        .returning(schema.calibration.c.id)
+    ).scalar_one_or_none()
+    if key is None:
+        same = schema.calibration.c.sha256 == rows.calibration["sha256"]
+        return False, connection.execute(sa.select(schema.calibration.c.id).where(same)).scalar_one()
+    for table, found in ((schema.parameter, rows.parameters), (schema.point, rows.points)):
+        if found:
+            connection.execute(sa.insert(table), [row | {"calibration_id": key} for row in found])
+    record(connection, {"sensor_id": sensor_id, "calibration_id": key, "kind": "added"})
+    return True, key
+
+
+def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, str]) -> int:
+    wanted = sa.select(schema.sensor.c.id).where(
+        sa.and_(*(schema.sensor.c[key] == value for key, value in identity.items()))
+    )
+    found = connection.execute(wanted).scalar_one_or_none()
+    if found is not None:
+        return found
+    new = store.insert(schema.sensor).values(identity).on_conflict_do_nothing().returning(schema.sensor.c.id)
+    found = connection.execute(new).scalar_one_or_none()
+    return connection.execute(wanted).scalar_one() if found is None else found
+
+
+def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
+    """Add an event; when it was recorded and by whom is known, the date is today's unless given."""
+    now = datetime.datetime.now(datetime.UTC)
+    known = {"date": now.date(), "recorded": now.isoformat(timespec="seconds"), "by": user(), "note": ""}
+    connection.execute(sa.insert(schema.event), [known | {k: v for k, v in event.items() if v is not None}])
+
+
+def user() -> str:
+    """Name of the account that runs the program; empty where the system tells none."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return ""

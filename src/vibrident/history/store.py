@@ -1,0 +1,226 @@
+"""The store: one connection at a time, transactions, the version of its schema, and what to do when it fails."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from urllib.parse import unquote
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+from vibrident.errors import InputError
+from vibrident.history import schema
+from vibrident.history.location import FORMS, chosen, shown, without_secrets
+
+#: How long a writer waits for another one.
+PATIENCE_S = 60
+#: Number of PostgreSQL's advisory lock that a change of the schema holds.
+_SCHEMA_LOCK = 8_247_163_905
+_WAYS_OF_LOCKING = ("locked", "lock timeout", "deadlock")
+
+
+class Store:
+    """A history in a SQL database; closes with the ``with`` block.
+
+    Args:
+        url: SQLAlchemy URL or path of a SQLite file; None for the default.
+
+    Raises:
+        InputError: the URL names no store, or its driver is not installed.
+    """
+
+    def __init__(self, url: str | None = None) -> None:
+        self.url = chosen(url)
+        with self._explained():
+            self._engine = sa.create_engine(self.url, **self._options())
+        self.is_sqlite = self._engine.dialect.name == "sqlite"
+        if self.is_sqlite:
+            sa.event.listen(self._engine, "connect", _prepare_sqlite)
+            sa.event.listen(self._engine, "begin", _begin_sqlite)
+        self._checked = False
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._engine.dispose()
+
+    @property
+    def shown(self) -> str:
+        """The URL for print, without a password."""
+        return shown(self.url)
+
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[sa.Connection]:
+        """A connection that sees one state of the store.
+
+        Raises:
+            InputError: there is no store, its schema is another version's, or the database fails.
+        """
+        with self._explained():
+            if self.is_sqlite and not self._file().exists():
+                raise self._absent()
+            with self._engine.connect() as connection:
+                self._require_revision(connection)
+                yield connection
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[sa.Connection]:
+        """A connection whose changes are kept together at the end, or none of them; makes a new store.
+
+        Raises:
+            InputError: its schema is another version's, or the database fails.
+        """
+        with self._explained():
+            if not self._checked:
+                self._make_if_new()
+            with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
+                self._require_revision(connection)
+                yield connection
+
+    def insert(self, table: sa.Table) -> Any:
+        """An INSERT of this database that can say what to do where the row is there already."""
+        return sqlite.insert(table) if self.is_sqlite else postgresql.insert(table)
+
+    def revision(self) -> str | None:
+        """The migration that the store is at; None where there is no store."""
+        with self._explained():
+            if self.is_sqlite and not self._file().exists():
+                return None
+            with self._engine.connect() as connection:
+                return _revision(connection)
+
+    def upgrade(self, revision: str = schema.REVISION) -> tuple[str | None, str]:
+        """Bring the schema to a revision, with its data; return the revision before and after.
+
+        Raises:
+            InputError: the store is newer than this version of vibrident, or the database fails.
+        """
+        with self._explained():
+            if self.is_sqlite:
+                self._file().parent.mkdir(parents=True, exist_ok=True)
+            with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
+                self._lock_schema(connection)
+                before = _revision(connection)
+                if before is not None and before > schema.REVISION:
+                    raise self._other(before)
+                if before is None or before < revision:
+                    _migrate(connection, revision)
+                return before, _revision(connection) or ""
+
+    def _make_if_new(self) -> None:
+        """Lay a new store out; one that is there is left as it is."""
+        if self.revision() is None:
+            self.upgrade()
+
+    def _lock_schema(self, connection: sa.Connection) -> None:
+        if not self.is_sqlite:  # SQLite's transaction for writing is such a lock
+            connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
+
+    def _require_revision(self, connection: sa.Connection) -> None:
+        if self._checked:
+            return
+        found = _revision(connection)
+        if found is None:
+            raise self._absent()
+        if found != schema.REVISION:
+            raise self._other(found)
+        self._checked = True
+
+    def _options(self) -> dict[str, Any]:
+        if self.url.startswith("sqlite"):
+            return {"connect_args": {"timeout": PATIENCE_S}}
+        return {"connect_args": {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}}
+
+    def _file(self) -> Path:
+        """The SQLite file; SQLAlchemy leaves a URL's escapes in a path as they are."""
+        return Path(unquote(self._engine.url.database or ""))
+
+    def _absent(self) -> InputError:
+        return InputError(
+            "There is no history here yet.",
+            expected="a store that `vibrident history add` began",
+            found="none",
+            where=self.shown,
+            remedy="check --store, or add a result: vibrident history add result.json",
+        )
+
+    def _other(self, found: str) -> InputError:
+        newer = found > schema.REVISION
+        remedy = "install the newer version" if newer else "vibrident history upgrade; keep a copy of the store before"
+        return InputError(
+            f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
+            expected=f"schema {schema.REVISION}",
+            found=f"schema {found}",
+            where=self.shown,
+            remedy=remedy,
+        )
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Whatever the database or its driver says, as a message for the user."""
+        try:
+            yield
+        except ModuleNotFoundError as error:
+            raise self._failed(
+                "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
+            ) from None
+        except (sa.exc.ArgumentError, ValueError) as error:
+            raise self._failed("The store's URL cannot be read.", error, "escape special characters as %40") from None
+        except (sa.exc.OperationalError, sa.exc.InternalError, sa.exc.ProgrammingError, sa.exc.DatabaseError) as error:
+            said = str(error.orig).lower()
+            if any(word in said for word in _WAYS_OF_LOCKING):
+                raise self._failed("The store is held by another program.", error.orig, "try again later") from None
+            if "append-only" in said:
+                raise self._failed("Rows of the history cannot be changed.", error.orig, "add an event") from None
+            raise self._failed(
+                "The store cannot be used.", error.orig, "check that the database runs, the address, and the account"
+            ) from None
+        except OSError as error:
+            raise self._failed("The store cannot be used.", error, "check the path and your rights to it") from None
+
+    def _failed(self, problem: str, error: object, remedy: str) -> InputError:
+        found = " ".join(without_secrets(str(error), self.url).split())[:300]
+        return InputError(problem, expected=FORMS, found=found, where=self.shown, remedy=remedy)
+
+
+def _prepare_sqlite(connection: Any, _: Any) -> None:
+    """Readers beside a writer, keys that hold, and a transaction that begins when it is told to."""
+    connection.isolation_level = None
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "recursive_triggers = ON"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin_sqlite(connection: sa.Connection) -> None:
+    """A writer takes its lock at once: two that read first and then write would block each other."""
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get("writes") else "BEGIN")
+
+
+def _revision(connection: sa.Connection) -> str | None:
+    if not sa.inspect(connection).has_table(schema.VERSION_TABLE):
+        return None
+    return connection.execute(sa.text(f"SELECT version_num FROM {schema.VERSION_TABLE}")).scalar_one_or_none()
+
+
+def _migrate(connection: sa.Connection, revision: str) -> None:
+    """Run the migrations up to a revision, within the connection's transaction."""
+    from alembic.config import Config
+    from alembic.runtime.environment import EnvironmentContext
+    from alembic.script import ScriptDirectory
+
+    settings = Config()
+    settings.set_main_option("script_location", "vibrident.history:migrations")
+    scripts = ScriptDirectory.from_config(settings)
+
+    def steps(now: Any, _: Any) -> Any:
+        return scripts._upgrade_revs(revision, now)
+
+    with EnvironmentContext(settings, scripts, fn=steps, destination_rev=revision) as environment:
+        environment.configure(connection=connection, version_table=schema.VERSION_TABLE, transactional_ddl=False)
+        environment.run_migrations()
