@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import sqlalchemy as sa
+from sqlalchemy import event, exc
 from sqlalchemy.dialects import postgresql, sqlite
 
 from vibrident.errors import InputError
@@ -35,12 +36,11 @@ class Store:
 
     def __init__(self, url: str | None = None) -> None:
         self.url = chosen(url)
-        with self._explained():
-            self._engine = sa.create_engine(self.url, **self._options())
+        self._engine = self._connected_lazily()
         self.is_sqlite = self._engine.dialect.name == "sqlite"
         if self.is_sqlite:
-            sa.event.listen(self._engine, "connect", _prepare_sqlite)
-            sa.event.listen(self._engine, "begin", _begin_sqlite)
+            event.listen(self._engine, "connect", _prepare_sqlite)
+            event.listen(self._engine, "begin", _begin_sqlite)
         self._checked = False
 
     def __enter__(self) -> Store:
@@ -50,6 +50,16 @@ class Store:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._engine.dispose()
+
+    def _connected_lazily(self) -> sa.Engine:
+        try:
+            return sa.create_engine(self.url, **self._options())
+        except ModuleNotFoundError as error:
+            raise self._failed(
+                "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
+            ) from None
+        except (exc.ArgumentError, ValueError) as error:
+            raise self._failed("The store's URL cannot be read.", error, "escape special characters as %40") from None
 
     @property
     def shown(self) -> str:
@@ -103,8 +113,7 @@ class Store:
             InputError: the store is newer than this version of vibrident, or the database fails.
         """
         with self._explained():
-            if self.is_sqlite:
-                self._file().parent.mkdir(parents=True, exist_ok=True)
+            self._make_folder()
             with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
                 self._lock_schema(connection)
                 before = _revision(connection)
@@ -118,6 +127,13 @@ class Store:
         """Lay a new store out; one that is there is left as it is."""
         if self.revision() is None:
             self.upgrade()
+
+    def _make_folder(self) -> None:
+        if self.is_sqlite:
+            try:
+                self._file().parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise self._failed("The store cannot be used.", error, "check the path and your rights to it") from None
 
     def _lock_schema(self, connection: sa.Connection) -> None:
         if not self.is_sqlite:  # SQLite's transaction for writing is such a lock
@@ -167,13 +183,7 @@ class Store:
         """Whatever the database or its driver says, as a message for the user."""
         try:
             yield
-        except ModuleNotFoundError as error:
-            raise self._failed(
-                "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
-            ) from None
-        except (sa.exc.ArgumentError, ValueError) as error:
-            raise self._failed("The store's URL cannot be read.", error, "escape special characters as %40") from None
-        except (sa.exc.OperationalError, sa.exc.InternalError, sa.exc.ProgrammingError, sa.exc.DatabaseError) as error:
+        except exc.DBAPIError as error:
             said = str(error.orig).lower()
             if any(word in said for word in _WAYS_OF_LOCKING):
                 raise self._failed("The store is held by another program.", error.orig, "try again later") from None
@@ -182,8 +192,6 @@ class Store:
             raise self._failed(
                 "The store cannot be used.", error.orig, "check that the database runs, the address, and the account"
             ) from None
-        except OSError as error:
-            raise self._failed("The store cannot be used.", error, "check the path and your rights to it") from None
 
     def _failed(self, problem: str, error: object, remedy: str) -> InputError:
         found = " ".join(without_secrets(str(error), self.url).split())[:300]
