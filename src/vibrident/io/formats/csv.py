@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,10 @@ from vibrident.io.csv_lines import numbered_rows, row_lines
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
+#: Files of up to so many bytes are read without pandas, which takes longer to load than a score of them to be read.
+LIGHT_BYTES = 1 << 20
+#: Bytes of numbers and lines, beside delimiter and decimal sign.
+PLAIN = b"0123456789+-eE\n"
 #: What pandas takes for a missing value.
 _NO_VALUE = frozenset(
     {
@@ -25,6 +30,11 @@ _NO_VALUE = frozenset(
         *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
     }
 )
+
+
+def _better_by_pandas(path: Path) -> bool:
+    """Whether pandas costs less: it is loaded already, or has much to read."""
+    return "pandas" in sys.modules or path.stat().st_size > LIGHT_BYTES
 
 
 class CsvFile(ColumnFile):
@@ -66,6 +76,9 @@ class CsvFile(ColumnFile):
         """
         try:
             rows = self._row_lines.size
+            found = self._plain(positions)
+            if found is not None:
+                return found
             frame = self._parse(sorted(set(positions)))
         except OSError as error:
             raise unreadable(self.file, error, "a text file of columns") from error
@@ -88,6 +101,34 @@ class CsvFile(ColumnFile):
     def _column(self, position: int) -> str:
         name = self.names[position]
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
+
+    def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
+        """The columns of a small file of nothing but numbers; None where it takes the parser."""
+        if self._numbers is None or self._numbers.size != self._row_lines.size * self._layout.fields:
+            return None
+        table = self._numbers.reshape(-1, self._layout.fields)
+        return tuple(table[:, position].copy() for position in positions)
+
+    @cached_property
+    def _numbers(self) -> FloatArray | None:
+        """All numbers of the file in a row, where pandas would take longer to load than they take to be read."""
+        layout = self._layout
+        if _better_by_pandas(self._path):
+            return None
+        data = self._path.read_bytes()[layout.offset :].replace(b"\r\n", b"\n")
+        separator = layout.delimiter.encode()
+        if layout.delimiter != BLANKS:
+            data = data.replace(separator + b" ", separator)
+        signs = separator + layout.decimal.encode()
+        blanks = b" \t" if layout.delimiter == BLANKS else b""
+        if data.translate(None, PLAIN + signs + blanks):
+            return None
+        # What stands between cells becomes a blank, and no cell holds one: an empty cell shows in the count.
+        text = data.translate(bytes.maketrans(signs, b" ."))
+        try:
+            return np.fromstring(text, sep=" ")  # each is the nearest float, as in pandas
+        except (ValueError, DeprecationWarning):  # not a number: the parser says where
+            return None
 
     def _parse(self, positions: list[int]) -> Any:
         import pandas
