@@ -10,7 +10,7 @@ import pytest
 
 import vibrident
 from vibrident.estimators import ipnn
-from vibrident.estimators.noise_spectrum import noise_spectrum
+from vibrident.estimators.noise_spectrum import Motion, noise_spectrum
 from vibrident.records import Calibration
 from vibrident.simulation import ChannelNoise, HalfSineShock, sensor_named, simulate, with_noise
 
@@ -110,14 +110,14 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
     place = 3210.3
     tone = 0.3 * np.cos(2.0 * np.pi * place * np.arange(n) / n)
     signal = 0.5 * passed + 0.2 * rng.standard_normal(n) + tone
-    nothing = np.zeros(n // 2 + 1)
-    found = noise_spectrum(np.fft.rfft(signal), n, through, nothing, 0.0)
+    nothing = np.zeros(n // 2 + 1, dtype=complex)
+    found = noise_spectrum(np.fft.rfft(signal), Motion.of(nothing, n, through), 0.0)
     assert found.passed == pytest.approx(0.25, rel=0.07)  # three standard deviations
     expected = 0.25 * through + 0.04
     middle = (order > 0.01) & (np.abs(order * n - place) > 40)
     assert np.median(found.level[middle] / expected[middle]) == pytest.approx(1.0, abs=0.03)
     assert found.tones == pytest.approx((place,), abs=0.05)
-    quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), n, through, nothing, 0.0)
+    quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), Motion.of(nothing, n, through), 0.0)
     assert (quiet.passed, quiet.tones) == (0.0, ())
     assert np.max(quiet.doubt) < 0.05
 

@@ -10,6 +10,7 @@ relative to this. Lines that stand far above it (mains hum) are taken as they ar
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,23 +71,59 @@ class NoiseSpectrum:
     free: bool = False
 
 
-def noise_spectrum(
-    lines: ComplexArray, count: float, through: FloatArray | None, predicted: ComplexArray, floor: float
-) -> NoiseSpectrum:
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What the model says of a record, for readings of the spectrum of what it leaves.
+
+    Attributes:
+        count: number of samples that are used.
+        through: |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
+        alone: where the prediction has a line of its own: a remainder there is the model's and no hum.
+        own: power of the prediction as far as it is more than a line's chance, shape (samples // 2 + 1,).
+        moved: lines of the bins of the prediction under a window: the ends of a record leak motion to where is none.
+        typical: power of that around each line.
+        seen: |H|² in bins, shape (bins,).
+    """
+
+    count: float
+    through: FloatArray | None
+    alone: BoolArray
+    own: FloatArray
+    moved: ComplexArray
+    typical: FloatArray
+    seen: FloatArray
+
+    @classmethod
+    def of(cls, predicted: ComplexArray, count: float, through: FloatArray | None) -> Motion:
+        """Of the prediction's real transform, shape (samples // 2 + 1,)."""
+        around, expected = _around(predicted), _power(predicted)
+        alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
+        if through is None:
+            nothing = np.zeros(0)
+            return cls(count, None, alone, nothing, nothing.astype(complex), nothing, nothing)
+        expected /= count
+        own = _typical(expected, around)
+        own = np.where(expected > OUTSTANDING * own, expected, own)
+        edges = _bins(2 * (len(predicted) - 1))
+        moved = _windowed(predicted)[1 : int(edges[-1])]
+        typical = _typical(_power(moved) / count, around)
+        return cls(count, through, alone, own, moved, typical, _means(through, edges))
+
+
+def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
     """Read the spectrum of a residual.
 
     Args:
         lines: the residual's real transform, shape (samples // 2 + 1,).
-        count: number of samples that are used.
-        through: |H|² at the lines; None without a reference.
-        predicted: the response that the model predicts, at the lines: where that has a line of its own, a remainder is
-            the model's and no hum.
+        motion: what the model says of the same record.
         floor: level that no residual is believed to be below.
     """
-    power = np.abs(lines) ** 2 / count
+    power = _power(lines)
+    power /= motion.count
     passed, doubt = 0.0, np.zeros_like(power)
     unfelt: FloatArray | float = 0.0
     free = False
+    through = motion.through
     if through is None:
         shape = np.ones_like(power)
     else:
@@ -95,7 +132,7 @@ def noise_spectrum(
         # Geometric means: a tone that is not quite fitted, or hum, is not the noise looked for. That of n exponentially
         # distributed powers has the mean Γ(1 + 1/n)ⁿ times theirs.
         level = _means(power, edges) * np.exp(-wide * gammaln(1.0 + 1.0 / wide))
-        order, seen = _means(np.arange(len(power), dtype=float), edges), _means(through, edges)
+        order, seen = _means(np.arange(len(power), dtype=float), edges), motion.seen
         shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
         amounts, spread = _levels(shapes, level, wide)
         scale = float(np.max(seen))
@@ -106,8 +143,8 @@ def noise_spectrum(
         whole = (level / seen * (1.0 + DOUBT / np.sqrt(wide)))[wide >= min(MANY, np.max(wide))]
         most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
         doubt = np.full_like(power, most)
-        told = _unfelt(lines, predicted, through, count, edges)
-        free = _leaves_lines(predicted[: edges[-1]], lines[: edges[-1]])
+        told = _unfelt(lines, motion, through, int(edges[-1]))
+        free = told.free
         by_reference = amounts[2] / scale * through
         if told.passed > 0.0:
             passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
@@ -117,27 +154,30 @@ def noise_spectrum(
         all_lines = np.maximum(np.arange(len(power)), 1.0)
         shape = amounts[0] + amounts[1] * order[0] / all_lines + by_reference
         shape = np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)))
-    around = max(int(len(power) * SHARE), FEWEST)
+    around = _around(power)
     relative = power / shape
     capped = np.minimum(relative, OUTSTANDING * np.exp(np.mean(np.log(relative + 1e-300)) + np.euler_gamma))
     smooth = mean_around(capped, around, NEAREST)
     ordinary = np.where(relative < FAR * smooth, relative, smooth)
     smooth = mean_around(ordinary, around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
-    expected = np.abs(predicted) ** 2
-    alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
-    hum = (relative > OUTSTANDING * smooth) & ~alone
+    hum = (relative > OUTSTANDING * smooth) & ~motion.alone
     level = shape * np.where(hum, relative, smooth)
-    tones = _tones(lines, TONE * shape * smooth * count, alone)
+    tones = _tones(lines, TONE * shape * smooth * motion.count, motion.alone)
     level = np.maximum(level, floor)
-    excited = np.ones_like(level) if through is None else _excited(expected / count, around, level)
+    excited = np.ones_like(level)
+    if through is not None:  # by how much the prediction stands above what noise of the reference would be
+        excited = np.maximum(1.0 - FAINT * level / np.maximum(motion.own, 1e-300), 0.0)
     return NoiseSpectrum(level, passed, unfelt * smooth, doubt, excited, tones, free)
 
 
-def _excited(expected: FloatArray, around: int, level: FloatArray) -> FloatArray:
-    """By how much the prediction stands above what the residual's level would be if it were noise of the reference."""
-    own = _typical(expected, around)
-    own = np.where(expected > OUTSTANDING * own, expected, own)
-    return np.maximum(1.0 - FAINT * level / np.maximum(own, 1e-300), 0.0)
+def _power(lines: ComplexArray) -> FloatArray:
+    """Squares of the magnitudes."""
+    return lines.real**2 + lines.imag**2
+
+
+def _around(lines: ComplexArray | FloatArray) -> int:
+    """Lines on either side that a level is averaged over."""
+    return max(int(len(lines) * SHARE), FEWEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +190,7 @@ class _Unfelt:
         passed: the variance, where it is believed; else zero.
         doubt: σx² that may be left beside it (95 %) at each line, shape (lines,).
         at_lines: σx² at each line, shape (lines,).
+        free: whether enough lines hold no motion.
     """
 
     variance: float
@@ -157,31 +198,23 @@ class _Unfelt:
     passed: float
     doubt: FloatArray
     at_lines: FloatArray
+    free: bool
 
 
-def _unfelt(
-    rest: ComplexArray,
-    predicted: ComplexArray,
-    through: FloatArray,
-    count: float,
-    edges: NDArray[np.int_],
-) -> _Unfelt:
+def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) -> _Unfelt:
     """Noise of the reference by what residual and prediction have in common.
 
     Noise n of the reference stands in the prediction as H n and in the residual as −H n, so −Re Ŷ* R has the mean
     |H|² σx². Lines without excitation say it best, and each line is weighed by what the motion adds to its scatter. An
     error of the model gives a share of |Ŷ|², which is let have a slope with f². White and 1/f noise are told apart.
     """
-    last = int(edges[-1])
-    lines = slice(1, last)
-    # Under a window: the ends of a record leak motion to where there is none.
-    moved, kept = (_windowed(values)[lines] for values in (predicted, rest))
-    expected, power = np.abs(moved) ** 2 / count, np.abs(kept) ** 2 / count
-    common = -np.real(np.conj(moved) * kept) / count
-    around = max(int(len(through) * SHARE), FEWEST)
-    own, left = (_typical(values, around) for values in (expected, power))
+    kept = _windowed(rest)[1:last]
+    moved, own = motion.moved, motion.typical
+    expected, power = _power(moved) / motion.count, _power(kept) / motion.count
+    common = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
+    left = _typical(power, _around(through))
     order = np.arange(1, last) / last
-    share = np.asarray(through[lines])
+    share = through[1:last]
     columns = np.stack([share, share * order[0] / order, own, own * order**2])
     variance = 0.5 * own * left
     for _ in range(2):
@@ -192,6 +225,7 @@ def _unfelt(
         variance = 0.5 * own * left + 0.5 * noise**2
     mean = np.array([1.0, float(np.mean(order[0] / order))])
     total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
+    free = bool(np.sum(own < QUIET * left) >= FEWEST_QUIET)
     if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
         spread = np.inf  # motion everywhere: what its error takes or leaves cannot be told from noise
     sure = total > SIGNIFICANT * spread
@@ -202,8 +236,8 @@ def _unfelt(
     around_it = whole[0, 0] + 2.0 * whole[0, 1] * flicker + whole[1, 1] * flicker**2
     doubt = DOUBT * np.sqrt(np.maximum(around_it, 0.0))
     if sure:
-        return _Unfelt(total, spread, total, doubt, at_lines)
-    return _Unfelt(total, spread, 0.0, at_lines + doubt, np.zeros_like(at_lines))
+        return _Unfelt(total, spread, total, doubt, at_lines, free)
+    return _Unfelt(total, spread, 0.0, at_lines + doubt, np.zeros_like(at_lines), free)
 
 
 def _typical(values: FloatArray, around: int) -> FloatArray:
@@ -251,13 +285,6 @@ def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[fl
     return tuple((places + 0.5 * (low - high) / (low - 2.0 * middle + high)).tolist())
 
 
-def _leaves_lines(predicted: ComplexArray, rest: ComplexArray) -> bool:
-    """Whether enough lines hold no motion; under a window, as the ends of a record leak over all."""
-    around = max(int(len(rest) * SHARE), FEWEST)
-    motion, left = (_typical(np.abs(_windowed(lines)[1:-1]) ** 2, around) for lines in (predicted, rest))
-    return bool(np.sum(motion < QUIET * left) >= FEWEST_QUIET)
-
-
 def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
     """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends.
 
@@ -266,16 +293,22 @@ def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
     width = min(width, power.size - 2)
     if width <= nearest:
         return np.full(power.shape, float(np.mean(power)))
-    padded = np.concatenate([power[width:0:-1], power, power[-2 : -width - 2 : -1]])
-    total = np.concatenate([[0.0], np.cumsum(padded)])
-    centre = np.arange(power.size) + width
+    total = np.empty(power.size + 2 * width + 1)
+    total[0], total[1 : width + 1], total[width + 1 : -width] = 0.0, power[width:0:-1], power
+    total[-width:] = power[-2 : -width - 2 : -1]
+    np.cumsum(total, out=total)
 
     def within(reach: int) -> FloatArray:
-        return total[centre + reach + 1] - total[centre - reach]
+        far = width + reach + 1
+        return total[far : far + power.size] - total[width - reach : width - reach + power.size]
 
-    return (within(width) - within(nearest)) / (2.0 * (width - nearest))
+    found = within(width)
+    found -= within(nearest)
+    found /= 2.0 * (width - nearest)
+    return found
 
 
+@functools.lru_cache(maxsize=8)
 def _bins(samples: int) -> NDArray[np.int_]:
     """First lines of the bins, and the line behind the last."""
     last = max(int(HIGHEST * samples), 8)
@@ -297,10 +330,14 @@ def _levels(shapes: FloatArray, level: FloatArray, count: FloatArray) -> tuple[F
     size = float(np.average(level, weights=count))
     level = np.maximum(level / size, LEAST_LEVEL)
     amounts = np.full(3, 1.0 / 3.0)
+    fitted, both = amounts @ shapes, np.empty((2, len(level)))
     for _ in range(ROUNDS):
-        fitted = amounts @ shapes
-        amounts = amounts * (shapes @ (count * level / fitted**2)) / (shapes @ (count / fitted))
-    fitted = amounts @ shapes
+        np.divide(count, fitted, out=both[1])
+        np.multiply(both[1], level, out=both[0])
+        both[0] /= fitted
+        up, down = both @ shapes.T
+        amounts *= up / down
+        np.matmul(amounts, shapes, out=fitted)
     information = (shapes * (count / fitted**2)) @ shapes.T
     # 1/f noise at its bound is no unknown: it cannot hide the others. White noise of the response can.
     free = amounts > 1e-6 * np.max(amounts)

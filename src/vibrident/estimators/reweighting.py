@@ -18,6 +18,7 @@ and where there is next to no noise that would pass for knowledge.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,15 @@ from scipy import linalg
 from scipy.special import chdtrc
 
 from vibrident.estimators.coloured import sandwich
-from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, TONES, NoiseSpectrum, mean_around, noise_spectrum
+from vibrident.estimators.noise_spectrum import (
+    DOUBT,
+    NEAREST,
+    TONES,
+    Motion,
+    NoiseSpectrum,
+    mean_around,
+    noise_spectrum,
+)
 from vibrident.information import SMALLEST
 from vibrident.lines import RecordLines
 from vibrident.measure.response import ComplexArray
@@ -54,7 +63,7 @@ SHORTEST = 256
 #: A spectrum is steep where its least is below this part of its mean.
 STEEP = 1e-2
 #: Lines that a sum over lines copies at once.
-AT_ONCE = 2**16
+AT_ONCE = 2**13
 #: Noise's own information is taken away down to this part of the whole.
 LEAST_INFORMATION = 0.2
 
@@ -122,11 +131,13 @@ def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, no
         if any(record.samples > LONG for record in lines):
             give_back()
         if last == 0:
-            spectra = [_spectrum(record, record.residual, record.through) for record in lines]
+            spectra = [_spectrum(record, record.residual, _motion(record)) for record in lines]
             cost, spread = now, _spread(lines, spectra)
+        motions = [_motion(record) if record.samples <= LONG else None for record in lines]
         step, shares = np.zeros(len(z)), []
         for _ in range(ROUNDS):
-            shares = [_share(record, step, spectrum) for record, spectrum in zip(lines, spectra, strict=True)]
+            known = zip(lines, spectra, motions, strict=True)
+            shares = [_share(record, step, spectrum, motion) for record, spectrum, motion in known]
             spectra = [share.spectrum for share in shares]
             whole = np.sum([share.information for share in shares], axis=0)
             if not _known(whole):
@@ -174,39 +185,41 @@ def _spread(lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArra
     return sandwich([(record.slopes, _equal(record), level) for record, level in zip(lines, levels, strict=True)])
 
 
-def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> _Share:
+def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum, motion: Motion | None) -> _Share:
     """What a record says, its spectrum read at ``step``; the gradient is that of the whole way from no step."""
-    n, through = max(record.samples, 1), record.through
-    moved = record.residual - step @ record.slopes
+    n, p, through = max(record.samples, 1), len(step), record.through
+    rest = record.residual - step @ record.slopes
     weight = record.twice / (n * spectrum.level)
     columns = _unknowns(record, spectrum)
-    inner = _inverse_of_unknowns(_products(columns, columns, weight))
-    rest = moved - columns @ (inner @ _products(columns, moved[:, None], weight)[:, 0])
-    del moved  # of a long record each copy counts
-    found = _spectrum(record, record.where_used(rest), through)
+    m = len(columns)
+    sums = _products((columns, rest[None]), weight)
+    rest -= (_inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m]) @ columns
+    found = _spectrum(record, record.where_used(rest), motion)
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
 
     weight = record.twice * spectrum.excited / (n * spectrum.level)
-    slopes, of_noise = record.slopes, np.zeros((len(step), len(step)))
+    slopes, of_noise = record.slopes, np.zeros((p, p))
     if through is not None and spectrum.passed > 0:
         d_through = np.stack(record.slope_of(lambda slope: slope))
         slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
         beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
         own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
-        of_noise = np.real((d_through * own) @ np.conj(d_through).T)
+        of_noise = _products((d_through,), own)
     power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
+    del rest  # of a long record each copy counts
     local = np.maximum(mean_around(power, _width(record), NEAREST), record.floor / spectrum.level)
     # The slopes less what the unknowns can imitate, J − N β, in sums alone.
-    across = _products(columns, slopes.T, weight)
-    share = _inverse_of_unknowns(_products(columns, columns, weight)) @ across
-    loud = weight * spectrum.excited * local
-    both = share.T @ _products(columns, slopes.T, loud)
-    residual = record.residual[:, None]
+    sums = _products((columns, slopes, record.residual[None]), weight)
+    share = _inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m:]
+    freed = sums[m:, m:] - sums[:m, m:].T @ share
+    loud = _products((columns, slopes), weight * spectrum.excited * local)
+    beta = share[:, :p]
+    both = beta.T @ loud[:m, m:]
     return _Share(
-        _products(slopes.T, slopes.T, weight) - across.T @ share,
+        freed[:p, :p],
         of_noise,
-        (_products(slopes.T, residual, weight) - share.T @ _products(columns, residual, weight))[:, 0],
-        _products(slopes.T, slopes.T, loud) - both - both.T + share.T @ _products(columns, columns, loud) @ share,
+        freed[:p, p],
+        loud[m:, m:] - both - both.T + beta.T @ loud[:m, :m] @ beta,
         spectrum,
     )
 
@@ -216,35 +229,50 @@ def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
     through = record.through
     if through is None:
         return np.zeros(len(record.z))
-    column, weight = through[:, None], record.twice * spectrum.excited * spectrum.doubt / spectrum.level
-    pulls = record.slope_of(lambda slope: float(_products(slope[:, None], column, weight)[0, 0]))
-    return np.array(pulls)
+    weighted = through * (record.twice * spectrum.excited * spectrum.doubt / spectrum.level)
+    return np.array(record.slope_of(lambda slope: float(np.real(np.vdot(slope, weighted)))))
 
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
-    """Lines of what is unknown beside the parameters, shape (lines, m)."""
+    """Lines of what is unknown beside the parameters, shape (m, lines)."""
     steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
     driven = record.response is not None  # a free decay has nothing but initial states
     return record.unknowns(edges=driven and (steep or spectrum.passed > 0), tones=spectrum.tones)
 
 
-def _spectrum(record: RecordLines, residual: ComplexArray, response: ComplexArray | None) -> NoiseSpectrum:
-    through = None if response is None else np.abs(response) ** 2
-    if record.count >= SHORTEST and record.free is not None:
-        return noise_spectrum(residual, record.count, through, record.predicted, record.floor)
+def _motion(record: RecordLines) -> Motion | None:
+    """What the model says of the record; None where its lines are too few to be told from noise."""
+    if record.count < SHORTEST or record.free is None:
+        return None
+    through = record.through
+    return Motion.of(record.predicted, record.count, None if through is None else np.abs(through) ** 2)
+
+
+def _spectrum(record: RecordLines, residual: ComplexArray, motion: Motion | None) -> NoiseSpectrum:
+    """The spectrum of a residual; ``motion``: as :func:`_motion` gives it, where it is at hand."""
+    motion = motion or _motion(record)
+    if motion is not None:
+        return noise_spectrum(residual, motion, record.floor)
     power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
-    doubt = 0.0 if through is None else level / float(np.max(through))
+    doubt = 0.0 if record.through is None else level / float(np.max(np.abs(record.through) ** 2))
     flat = np.full(record.twice.shape, level)
     return NoiseSpectrum(flat, 0.0, np.zeros_like(flat), np.full_like(flat, doubt), np.ones_like(flat))
 
 
-def _products(left: ComplexArray, right: ComplexArray, weight: FloatArray) -> FloatArray:
-    """Re Σ weight left* right over the lines, shape (columns of left, columns of right)."""
-    total = np.zeros((left.shape[1], right.shape[1]))
-    for begin in range(0, len(weight), AT_ONCE):  # copies of a block, not of everything
+def _products(groups: Sequence[ComplexArray], weight: FloatArray) -> FloatArray:
+    """Re Σ weight v* v over the lines for all pairs of the rows of ``groups``, each of shape (rows, lines)."""
+    count, root = sum(len(rows) for rows in groups), np.sqrt(weight)
+    total = np.zeros((count, count))
+    for begin in range(0, len(root), AT_ONCE):  # a block stays in the processor's cache
         part = slice(begin, begin + AT_ONCE)
-        total += np.real(np.conj(left[part]).T @ (weight[part, None] * right[part]))
+        block = np.empty((count, len(root[part])), dtype=complex)
+        at = 0
+        for rows in groups:
+            np.multiply(rows[:, part], root[part], out=block[at : at + len(rows)])
+            at += len(rows)
+        flat = block.view(float)
+        total += flat @ flat.T
     return total
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.lines.runs import Run
+from vibrident.lines.runs import Run, shifted_lines
 from vibrident.lines.transfer import StepTransfer
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
@@ -44,10 +44,10 @@ class LineNormal:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Runs of one sampling interval with the same number of lines, side by side.
+    """Runs of one sampling interval and length, side by side.
 
     Attributes:
-        shifted: w = z − 1 at the lines, shape (1 or R, L).
+        shifted: w = z − 1 at the lines, shape (1, L).
         inputs: shape (R, q, L).
         response: shape (R, L).
         runs: number of each run in the whole list, shape (R,).
@@ -60,13 +60,12 @@ class Batch:
 
     @classmethod
     def of(cls, runs: Sequence[Run], numbers: Sequence[int]) -> Batch:
-        """Runs with the same number of lines; ``numbers``: of each in the whole list."""
-        place = np.stack([2.0 * np.pi * run.lines / run.samples for run in runs])
-        if np.all(place == place[0]):
-            place = place[:1]
+        """Runs of the same number of samples; ``numbers``: of each in the whole list."""
         inputs, response = (run.inputs for run in runs), (run.response for run in runs)
         joined = np.stack if len(runs) > 1 else _alone  # of a long run a copy counts
-        return cls(np.expm1(1j * place), joined(list(inputs)), joined(list(response)), np.asarray(numbers))
+        return cls(
+            shifted_lines(runs[0].samples)[None], joined(list(inputs)), joined(list(response)), np.asarray(numbers)
+        )
 
 
 def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:

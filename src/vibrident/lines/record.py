@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -10,6 +11,7 @@ import numpy as np
 from scipy import fft
 
 from vibrident.lines.normal import horner
+from vibrident.lines.runs import shifted_lines
 from vibrident.lines.series import RunSeries
 from vibrident.measure.lines import line_counts
 from vibrident.measure.response import ComplexArray
@@ -22,7 +24,7 @@ MOST_COLUMNS, LARGEST = 400, 1e8
 #: Step of the central differences of the response.
 STEP = 1e-5
 
-#: What initial states and drift add at the lines, shape (lines, m); with True, their slopes over the record, too.
+#: What initial states and drift add at the lines, shape (m, lines); with True, their slopes over the record, too.
 FreeLines = Callable[[bool], ComplexArray]
 
 
@@ -64,7 +66,7 @@ class RecordLines:
         """Number of samples that are used."""
         return float(self.used.sum())
 
-    @property
+    @functools.cached_property
     def through(self) -> ComplexArray | None:
         """H at z, shape (lines,)."""
         return None if self.response is None else self.response(self.z)
@@ -76,23 +78,21 @@ class RecordLines:
         return [of_response((self.response(self.z + e) - self.response(self.z - e)) / (2.0 * STEP)) for e in ends]
 
     def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> ComplexArray:
-        """Lines of what is unknown beside the parameters, shape (lines, m).
+        """Lines of what is unknown beside the parameters, zero where they do not count, shape (m, lines).
 
         Args:
             edges: beside initial states, offset and drift of each run, the slopes of these.
             tones: places, in lines, of tones; each with its slope with frequency.
         """
-        free = np.zeros((len(self.twice), 0), dtype=complex) if self.free is None else self.free(edges)
-        found = np.concatenate([free, *(self._tone(place) for place in tones)], axis=1) if tones else free
-        for column in found.T:  # of a long record each copy counts
-            column[self.twice == 0.0] = 0.0
-            column /= max(float(np.linalg.norm(column)), np.finfo(float).tiny)
+        free = np.zeros((0, len(self.twice)), dtype=complex) if self.free is None else self.free(edges)
+        found = np.concatenate([free, *(self._tone(place) for place in tones)]) if tones else free
+        found[:, self.twice == 0.0] = 0.0
         return found
 
     def _tone(self, place: float) -> ComplexArray:
         turn = np.arange(self.samples) / max(self.samples, 1)
         waves = np.stack([wave(2.0 * np.pi * place * turn) * self.used for wave in (np.cos, np.sin)])
-        return np.asarray(fft.rfft(np.concatenate([waves, (turn - 0.5) * waves]), axis=1)).T
+        return np.asarray(fft.rfft(np.concatenate([waves, (turn - 0.5) * waves]), axis=1))
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""
@@ -102,7 +102,7 @@ class RecordLines:
 
 
 def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
-    """What the n initial states and a drift of a whole run add: z w^k / a and z / w, shape (lines, n + 1).
+    """What the n initial states and a drift of a whole run add: z w^k / a and z / w, shape (n + 1, lines).
 
     With their slopes over the record: z w^k / a² and z / w², which n more states and a curved drift would add.
 
@@ -113,17 +113,18 @@ def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
     order = len(denominator) - 1
 
     def lines(edges: bool) -> ComplexArray:
-        w = np.expm1(2j * np.pi / samples * np.arange(samples // 2 + 1))
+        w = shifted_lines(samples)
         over = 1.0 / horner(denominator, w)
-        found = np.empty((len(w), (order + 1) * (2 if edges else 1)), dtype=complex, order="F")
-        found[:, 0] = (1.0 + w) * over
+        found = np.empty(((order + 1) * (2 if edges else 1), len(w)), dtype=complex)
+        np.multiply(1.0 + w, over, out=found[0])
         for k in range(1, order):
-            found[:, k] = found[:, k - 1] * w
-        w[0] = 1.0  # line 0 does not count
-        found[:, order] = 1.0 + 1.0 / w
+            np.multiply(found[k - 1], w, out=found[k])
+        found[order, 0] = 2.0  # line 0 does not count
+        np.divide(1.0 + w[1:], w[1:], out=found[order, 1:])
         if edges:
-            np.multiply(found[:, :order], over[:, None], out=found[:, order + 1 : -1])
-            found[:, -1] = found[:, order] / w
+            np.multiply(found[:order], over, out=found[order + 1 : -1])
+            found[-1, 0] = 2.0
+            np.divide(found[order, 1:], w[1:], out=found[-1, 1:])
         return found
 
     return lines
@@ -149,7 +150,7 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
                 placed = np.zeros(samples)
                 placed[place] = row
                 columns += [placed, turn * placed] if edges else [placed]
-        return np.asarray(fft.rfft(np.array(columns), axis=1)).T
+        return np.asarray(fft.rfft(np.array(columns), axis=1))
 
     return lines
 

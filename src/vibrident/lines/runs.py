@@ -27,12 +27,11 @@ MOST_KEPT = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """An unbroken run of N steps of one record, at L lines of its transform.
+    """An unbroken run of N steps of one record, at the L = N // 2 + 1 lines of its transform.
 
     Attributes:
         record: number of the record.
         span: samples of the response.
-        lines: numbers m of the lines, shape (L,).
         inputs: transforms of the inputs of the steps, shape (q, L).
         response: transform of the response, zero where it is not used, shape (L,).
         used: which samples of the response are used, shape (N,); None: all of them.
@@ -40,7 +39,6 @@ class Run:
 
     record: int
     span: slice
-    lines: NDArray[np.int_]
     inputs: ComplexArray
     response: ComplexArray
     used: BoolArray | None = None
@@ -49,6 +47,20 @@ class Run:
     def samples(self) -> int:
         """Number of steps N."""
         return int(self.span.stop - self.span.start)
+
+
+def shifted_lines(samples: int) -> ComplexArray:
+    """W = z − 1 at the lines of a run of N samples, shape (N // 2 + 1,); do not write to it."""
+    return (_shifted_kept if samples <= MOST_KEPT else _shifted)(samples)
+
+
+def _shifted(samples: int) -> ComplexArray:
+    found: ComplexArray = np.expm1(2j * np.pi / samples * np.arange(samples // 2 + 1))
+    found.flags.writeable = False
+    return found
+
+
+_shifted_kept = functools.lru_cache(maxsize=8)(_shifted)
 
 
 def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
@@ -60,12 +72,11 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
         span: the run, in samples of the response.
         step: what makes the inputs of its steps.
     """
-    lines = np.arange((span.stop - span.start) // 2 + 1)
     reference, _ = seen_by_network(record, centred=True)
     inputs = input_lines(reference, span, step)
     used = record.mask[span]
     response = np.asarray(fft.rfft(np.where(used, record.response[span], 0.0)))
-    return Run(number, span, lines, inputs, response, None if used.all() else used)
+    return Run(number, span, inputs, response, None if used.all() else used)
 
 
 def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import fft
 
 from vibrident.lines.normal import LineNormal, horner, modelled_slopes
-from vibrident.lines.runs import Run
+from vibrident.lines.runs import Run, shifted_lines
 from vibrident.lines.transfer import StepTransfer
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
@@ -61,7 +61,7 @@ def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSerie
         slope: its derivatives with P parameters, in a leading axis.
     """
     used: BoolArray = np.ones(run.samples, dtype=bool) if run.used is None else run.used
-    w = np.expm1(2j * np.pi / run.samples * run.lines)
+    w = shifted_lines(run.samples)
     over = 1.0 / horner(transfer.denominator, w)
     forced = np.zeros_like(over)
     for column, own in zip(transfer.numerator.T, run.inputs, strict=True):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.measure.quality import FEWEST_PERIODS, Finding
-from vibrident.measure.tones import spectral_peak, tone_frequency
+from vibrident.measure.tones import spectral_peak, tone_frequency, turning
 from vibrident.records import BoolArray, FloatArray, Record
 
 #: Tones in one ratio to what is stated, that far from one; a single record may have been given a rough frequency_hz.
@@ -108,8 +108,8 @@ def _without_trend(values: FloatArray, mask: BoolArray) -> FloatArray:
 
 def _without_tone(motion: FloatArray, mask: BoolArray, rate_hz: float, frequency_hz: float) -> tuple[float, FloatArray]:
     """Amplitude of a tone, and what is left without it, shape (samples,)."""
-    angle = 2 * np.pi * frequency_hz / rate_hz * np.arange(motion.size)
-    waves = np.stack([np.cos(angle), np.sin(angle)]) * mask
+    wave = turning(motion.size, 2 * np.pi * frequency_hz / rate_hz) * mask
+    waves = np.stack([wave.real, wave.imag])
     parts, *_ = np.linalg.lstsq(waves @ waves.T, waves @ motion, rcond=None)
     return float(np.hypot(*parts)), motion - parts @ waves
 

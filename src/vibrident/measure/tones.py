@@ -96,13 +96,14 @@ def _sine_fit(record: Record) -> tuple[float, ComplexArray, FloatArray]:
     channels = np.stack([reference, response])
     design = np.empty((4, record.samples))
     design[2], design[3] = 1.0, t / span
-    if not mask.all():
+    interval, whole = record.sampling_interval_s, bool(mask.all())
+    if not whole:
         t, channels, design = t[mask], channels[:, mask], np.ascontiguousarray(design[:, mask])
     power = np.sum(channels**2, axis=1)
     for _ in range(FREQUENCY_ITERATIONS):
-        angle = omega * t
-        np.cos(angle, out=design[0])
-        np.sin(angle, out=design[1])
+        wave = turning(record.samples, omega * interval, -0.5 * omega * span)
+        wave = wave if whole else wave[mask]
+        design[0], design[1] = wave.real, wave.imag
         normal = design @ design.T
         found = np.linalg.solve(normal, design @ channels.T)  # (4, channels)
         residual = channels - found.T @ design
@@ -146,28 +147,30 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
 
 
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
-    mask, times = record.mask, record.time_s
-    channels = np.stack([np.asarray(record.reference), record.response])
-    design = _told_apart(_design(times, frequency, record.sampling_rate_hz), channels, mask)
-    extra = _free_response(times, poles, record.sampling_rate_hz)
-    whole = design if extra is None else np.concatenate([design, extra])
-    if extra is None:
-        found, residual = _least_squares(design, channels, mask)
-    else:
-        first, residual_reference = _least_squares(design, channels[:1], mask)
-        second, residual_response = _least_squares(whole, channels[1:], mask)
-        found = np.concatenate([first, second[: design.shape[0]]], axis=1)
-        residual = np.concatenate([residual_reference, residual_response])
-    harmonics = (design.shape[0] - 2) // 2
+    mask, rate = record.mask, record.sampling_rate_hz
+    times, place = record.time_s, _span(mask)
+    channels = np.stack([np.asarray(record.reference), record.response])[:, place] * _kept(mask, place)
+    tone, extra = _design(times, frequency, rate), _free_response(times, poles, rate)
+    whole = np.concatenate([tone, *([] if extra is None else [extra])])[:, place] * _kept(mask, place)
+    count, own = float(mask.sum()), np.arange(len(tone))
+    gram = whole @ whole.T
+    if not mask.all():
+        own = _told_apart(own, whole, gram, channels, count)
+    rows = np.concatenate([own, np.arange(len(tone), len(whole))])
+    whole, gram = (whole, gram) if len(rows) == len(whole) else (whole[rows], gram[np.ix_(rows, rows)])
+    found, rest = _least_squares(whole, gram, channels, (len(own), len(rows)))
+    harmonics = (len(own) - 2) // 2
     # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
     amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
-    left = np.stack([_noise_left(design, mask), _noise_left(whole, mask)])
-    lines_hz, lines = _noise_lines(residual, mask, frequency, record.sampling_rate_hz, harmonics, left)
-    used = whole if mask.all() else whole * mask
-    lines *= np.sqrt(_cost(used @ used.T, float(mask.sum())))
-    free = max(float(mask.sum()) - whole.shape[0], 1.0)
+    residual, fitted = np.zeros((2, mask.size)), np.zeros((len(rows) if mask.size <= SHORT else 0, mask.size))
+    residual[:, place] = rest
+    fitted[:, place] = whole[: len(fitted)]
+    left = np.stack([_noise_left(fitted[:number], number, mask) for number in (len(own), len(rows))])
+    lines_hz, lines = _noise_lines(residual, mask, frequency, rate, harmonics, left)
+    lines *= np.sqrt(_cost(gram, count))
+    free = max(count - len(rows), 1.0)
     overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
-    count = lines_hz.shape[0]
+    number = lines_hz.shape[0]
     return MeasuredResponse(
         np.array([frequency]),
         amplitude[0, :1],
@@ -175,57 +178,66 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         lines_hz[None, :],
         lines[:1],
         lines[1:],
-        np.ones((1, count)),
-        np.array([min(2.0 * count / HANN_CORRELATION, free)]),
+        np.ones((1, number)),
+        np.array([min(2.0 * number / HANN_CORRELATION, free)]),
         np.array([index]),
         overtones[None, :],
     )
 
 
+def _span(mask: NDArray[np.bool_]) -> slice:
+    """From the first sample that is used to the last."""
+    used = np.flatnonzero(mask)
+    return slice(int(used[0]), int(used[-1]) + 1) if used.size else slice(0, 0)
+
+
+def _kept(mask: NDArray[np.bool_], place: slice) -> NDArray[np.bool_] | float:
+    """One for samples of the span that are used, zero for others."""
+    return 1.0 if mask[place].all() else mask[place]
+
+
 def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
     """Rows cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, 1, t."""
-    angle = 2.0 * np.pi * frequency * times
     highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(times[-1] * rate / 16)))
     rows = np.empty((2 * highest + 2, times.shape[0]))
-    np.cos(angle, out=rows[0])
-    np.sin(angle, out=rows[1])
-    for h in range(2, highest + 1):  # e^{jhωt} = e^{j(h−1)ωt} e^{jωt}
-        c, s = rows[2 * h - 4], rows[2 * h - 3]
-        rows[2 * h - 2] = c * rows[0] - s * rows[1]
-        rows[2 * h - 1] = s * rows[0] + c * rows[1]
+    wave = turning(times.shape[0], 2.0 * np.pi * frequency / rate)
+    turned = wave.copy()
+    for h in range(highest):  # e^{j(h+1)ωt} = e^{jhωt} e^{jωt}
+        rows[2 * h], rows[2 * h + 1] = turned.real, turned.imag
+        if h + 1 < highest:
+            turned *= wave
     rows[-2] = 1.0
     # A trend looks like part of a sine that is seen for a period or two only.
     rows[-1] = (times / times[-1] - 0.5) if frequency * times[-1] >= 3.0 else 0.0
     return rows
 
 
-def _told_apart(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
-    """The design without harmonics that samples left out make one with the tone.
+def _told_apart(
+    rows: NDArray[np.int_], whole: FloatArray, gram: FloatArray, channels: FloatArray, count: float
+) -> NDArray[np.int_]:
+    """The rows of the tone's design without harmonics that samples left out make one with the tone.
 
     Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times
     a factor, which grows with the harmonics. Those that are heard in either channel stay whatever they cost: without
     them the tone would be wrong.
     """
-    if mask.all():
-        return design
-    used, rows = design * mask, np.arange(design.shape[0])
-    gram, count = used @ used.T, float(mask.sum())
-    alone = _cost(gram[np.ix_([0, 1, -2, -1], [0, 1, -2, -1])], count)
-    for highest in range((design.shape[0] - 2) // 2, 0, -1):
-        which = np.concatenate([rows[: 2 * highest], rows[-2:]])
-        if _cost(gram[np.ix_(which, which)], count) > MOST_COST * alone and highest > 1:
+    offset = rows[-2:]
+    alone = np.concatenate([rows[:2], offset])
+    most = MOST_COST * _cost(gram[np.ix_(alone, alone)], count)
+    for highest in range((len(rows) - 2) // 2, 0, -1):
+        which = np.concatenate([rows[: 2 * highest], offset])
+        if _cost(gram[np.ix_(which, which)], count) > most and highest > 1:
             continue
-        if (dropped := design.shape[0] - which.size) == 0:
-            return design
-        every, kept = _left(design, channels, mask), design[which]
-        heard = _left(kept, channels, mask) > every * (1.0 + HEARD * dropped / count)
-        return design if np.any(heard) else kept
-    return design
-
-
-def _left(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
-    """Sum of squares that the design leaves of each channel."""
-    return np.sum(_least_squares(design, channels, mask)[1] ** 2, axis=1)
+        if (dropped := len(rows) - which.size) == 0:
+            return rows
+        every, kept = (
+            np.sum(
+                _least_squares(whole[some], gram[np.ix_(some, some)], channels, (len(some), len(some)))[1] ** 2, axis=1
+            )
+            for some in (rows, which)
+        )
+        return rows if np.any(kept > every * (1.0 + HEARD * dropped / count)) else which
+    return rows
 
 
 def _cost(gram: FloatArray, count: float) -> float:
@@ -258,32 +270,48 @@ def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -
     return np.stack(rows) if rows else None
 
 
-def _least_squares(design: FloatArray, channels: FloatArray, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Coefficients (rows, channels) and residual (channels, samples), zero where the mask is."""
-    used = design if mask.all() else design * mask
-    gram = used @ used.T
+def _least_squares(
+    rows: FloatArray, gram: FloatArray, channels: FloatArray, numbers: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """Coefficients (rows, channels) and residual (channels, samples).
+
+    Args:
+        rows: zero where samples are not used, shape (rows, samples).
+        gram: their products.
+        channels: zero where samples are not used, shape (channels, samples).
+        numbers: how many of the rows each channel is fitted by; the others' coefficients are zero.
+    """
+    inverses = np.zeros((len(channels), *gram.shape))
+    for channel, number in enumerate(numbers):
+        inverses[channel, :number, :number] = _scaled_inverse(gram[:number, :number])
+
+    def fitted(right: FloatArray) -> FloatArray:
+        return np.einsum("cij,jc->ic", inverses, rows @ right.T)
+
+    found = fitted(channels)
+    found += fitted(channels - found.T @ rows)  # one step of refinement: normal equations lose half the digits
+    return found, channels - found.T @ rows
+
+
+def _scaled_inverse(gram: FloatArray) -> FloatArray:
     norm = np.sqrt(np.diag(gram))
     norm = np.where(norm == 0, 1.0, norm)
     values, vectors = np.linalg.eigh(gram / norm[:, None] / norm)
     kept = np.where(values > 1e-10, 1.0 / np.maximum(values, 1e-10), 0.0)
-    inverse = (vectors * kept) @ vectors.T / norm[:, None] / norm
-    found = inverse @ (used @ channels.T)
-    residual = channels - found.T @ design
-    found += inverse @ (used @ residual.T)  # one step of refinement: normal equations lose half the digits
-    return found, (channels - found.T @ design) * mask
+    return (vectors * kept) @ vectors.T / norm[:, None] / norm
 
 
-def _noise_left(design: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
-    """Part of white noise that the fit leaves of each windowed line, shape (lines,).
+def _noise_left(design: FloatArray, rows: int, mask: NDArray[np.bool_]) -> FloatArray:
+    """Part of white noise that the fit of so many rows leaves of each windowed line, shape (lines,).
 
     Few periods: harmonics, offset and free response take nearly all of the lines beside the tone. In a long record they
     take the same of all.
     """
     count = float(mask.sum())
     if mask.size > SHORT:
-        return np.full(mask.size // 2 + 1, max(count - design.shape[0], 1.0) / count)
+        return np.full(mask.size // 2 + 1, max(count - rows, 1.0) / count)
     window = hann(mask.size) * mask
-    left, size, _ = np.linalg.svd((design * mask).T, full_matrices=False)
+    left, size, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left[:, size > 1e-5 * size[0]].T
     taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(window**2)
     return np.maximum(1.0 - taken, 1e-3)
@@ -321,6 +349,14 @@ def _noise_lines(
     # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
     scale = np.sqrt(2.0 / (np.sum(window**2) * max(int(mask.sum()), 1)))
     return chosen * rate / n, scale * spectrum[:, chosen] / np.sqrt(left[:, chosen])
+
+
+def turning(samples: int, angle: float, first: float = 0.0) -> ComplexArray:
+    """e^{j(first + angle k)} for k = 0 … samples − 1: products of two tables, which take a root of the functions."""
+    width = max(int(np.sqrt(samples)), 1)
+    steps = np.exp(1j * angle * np.arange(width))
+    begins = np.exp(1j * (first + angle * width * np.arange(-(-samples // width))))
+    return (begins[:, None] * steps).ravel()[:samples]
 
 
 @functools.lru_cache(maxsize=8)
