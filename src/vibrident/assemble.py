@@ -33,6 +33,7 @@ from vibrident.uncertainty.adequacy import (
 from vibrident.uncertainty.effects import deviation_uncertainty, patterns
 from vibrident.uncertainty.identifiability import NOTHING
 from vibrident.uncertainty.linearised import Linearised
+from vibrident.uncertainty.steps import effects_of_steps
 
 #: Samples of all excerpts together, and of one.
 MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
@@ -56,7 +57,8 @@ class Judgement:
         tones: of the sine records, cleaned; None without sines.
         points: what the adequacy is made of, those of the tones first.
         overtones: records in whose response the sensor adds harmonics.
-        effects: stated systematic effects, and how much of each the data show, in its standard uncertainties.
+        found: systematic effects that were found in the data.
+        effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
         removed: factor on the measured response that takes these out of it, shape (points,); None: nothing to remove.
         without: the estimate that the response without them gives, shape (p,).
     """
@@ -71,6 +73,7 @@ class Judgement:
     tones: MeasuredResponse | None = None
     points: tuple[Points, ...] = ()
     overtones: tuple[Overtone, ...] = ()
+    found: tuple[SystematicEffect, ...] = ()
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
     removed: ComplexArray | None = None
     without: FloatArray | None = None
@@ -110,7 +113,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         adequacy = replace(adequacy, adequate=False)
         text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
     signals = _excerpts(evidence, predicted)
-    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), added)
+    found = tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else ()
+    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), added, found)
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:

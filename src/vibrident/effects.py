@@ -8,7 +8,7 @@ from typing import Literal
 
 #: What a calibration file can state.
 StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]
-EffectKind = Literal[StatedKind, "ellipse", "cyclic"]
+EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding"]
 EFFECT_UNITS: dict[EffectKind, str] = {
     "gain": "1",
     "timing": "s",
@@ -17,6 +17,7 @@ EFFECT_UNITS: dict[EffectKind, str] = {
     "clock": "1",
     "ellipse": "1",
     "cyclic": "1",
+    "rounding": "1",
 }
 
 
@@ -28,7 +29,8 @@ class SystematicEffect:
         source: what it comes from, in words.
         kind: how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
             (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative). Found in an
-            interferometer's signals: ``ellipse`` and ``cyclic`` (relative, with a ``pattern``).
+            interferometer's signals: ``ellipse`` and ``cyclic``; found in the records: ``rounding`` (relative, with a
+            ``pattern``).
         standard_uncertainty: in ``unit``.
         frequency_hz: of a mounting effect; None otherwise.
         degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.

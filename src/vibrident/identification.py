@@ -29,14 +29,13 @@ from vibrident.problem import Evidence
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
-from vibrident.systematic import covered, measured, seen
+from vibrident.systematic import all_effects, covered, measured, seen
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
 from vibrident.uncertainty.budget import (
     DATA,
     Row,
     as_settings,
     effective_degrees_of_freedom,
-    effects_of,
     rows_of_effects,
 )
 from vibrident.uncertainty.curve import frequencies
@@ -176,7 +175,7 @@ def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[Row]:
     """The budget of a calibration by itself: its data, then each systematic effect."""
     evidence, estimate = fitted.evidence, fitted.estimate
     covariance, freedom, scope = _scaled(evidence, estimate, fitted.judgement, uncertainty)
-    effects = effects_of(evidence.calibration)
+    effects = all_effects(evidence, fitted.judgement)
     rows = rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, fitted.linear)
     return [Row(scope, DATA, None, "", freedom, covariance), *rows]
 

@@ -29,6 +29,7 @@ from vibrident.uncertainty.agreement import estimators_disagree
 from vibrident.uncertainty.alternatives import Solution, other_solutions
 from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.band import band_sensitive
+from vibrident.uncertainty.effects import patterns
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import parameter_units
 
@@ -187,7 +188,11 @@ def _moving(
     units = parameter_units(evidence.model, evidence.calibration)
     points, at = _undisturbed(estimate, judgement, judgement.adequacy)
     linear = linearised(evidence, at, replace(judgement, adequacy=points))
-    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, (judgement.scatter or 1.0) ** 2)
+    common = None
+    if judgement.found:
+        shape = patterns(judgement.found, coordinates, at.z, evidence.quantity, linear.frequency_hz)
+        common = np.where(linear.is_phase[:, None], shape.imag, shape.real) * linear.weight[:, None]
+    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, (judgement.scatter or 1.0) ** 2, common)
     if judgement.tones is not None and estimate.estimator != "ml":
         alone = _of_points(evidence, estimate, judgement.points[0])
         largest = max((abs(size) for _, size in judgement.effects), default=1.0)

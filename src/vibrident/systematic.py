@@ -20,6 +20,11 @@ from vibrident.uncertainty.budget import DATA, Row, effects_of
 from vibrident.uncertainty.effects import Explained, Weighted, explain, patterns
 
 
+def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffect]:
+    """Systematic effects as stated, and those that were found in the data."""
+    return [*effects_of(evidence.calibration), *judgement.found]
+
+
 def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
     """The same judgement, with the systematic effects that were stated in the covariance of the deviations.
 
@@ -28,7 +33,7 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
         estimate: the fit.
         judgement: what noise alone says of it.
     """
-    effects, adequacy = effects_of(evidence.calibration), judgement.adequacy
+    effects, adequacy = all_effects(evidence, judgement), judgement.adequacy
     if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
         return judgement
     if not evidence.model.is_linear or (adequacy.chi2_reduced is None and judgement.scatter is None):
@@ -122,7 +127,7 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
 
 def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
     """The points of a fit, with the stated effects in their uncertainties."""
-    effects, linear = effects_of(evidence.calibration), linearised(evidence, estimate, judgement)
+    effects, linear = all_effects(evidence, judgement), linearised(evidence, estimate, judgement)
     return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
 
 

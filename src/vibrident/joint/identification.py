@@ -22,7 +22,8 @@ from vibrident.joint.sharing import joined
 from vibrident.naming import amount, in_words
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
-from vibrident.uncertainty.budget import DATA, Row, effects_of, row_of_effect, shift_of_effect
+from vibrident.systematic import all_effects
+from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
 from vibrident.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 
 #: What is covered of a calibration whose own fit is of no use.
@@ -195,7 +196,7 @@ def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
     found: dict[SystematicEffect, dict[int, FloatArray]] = {}
     for index, one in enumerate(placed):
         coordinates, z, quantity = one.estimate.coordinates, one.estimate.z, one.evidence.quantity
-        for effect in effects_of(one.evidence.calibration):
+        for effect in all_effects(one.evidence, one.judgement):
             shift = shift_of_effect(effect, coordinates, z, quantity, one.linear)
             found.setdefault(effect, {})[index] = shift
     effects = []

@@ -14,14 +14,15 @@ import numpy as np
 
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: Samples looked at. More different values than this part of them tell no steps, and need none: they are white noise.
-SOME, DIFFERENT = 20_000, 0.9
-#: Values closer than this part of the range are the same; all lie on the grid to this part of a step.
-SAME, ON_GRID = 1e-12, 0.05
+#: Samples looked at.
+SOME = 20_000
+#: Values closer than this part of the range are the same; all lie on the grid to this part of a step, and fewer than so
+#: many different ones may do so by chance. The least difference of two may be so many steps.
+SAME, ON_GRID, FEWEST, STEPS_APART = 1e-12, 0.05, 3, 4
 
 
 def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
-    """The converter's step, where values repeat and lie on a grid; else zero.
+    """The converter's step, where values lie on a grid; else zero.
 
     Args:
         values: one channel, shape (samples,).
@@ -30,12 +31,15 @@ def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
     every = slice(None, None, max(1, values.size // SOME))
     seen = values[every] if valid is None else values[every][valid[every]]
     some = np.unique(seen)
-    if some.size < 3 or some.size > DIFFERENT * seen.size:
+    if some.size < FEWEST:
         return 0.0
     gaps = np.diff(some)
-    step = float(np.min(gaps[gaps > SAME * (some[-1] - some[0])]))
-    place = (some - some[0]) / step
-    return step if float(np.max(np.abs(place - np.rint(place)))) < ON_GRID else 0.0
+    least = float(np.min(gaps[gaps > SAME * (some[-1] - some[0])]))
+    for parts in range(1, STEPS_APART + 1):
+        place = (some - some[0]) * (parts / least)
+        if float(np.max(np.abs(place - np.rint(place)))) < ON_GRID:
+            return least / parts
+    return 0.0
 
 
 def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) -> FloatArray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,7 @@ def band_sensitive(
     covariance: FloatArray,
     units: Mapping[str, str],
     variance_factor: float = 1.0,
+    common: FloatArray | None = None,
 ) -> list[ResultWarning]:
     """A warning for each parameter that the lower or the upper two thirds of the frequencies would move.
 
@@ -44,6 +46,7 @@ def band_sensitive(
         covariance: of z, as stated, shape (p, p); a shift within its standard uncertainty is covered.
         units: of the parameters, by name.
         variance_factor: of the rows, where no uncertainty was stated.
+        common: systematic effects of unknown amount in the rows, in their standard deviations, shape (m, K).
     """
     frequencies = np.unique(linear.frequency_hz)
     if len(frequencies) < 6:
@@ -61,7 +64,11 @@ def band_sensitive(
         part, part_covariance = linear.solve(keep)
         shift = part - whole
         own = np.diag(whole_covariance)
-        spread = np.sqrt(variance_factor * np.maximum(np.diag(part_covariance) - own, LEAST**2 * own))
+        variance = variance_factor * np.maximum(np.diag(part_covariance) - own, LEAST**2 * own)
+        for effect in () if common is None else common.T:
+            with_it = replace(linear, rest=effect)
+            variance = variance + (with_it.solve(keep)[0] - with_it.solve()[0]) ** 2
+        spread = np.sqrt(variance)
         moved = np.abs(shift) > np.maximum(np.maximum(SIGNIFICANT * spread, IRRELEVANT), stated)
         told = variance_factor * np.diag(part_covariance) < WEAK**2
         for index in np.flatnonzero(moved & told):

@@ -10,6 +10,7 @@ A contribution changes the measured response by a known pattern over frequency, 
 | mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (a stiff mount well below its resonance) |
 | clock | −f ∂ log H/∂f | relative (sampling rate) |
 | ellipse, cyclic | tabulated by the interferometer's signals | relative |
+| rounding | tabulated by the records and their converters' steps | relative |
 
 The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so more data do not
 reduce it.

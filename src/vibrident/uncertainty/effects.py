@@ -100,7 +100,9 @@ def explain(
     if not np.all(np.isfinite(found.x)) or np.any(np.abs(shift) > allowed):
         return None
     jacobian = found.jac[: -shape.shape[1]]
-    chance = _chance(amounts, jacobian[:, :p], jacobian[:, p:])
+    stated = np.array([effect.kind != "rounding" for effect in effects])  # of the others the size is no claim
+    beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
+    chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
     return Explained(amounts, float(2.0 * found.cost), np.exp(-shape @ amounts), z + shift, chance)
 
 

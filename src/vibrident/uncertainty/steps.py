@@ -1,0 +1,172 @@
+"""What a converter's steps do to the points: an error that repeats with the motion.
+
+Rounding errors of a motion that is no noise are no noise either (Widrow & Kollár 2008): part of them keeps time with
+the motion and acts as a gain. It depends on where the peaks lie between two steps, which nothing tells, and in records
+of one motion it is always the same, so that more of them do not reduce it. The predicted response, and the reference
+without what lies above its band, are therefore rounded at several sizes within one step; what of the errors is coherent
+with the motion at each point is taken as a systematic effect of unknown amount. Where noise is larger than the steps,
+their errors are noise, and nothing is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy import fft
+
+from vibrident.measure.bands import band_edges
+from vibrident.measure.lines import line_frequencies
+from vibrident.measure.response import ComplexArray
+from vibrident.measure.rounding import converter_step
+from vibrident.measure.tones import hann
+from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
+from vibrident.uncertainty.adequacy import Adequacy
+
+#: Sizes within one step that are tried.
+TRIALS = 6
+#: Noise of so many steps makes white noise of rounding.
+DITHERED = 0.6
+#: An effect counts from so many standard deviations of all points together.
+LEAST = 0.3
+#: Motion stands so many times above the power of rounding errors when this part of the record is faded at either end;
+#: its band ends so many lines behind the last such line, a sine's at so many times its frequency; beyond this part of
+#: the rate nothing is left to tell noise by.
+STANDS_OUT, FADED, BEHIND, SINE_BAND, HIGHEST = 30.0, 16, 3, 1.5, 0.45
+#: Lines beyond the band that tell noise, by the part of them that hold least: the others may hold a motion's skirts.
+FEWEST_BEYOND, QUIET = 10, 0.1
+
+SOURCE = "steps of the converters"
+
+
+def effects_of_steps(
+    records: Sequence[Record],
+    predicted: Sequence[FloatArray],
+    response: Callable[[FloatArray], ComplexArray],
+    points: Adequacy,
+) -> list[SystematicEffect]:
+    """The effects that matter, none where noise hides the steps.
+
+    Args:
+        records: as they were fitted.
+        predicted: response of each by the model, NaN where there is none.
+        response: function from frequencies to the model's complex sensitivity.
+        points: where the fit is judged.
+    """
+    rows = []
+    owner = {record.name: index for index, record in enumerate(records)}
+    at = np.array([owner.get(name, -1) for name in points.record])
+    for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
+        places = np.flatnonzero(at == index)
+        if record.reference is not None and places.size:
+            found = _errors(record, series, response, points.frequency_hz[places])
+            rows.append((places, found))
+    patterns = np.zeros((2 * TRIALS, len(at)), dtype=complex)
+    for places, found in rows:
+        patterns[:, places] = found
+    return _as_effects(patterns / np.sqrt(TRIALS), points)
+
+
+def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffect]:
+    """The same covariance by as few effects as do; patterns of shape (K, points)."""
+    weighted = patterns / points.relative_deviation
+    if not np.any(weighted) or not np.all(np.isfinite(weighted)):
+        return []
+    left, size, _ = np.linalg.svd(np.concatenate([weighted.real, weighted.imag], axis=1), full_matrices=False)
+    shapes = left[:, size > LEAST].T @ patterns
+    frequency, which = np.unique(points.frequency_hz, return_inverse=True)
+    weight = points.relative_deviation**-2.0
+    total = np.bincount(which, weight)
+    found = []
+    for shape in shapes:
+        real, imaginary = (np.bincount(which, weight * part) / total for part in (shape.real, shape.imag))
+        pattern = tuple(zip(frequency.tolist(), real.tolist(), imaginary.tolist(), strict=True))
+        found.append(SystematicEffect(SOURCE, "rounding", 1.0, degrees_of_freedom=float(TRIALS), pattern=pattern))
+    return found
+
+
+def _errors(
+    record: Record, series: FloatArray, response: Callable[[FloatArray], ComplexArray], frequency_hz: FloatArray
+) -> ComplexArray:
+    """Relative error of the response at each frequency, by both channels' steps, shape (2 TRIALS, frequencies)."""
+    assert record.reference is not None
+    found = np.zeros((2 * TRIALS, frequency_hz.size), dtype=complex)
+    used = record.mask & np.isfinite(series)
+    steps = converter_step(record.response, record.mask), converter_step(record.reference, record.reference_mask)
+    if not used.any() or not any(steps):
+        return found
+    predicted = np.where(used, series, 0.0)
+    if steps[0] > 0.0 and np.std((record.response - predicted)[used]) < DITHERED * steps[0]:
+        errors = rounding_errors(predicted, used, steps[0], float(record.response[used][0]))
+        found[:TRIALS] = _coherent(record, errors, predicted, used, None, frequency_hz)
+    smooth = _within_band(record, steps[1], frequency_hz) if steps[1] > 0.0 else None
+    if smooth is not None:
+        errors = rounding_errors(smooth, used, steps[1], float(record.reference[used][0]))
+        found[TRIALS:] = -_coherent(record, errors, predicted, used, response, frequency_hz)
+    return found
+
+
+def rounding_errors(values: FloatArray, used: BoolArray, step: float, origin: float) -> FloatArray:
+    """Rounded less true values, at TRIALS sizes of the motion within one step of its peak, shape (TRIALS, samples).
+
+    Args:
+        values: a channel without its rounding, shape (samples,).
+        used: samples that count; the others, and the mean, are zero, shape (samples,).
+        step: of the converter.
+        origin: a value that the converter gives.
+    """
+    mean = float(np.mean(values[used]))
+    motion = np.where(used, values - mean, 0.0)
+    peak = max(float(np.max(np.abs(motion))), step)
+    factor = 1.0 + ((np.arange(TRIALS) + 0.5) / TRIALS - 0.5) * step / peak
+    sized = factor[:, None] * motion + (mean - origin)
+    errors = step * np.rint(sized / step) - sized
+    return np.where(used, errors - np.mean(errors[:, used], axis=1, keepdims=True), 0.0)
+
+
+def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> FloatArray | None:
+    """The reference without what lies above its band, shape (samples,); None where that is noise larger than steps."""
+    assert record.reference is not None
+    used, samples, rate = record.reference_mask, record.samples, record.sampling_rate_hz
+    mean = float(np.mean(record.reference[used]))
+    motion = np.where(used, record.reference - mean, 0.0)
+    lines = np.asarray(fft.rfft(motion), dtype=complex)
+    width = samples // FADED
+    rise = np.sin(0.5 * np.pi * (np.arange(width) + 0.5) / max(width, 1)) ** 2
+    window = np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
+    last = int(SINE_BAND * float(np.max(frequency_hz)) * samples / rate)
+    if record.excitation != "sine":
+        power = np.abs(np.asarray(fft.rfft(window * motion))) ** 2
+        loud = np.flatnonzero(power > STANDS_OUT * step**2 / 12.0 * float(window @ window))
+        last = int(loud[-1]) + BEHIND if loud.size else 0
+    beyond = np.abs(lines[last : int(HIGHEST * samples)]) ** 2 / samples
+    if beyond.size < FEWEST_BEYOND or np.quantile(beyond, QUIET) > -np.log(1.0 - QUIET) * (DITHERED * step) ** 2:
+        return None
+    lines[last:] = 0.0
+    return np.asarray(fft.irfft(lines, samples)) + mean
+
+
+def _coherent(
+    record: Record,
+    errors: FloatArray,
+    predicted: FloatArray,
+    used: BoolArray,
+    through: Callable[[FloatArray], ComplexArray] | None,
+    frequency_hz: FloatArray,
+) -> ComplexArray:
+    """What of the errors, through the sensor where it is given, is coherent with the prediction, relative to it."""
+    motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
+    samples, rate = record.samples, record.sampling_rate_hz
+    if record.excitation == "sine":
+        turn = hann(samples) * np.exp(-2j * np.pi / rate * np.outer(frequency_hz, np.arange(samples)))
+        gain = 1.0 if through is None else through(frequency_hz)
+        return np.asarray(gain * (errors @ turn.T) / (turn @ motion), dtype=complex)
+    lines = np.asarray(fft.rfft(errors, axis=1), dtype=complex)
+    if through is not None:
+        lines *= through(line_frequencies(samples, rate))
+    moved = np.asarray(fft.rfft(motion), dtype=complex)
+    edges = band_edges(samples, rate).astype(int)
+    common = np.add.reduceat(lines[:, : edges[-1]] * np.conj(moved[: edges[-1]]), edges[:-1], axis=1)
+    power = np.add.reduceat(np.abs(moved[: edges[-1]]) ** 2, edges[:-1])
+    band = np.clip(np.searchsorted(edges, frequency_hz * samples / rate, side="right") - 1, 0, len(edges) - 2)
+    return np.asarray(common[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex)
