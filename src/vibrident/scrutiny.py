@@ -191,7 +191,7 @@ def _moving(
     common = None
     if judgement.found:
         shape = patterns(judgement.found, coordinates, at.z, evidence.quantity, linear.frequency_hz)
-        common = np.where(linear.is_phase[:, None], shape.imag, shape.real) * linear.weight[:, None]
+        common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
     warnings = band_sensitive(linear, coordinates, at.z, covariance, units, (judgement.scatter or 1.0) ** 2, common)
     if judgement.tones is not None and estimate.estimator != "ml":
         alone = _of_points(evidence, estimate, judgement.points[0])
