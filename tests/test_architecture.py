@@ -67,6 +67,7 @@ LAYERS = (
     "terminal",
     "history",
     "paper",
+    "workflow",
     "cli",
     "web",
     "__main__",

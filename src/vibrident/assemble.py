@@ -202,7 +202,7 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     except InputError:  # all records too short to interpolate: the tones stand alone
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
     predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
-    if estimate.estimator != "ipnn":
+    if estimate.criterion != "samples":
         return predicted, {}
     first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
     scale = evidence.model.rational(values, evidence.quantity).angular_scale

@@ -17,8 +17,7 @@ from vibrident import __version__
 from vibrident.assemble import Judgement, fit_of_signals, fit_of_table
 from vibrident.attempts import fitted_and_judged, judged
 from vibrident.decay import decays_alone, identify_decays, require_plain
-from vibrident.errors import ModelError
-from vibrident.estimators import Estimate, Estimator, Ipnn, LeastSquares, MaximumLikelihood, choose
+from vibrident.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.measure import Finding
 from vibrident.measure.drift import without_drift
@@ -27,6 +26,7 @@ from vibrident.models import SensorModel, parse
 from vibrident.naming import in_words
 from vibrident.problem import Evidence
 from vibrident.records import Calibration, FloatArray
+from vibrident.registry import ESTIMATORS
 from vibrident.result import Result, ResultWarning, Training
 from vibrident.scrutiny import linearised, second_thoughts
 from vibrident.systematic import all_effects, covered, measured, seen
@@ -43,12 +43,6 @@ from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
 
 Uncertainty = Literal["auto", "noise", "inflated"]
-EstimatorName = Literal["auto", "ipnn", "ml", "lsm"]
-ESTIMATORS: dict[str, type[Ipnn] | type[MaximumLikelihood] | type[LeastSquares]] = {
-    "ipnn": Ipnn,
-    "ml": MaximumLikelihood,
-    "lsm": LeastSquares,
-}
 #: Shown iterations of the optimiser in a result.
 MOST_TRACE = 400
 
@@ -60,7 +54,7 @@ if TYPE_CHECKING:
 def identify(
     calibration: Calibration,
     model: str | None = None,
-    estimator: EstimatorName | Estimator = "auto",
+    estimator: str | Estimator = AUTO,
     *,
     uncertainty: Uncertainty = "auto",
     posterior: Sampling | None = None,
@@ -146,7 +140,7 @@ class Fitted:
 def fit(
     calibration: Calibration,
     model: str | None,
-    estimator: EstimatorName | Estimator,
+    estimator: str | Estimator,
     *,
     uncertainty: Uncertainty,
     progress: Progress,
@@ -258,21 +252,11 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
     )
 
 
-def _estimator(evidence: Evidence, asked: EstimatorName | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
+def _estimator(evidence: Evidence, asked: str | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
     if not isinstance(asked, str):
         return asked, "chosen by the user"
-    name, reason = (str(asked), "chosen by the user") if asked != "auto" else choose(evidence)
-    if name not in ESTIMATORS:
-        raise ModelError(
-            f"The estimator {name!r} is not known.",
-            expected="auto | " + " | ".join(ESTIMATORS),
-            found=repr(name),
-            where="estimator",
-            remedy="choose one from the list",
-        )
-    if name == "ml":
-        return MaximumLikelihood(model_error=scope != "noise"), reason
-    return ESTIMATORS[name](), reason
+    chosen, reason = choose(evidence) if asked == AUTO else (ESTIMATORS[asked], "chosen by the user")
+    return (chosen.for_noise_alone() if scope == "noise" else chosen), reason
 
 
 def _scaled(

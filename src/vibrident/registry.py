@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from vibrident.errors import InputError, did_you_mean
+from vibrident.errors import InputError, ModelError, did_you_mean
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -210,5 +210,14 @@ EXPORTS: Registry[Any] = Registry(
 READERS: Registry[Any] = Registry(
     "reader", "vibrident.readers", ("io/formats",), ("vibrident.io.reader:Reader",), "file ending"
 )
+#: ``vibrident.estimators.base.Estimator`` objects, each with its settings at their defaults.
+ESTIMATORS: Registry[Any] = Registry(
+    "estimator",
+    "vibrident.estimators",
+    ("estimators/kinds",),
+    ("vibrident.estimators.base:Estimator",),
+    "estimator",
+    ModelError,
+)
 
-REGISTRIES = (READERS, EXPORTS)
+REGISTRIES = (ESTIMATORS, READERS, EXPORTS)

@@ -193,7 +193,7 @@ def _moving(
         shape = patterns(judgement.found, coordinates, at.z, evidence.quantity, linear.frequency_hz)
         common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
     warnings = band_sensitive(linear, coordinates, at.z, covariance, units, (judgement.scatter or 1.0) ** 2, common)
-    if judgement.tones is not None and estimate.estimator != "ml":
+    if judgement.tones is not None and estimate.criterion != "likelihood":
         alone = _of_points(evidence, estimate, judgement.points[0])
         largest = max((abs(size) for _, size in judgement.effects), default=1.0)
         spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently

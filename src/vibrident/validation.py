@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.errors import VibridentError
-from vibrident.estimators import Estimator
+from vibrident.estimators import AUTO, Estimator
 from vibrident.estimators.optimise import Progress, silent
-from vibrident.identification import EstimatorName, identify
+from vibrident.identification import identify
 from vibrident.measure.response import ComplexArray
 from vibrident.models import parse
 from vibrident.records import BoolArray, Calibration, FloatArray, ResponseTable
@@ -43,7 +43,7 @@ class CrossValidation:
 def cross_validate(
     calibration: Calibration,
     result: Result,
-    estimator: EstimatorName | Estimator = "auto",
+    estimator: str | Estimator = AUTO,
     *,
     folds: int = FOLDS,
     progress: Progress = silent,

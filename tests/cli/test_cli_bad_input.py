@@ -128,7 +128,7 @@ def test_a_missing_calibration_file(run, tmp_path):
     [
         (["--model", "acelerometer"], ["accelerometer", "did you mean"]),
         (["--model", "accelerometer+dely"], ["delay", "did you mean"]),
-        (["--estimator", "mll"], ["auto | ipnn | ml | lsm", "did you mean 'ml'"]),
+        (["--estimator", "mll"], ["auto | ipnn | lsm | ml", "did you mean 'ml'"]),
         (["--uncertainty", "big"], ["auto | noise | inflated"]),
         (["--estimator", "ipnn", "--discretisation", "eular"], ["did you mean 'euler'"]),
         (["--estimator", "ml", "--discretisation", "euler"], ["--discretisation", "--estimator ipnn"]),
@@ -223,7 +223,7 @@ def test_a_prediction_for_a_table(identified, run, tmp_path):
     ("arguments", "words"),
     [
         (["CAL", "RESULT"], ["one calibration file"]),
-        (["CAL", "--estimators", "ml,foo"], ["ipnn | ml | lsm"]),
+        (["CAL", "--estimators", "ml,foo"], ["ipnn | lsm | ml"]),
         (["CAL", "--estimators", ","], ["joined by commas"]),
         (["CAL", "--estimators", "ml", "--discretisations", "euler"], ["--estimators with ipnn"]),
         (["CAL", "--models", "nope"], ["accelerometer"]),

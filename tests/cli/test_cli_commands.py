@@ -45,12 +45,11 @@ def shown(folder):
 
 def test_the_names_in_the_help_are_those_of_the_library():
     from vibrident.discretize import METHODS
-    from vibrident.identification import ESTIMATORS, Uncertainty
+    from vibrident.identification import Uncertainty
     from vibrident.records import EXCITATIONS, QUANTITIES
     from vibrident.simulation import SENSORS
 
     assert set(options.DISCRETISATIONS) == set(METHODS)
-    assert set(options.ESTIMATORS) == {"auto", *ESTIMATORS}
     assert options.QUANTITIES == QUANTITIES
     assert set(options.EXCITATIONS) == set(EXCITATIONS) - {"decay"}  # a decay alone identifies nothing by itself
     assert set(options.SENSORS) < set(SENSORS)

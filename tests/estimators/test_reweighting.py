@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.estimators import ipnn
+from vibrident.estimators.kinds import ipnn
 from vibrident.estimators.noise_spectrum import Motion, noise_spectrum
 from vibrident.records import Calibration
 from vibrident.simulation import ChannelNoise, HalfSineShock, sensor_named, simulate, with_noise

@@ -7,7 +7,6 @@ import pytest
 
 import vibrident
 from vibrident.backend import jnp
-from vibrident.cli.estimators import EstimatorOptions, checked
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Ipnn
@@ -17,6 +16,7 @@ from vibrident.network.residual import initial_weights, with_residual
 from vibrident.problem import Coordinates
 from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.simulation import SENSORS, simulate
+from vibrident.workflow.estimators import checked
 
 RATE, SAMPLES = 12800.0, 800
 TRAINED_HZ = (60.0, 125.0, 250.0, 315.0, 400.0, 500.0, 630.0, 800.0, 1000.0)
@@ -123,4 +123,4 @@ def test_what_it_cannot_stand_beside_is_refused():
     with pytest.raises(ModelError, match="tied"):
         vibrident.identify(records("paper"), estimator=ResidualIpnn(physics=Ipnn(weights="free")))
     with pytest.raises(InputError, match="--residual does not fit"):
-        checked("ml", EstimatorOptions(residual=True))
+        checked("ml", {"residual": True})

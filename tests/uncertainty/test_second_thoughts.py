@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.estimators import ipnn
+from vibrident.estimators.kinds import ipnn
 from vibrident.models import parse
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise

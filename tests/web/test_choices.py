@@ -6,12 +6,13 @@ import shlex
 
 import pytest
 
-from vibrident.cli.options import DISCRETISATIONS, ESTIMATORS, UNCERTAINTIES
+from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.web.choices import Choices
 from vibrident.web.session import safe_name
+from vibrident.workflow.estimators import estimator_names
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", estimator_names())
 @pytest.mark.parametrize("discretisation", DISCRETISATIONS)
 @pytest.mark.parametrize("uncertainty", UNCERTAINTIES)
 def test_the_command_names_every_option_of_the_task(estimator, discretisation, uncertainty):

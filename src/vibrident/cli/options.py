@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from vibrident.errors import InputError, did_you_mean
-from vibrident.registry import EXPORTS
+from vibrident.registry import ESTIMATORS, EXPORTS
+from vibrident.workflow.estimators import estimator_names, estimators_with
 
-ESTIMATORS = ("auto", "ipnn", "ml", "lsm")
 DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
 OPTIMISERS = ("lm", "adam")
 WEIGHTINGS = ("plain", "weighted")
@@ -50,6 +50,15 @@ def _given(names: Names) -> Sequence[str]:
     return names() if callable(names) else names
 
 
+#: Settings of estimators that have an option of their own.
+SETTINGS = ("discretisation", "optimiser", "steps", "learning_rate", "weighting", "residual")
+
+
+def _setting(name: str) -> str:
+    """Estimators that have a setting."""
+    return ", ".join(estimators_with(name))
+
+
 def _with(option: str) -> str:
     """Export formats that an option concerns."""
     return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
@@ -58,6 +67,9 @@ def _with(option: str) -> str:
 #: What stands in a help text for the names that are registered, and gives them.
 REGISTERED: Mapping[str, Callable[[], str]] = {
     "{exports}": lambda: "|".join(EXPORTS.names()),
+    "{estimators}": lambda: "|".join(estimator_names()),
+    "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
+    **{f"{{estimators: {setting}}}": partial(_setting, setting) for setting in SETTINGS},
     **{f"{{exports: {option}}}": partial(_with, option) for option in ("rate_hz", "channel", "country", "schema")},
 }
 
@@ -87,7 +99,7 @@ def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
     )
 
 
-def listed(name: str, allowed: Sequence[str] | None = None) -> Callable[[str | None], list[str] | None]:
+def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:
     """Split a list of names joined by commas, each one of those allowed where there is a list."""
 
     def split(text: str | None) -> list[str] | None:
@@ -102,7 +114,7 @@ def listed(name: str, allowed: Sequence[str] | None = None) -> Callable[[str | N
                 where=name,
                 remedy=f"name at least one, or leave {name} out",
             )
-        checked = [part if allowed is None else one_of(name, part, allowed) for part in parts]
+        checked = [part if allowed is None else one_of(name, part, _given(allowed)) for part in parts]
         return list(dict.fromkeys(checked))
 
     return split

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vibrident.estimators.auto import choose
+from vibrident.estimators.auto import AUTO, choose, ranked
 from vibrident.estimators.base import Estimate, Estimator
-from vibrident.estimators.ipnn import Ipnn
-from vibrident.estimators.lsm import LeastSquares
-from vibrident.estimators.ml import MaximumLikelihood
+from vibrident.estimators.kinds.ipnn import Ipnn
+from vibrident.estimators.kinds.lsm import LeastSquares
+from vibrident.estimators.kinds.ml import MaximumLikelihood
 
-__all__ = ["Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "choose"]
+__all__ = ["AUTO", "Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "choose", "ranked"]

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from vibrident.errors import ModelError
+from vibrident.estimators.base import Estimator
 from vibrident.problem import Evidence
+from vibrident.registry import ESTIMATORS
+
+#: In place of an estimator's name: the one that suits.
+AUTO = "auto"
 
 
-def choose(evidence: Evidence) -> tuple[str, str]:
-    """Name of the estimator for these data, and the reason in words."""
-    if evidence.calibration.table is not None:
-        return "ml", "auto: a table of responses with their uncertainties: weighted fit in magnitude and phase"
-    if not evidence.model.is_linear:
-        return "ipnn", "auto: a model without transfer function: the network runs its equation in time"
-    if evidence.only_sines:
-        return (
-            "ml",
-            "auto: sine records: each tone is estimated in both channels, so noise on the reference does no harm",
-        )
-    kinds = sorted({record.excitation for record in evidence.records})
-    return "ipnn", f"auto: excitation {', '.join(kinds)}: the network uses every sample of the motion"
+def ranked() -> tuple[Estimator, ...]:
+    """Every estimator with its settings at their defaults, in the order in which methods are compared."""
+    return tuple(sorted(ESTIMATORS.all().values(), key=lambda one: (one.rank, one.name)))
+
+
+def choose(evidence: Evidence) -> tuple[Estimator, str]:
+    """The estimator for these data, and the reason in words.
+
+    Raises:
+        ModelError: none suits.
+    """
+    for one in ranked():
+        if reason := one.suits(evidence):
+            return one, f"{AUTO}: {reason}"
+    raise ModelError(
+        "No estimator suits these data.",
+        expected="a table, or records with a reference",
+        found=f"a model {evidence.model.name!r} with other data",
+        where="estimator",
+        remedy="name the estimator",
+    )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
 
 from vibrident.errors import ModelError
-from vibrident.estimators.optimise import Progress, Trace
+from vibrident.estimators.optimise import Progress, Trace, silent
 from vibrident.estimators.start import Start
 from vibrident.measure import MeasuredResponse
 from vibrident.models import SensorModel
@@ -32,6 +34,8 @@ class Estimate:
         equations: number of residuals in the cost.
         begin: the way from the grid to the start values.
         predicted: predicted response of every record at the optimum, NaN where there is none, where it is at hand.
+        criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
+            in frequency, or an ``other`` function.
         if_rejected: makes the estimate to take where the model does not explain the data, so that the residual is no
             noise to weigh by; None where it is this one.
     """
@@ -48,6 +52,7 @@ class Estimate:
     predicted: tuple[FloatArray, ...] | None = None
     begin: Start | None = None
     equations: float = 1.0
+    criterion: Literal["samples", "likelihood", "other"] = "other"
     if_rejected: Callable[[], Estimate] | None = None
 
 
@@ -60,21 +65,69 @@ def refuse_nonlinear(model: SensorModel, estimator: str) -> None:
     if not model.is_linear:
         raise ModelError(
             f"The estimator {estimator!r} works in frequency, and this model has no transfer function.",
-            expected="the estimator 'ipnn' (or 'auto') with [[records]], which hold the motion in time",
+            expected="the estimator 'auto' with [[records]], which hold the motion in time",
             found=f"estimator {estimator!r} with {model.name!r}",
             where="estimator",
-            remedy="use the estimator 'ipnn' with records, or a linear model",
+            remedy="use the estimator 'auto' with records, or a linear model",
         )
 
 
-class Estimator(Protocol):
-    """A way to turn evidence into an estimate."""
+@dataclass(frozen=True)
+class Setting:
+    """A setting that a user may give to an estimator by name.
 
-    @property
-    def name(self) -> str:
-        """Name in settings and on the command line."""
-        ...
+    Attributes:
+        needs: name and value of another setting without which this one has no meaning.
+        default: of the setting, in words; empty where there is none.
+    """
 
-    def fit(self, evidence: Evidence, progress: Progress) -> Estimate:
-        """Identify the model's parameters."""
-        ...
+    needs: tuple[str, str] | None = None
+    default: str = ""
+
+
+@dataclass(frozen=True)
+class Estimator(ABC):
+    """A way to turn evidence into an estimate; its fields are its settings.
+
+    A module of ``estimators/kinds`` holds one with its settings at their defaults, and so does an entry point.
+
+    Attributes:
+        name: in results, settings and on the command line.
+        title: what it is, in a few words.
+        rank: place in the order in which methods are compared and asked whether they suit, the lowest first.
+        settings: name → what a user may set by that name; names that are no field are ``configured``'s to know.
+        trains_network: whether it leaves the weights of a network.
+        for_one_calibration: whether its estimate can take no part in a joint fit.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    rank: ClassVar[int] = 100
+    settings: ClassVar[Mapping[str, Setting]] = MappingProxyType({})
+    trains_network: ClassVar[bool] = False
+    for_one_calibration: ClassVar[bool] = False
+
+    @abstractmethod
+    def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
+        """Identify the model's parameters.
+
+        Raises:
+            ModelError: model and data are not for this estimator.
+            NotConverged: no start leads to a finite fit.
+        """
+
+    def suits(self, evidence: Evidence) -> str:
+        """Why this estimator is the one to take for these data; empty: it is not chosen unasked."""
+        return ""
+
+    def for_noise_alone(self) -> Estimator:
+        """The estimator whose uncertainty covers the noise and nothing else, whatever the deviations are."""
+        return self
+
+    def configured(self, **settings: Any) -> Estimator:
+        """The estimator with these settings in place of its own.
+
+        Raises:
+            InputError: a value cannot be used.
+        """
+        return replace(self, **settings)

@@ -18,9 +18,8 @@ import numpy as np
 from vibrident.backend import jnp
 from vibrident.discretize import method
 from vibrident.errors import ModelError, NotConverged
-from vibrident.estimators.base import Estimate
+from vibrident.estimators.base import Estimate, Estimator
 from vibrident.estimators.coloured import coloured_covariance
-from vibrident.estimators.ipnn import Ipnn
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.models import SensorModel
 from vibrident.network.residual import STRUCTURES, initial_weights, with_residual
@@ -28,6 +27,7 @@ from vibrident.network.sensitivity import Normal
 from vibrident.problem import Coordinates, Evidence, Local
 from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.records import FloatArray
+from vibrident.registry import ESTIMATORS
 
 #: From this many records on, every third is held out; of fewer, parts of each.
 RECORDS_TO_SPLIT, EVERY = 6, 3
@@ -65,7 +65,7 @@ PHYSICS_CURVE = "of the physics without its learned residual; measured points ar
 
 
 @dataclass(frozen=True)
-class ResidualIpnn:
+class ResidualIpnn(Estimator):
     """Settings of the estimator ``ipnn`` with a learned residual.
 
     Attributes:
@@ -73,10 +73,13 @@ class ResidualIpnn:
         structures: parts of the residual networks tried, in order.
     """
 
-    physics: Ipnn = field(default_factory=Ipnn)
-    structures: tuple[tuple[str, ...], ...] = STRUCTURES
-    name: str = "ipnn"
+    name: ClassVar[str] = "ipnn"
+    title: ClassVar[str] = "the physics-informed network with a learned residual"
+    trains_network: ClassVar[bool] = True
     for_one_calibration: ClassVar[bool] = True
+
+    physics: Estimator = field(default_factory=lambda: ESTIMATORS[ResidualIpnn.name])
+    structures: tuple[tuple[str, ...], ...] = STRUCTURES
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Train the physics, then what may stand beside it.
@@ -85,11 +88,11 @@ class ResidualIpnn:
             ModelError: the physics cannot have a network beside it, or there are no records with a reference.
             InputError: no record is long enough.
         """
-        if self.physics.weights != "tied":
+        if (weights := getattr(self.physics, "weights", "tied")) != "tied":
             raise ModelError(
                 "A learned residual stands beside physics that is tied.",
                 expected="weights = 'tied'",
-                found=f"weights = {self.physics.weights!r}",
+                found=f"weights = {weights!r}",
                 where="estimator 'ipnn' with a learned residual",
                 remedy="leave the weights at their default",
             )

@@ -12,9 +12,9 @@ import numpy as np
 
 from vibrident.decay import decays_alone
 from vibrident.errors import InputError, ModelError
-from vibrident.estimators import Estimate, Estimator
+from vibrident.estimators import AUTO, Estimate, Estimator
 from vibrident.estimators.optimise import Progress, silent
-from vibrident.identification import EstimatorName, Fitted, Uncertainty, document, fit, own_rows
+from vibrident.identification import Fitted, Uncertainty, document, fit, own_rows
 from vibrident.information import inverse_normal
 from vibrident.joint.consistency import Consistency, compare
 from vibrident.joint.descent import Descent, descend
@@ -33,7 +33,7 @@ RESIDUAL = "what its residual holds at the joint fit, noise and misfit (its own 
 def identify_together(
     calibrations: Sequence[Calibration],
     model: str | Sequence[str | None] | None = None,
-    estimator: EstimatorName | Estimator = "auto",
+    estimator: str | Estimator = AUTO,
     *,
     share: Sequence[str] | None = None,
     uncertainty: Uncertainty = "auto",
@@ -67,7 +67,7 @@ def identify_together(
     """
     begin = time.perf_counter()
     names = _models(model, len(calibrations))
-    if getattr(estimator, "for_one_calibration", False):
+    if isinstance(estimator, Estimator) and estimator.for_one_calibration:
         raise ModelError(
             "A learned residual belongs to one calibration.",
             expected="an estimator without it for a joint fit",

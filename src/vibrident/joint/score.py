@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.estimators.ml import solved_problem
+from vibrident.estimators.kinds.ml import solved_problem
 from vibrident.identification import Fitted
 from vibrident.problem import Coordinates, FrequencyProblem, Local, NetworkProblem
 from vibrident.records import FloatArray
@@ -18,7 +18,7 @@ class Score:
 
     Attributes:
         coordinates: in which it is a function.
-        problem: in time (``ipnn``) or in frequency (every other estimator).
+        problem: in time, for an estimate at the samples, or in frequency, for every other.
         noise: standard deviation by which each record is weighted, shape (records,); None in frequency.
     """
 
@@ -30,7 +30,7 @@ class Score:
     def of(cls, fitted: Fitted) -> Score:
         """The residual of an estimate, weighted as there."""
         evidence, estimate = fitted.evidence, fitted.estimate
-        if estimate.estimator == "ipnn":
+        if estimate.criterion == "samples":
             assert estimate.problem is not None
             return cls(estimate.coordinates, estimate.problem, np.array(estimate.settings["noise"]))
         return cls(estimate.coordinates, solved_problem(estimate, evidence))

@@ -22,7 +22,7 @@ from vibrident import extras
 from vibrident.backend import jax, jnp
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
-from vibrident.estimators.ml import solved_problem
+from vibrident.estimators.kinds.ml import solved_problem
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray
@@ -73,7 +73,7 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
 
     Args:
         evidence: the data.
-        estimate: of the estimator ``ml``.
+        estimate: of maximum likelihood.
         scale: factor on the data's standard deviations that the result's uncertainties carry too.
         sampling: settings.
 
@@ -85,10 +85,10 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
     Raises:
         InputError: the estimator is another, or NumPyro is not installed.
     """
-    if estimate.estimator != "ml":
+    if estimate.criterion != "likelihood":
         raise InputError(
             "The posterior is sampled from the likelihood of the responses in frequency.",
-            expected="sine records or a table, with the estimator 'ml'",
+            expected="sine records or a table, with an estimator of maximum likelihood",
             found=f"estimator {estimate.estimator!r}",
             where="--posterior",
             remedy="add --estimator ml, or leave --posterior out",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from vibrident.workflow.estimators import AUTO, estimators_with
+
 
 @dataclass(frozen=True)
 class Choices:
@@ -13,19 +15,19 @@ class Choices:
     Attributes:
         calibration: name of the calibration file, in the folder of the data.
         estimator: its name.
-        discretisation: of ipnn; the others have none, and none is passed on.
+        discretisation: of an estimator that has one; of others there is none, and none is passed on.
         uncertainty: what the uncertainties cover.
     """
 
     calibration: str
-    estimator: str = "auto"
+    estimator: str = AUTO
     discretisation: str = "bandlimited"
     uncertainty: str = "auto"
 
     @property
     def options(self) -> dict[str, str]:
         """Every option that has a meaning here, those at their default as well."""
-        own = {"discretisation": self.discretisation} if self.estimator == "ipnn" else {}
+        own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
         return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
 
     @property

@@ -11,6 +11,7 @@ from nicegui import ui
 
 from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.plots.style import BLUE, ORANGE
+from vibrident.registry import ESTIMATORS
 from vibrident.report.figures import axis, figure, log_marks, whole_numbers
 from vibrident.web import frame
 from vibrident.web.choices import Choices
@@ -18,13 +19,8 @@ from vibrident.web.description import calibration_text
 from vibrident.web.looks import calibration
 from vibrident.web.session import CALIBRATION
 from vibrident.web.users import Confirmed, Job, User
+from vibrident.workflow.estimators import AUTO, estimators_with
 
-ESTIMATORS = {
-    "auto": "auto: chosen by the data",
-    "ipnn": "ipnn: the physics-informed network",
-    "ml": "ml: maximum likelihood",
-    "lsm": "lsm: least squares on the response",
-}
 #: Seconds between two looks at the identification.
 _PACE_S = 0.25
 #: Of the curve, in pixels.
@@ -49,16 +45,20 @@ class FitStep:
         with self.section:
             with ui.expansion("The calibration file: what is confirmed above").classes("w-full"):
                 self.text = frame.Text("calibration-text")
+            stepping = estimators_with("discretisation")
             with ui.element("div").classes("fields wide"):
-                self.estimator = ui.select(ESTIMATORS, value="auto", label="Estimator")
+                known = {name: f"{name}: {one.title}" for name, one in ESTIMATORS.all().items()}
+                self.estimator = ui.select(
+                    {AUTO: f"{AUTO}: chosen by the data", **known}, value=AUTO, label="Estimator"
+                )
                 self.discretisation = ui.select(
-                    list(DISCRETISATIONS), value="bandlimited", label="Discretisation (ipnn)"
+                    list(DISCRETISATIONS), value="bandlimited", label=f"Discretisation ({', '.join(stepping)})"
                 )
                 self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label="Uncertainties cover")
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
             self.discretisation.visible = False
-            self.estimator.on_value_change(lambda event: self.discretisation.set_visibility(event.value == "ipnn"))
+            self.estimator.on_value_change(lambda event: self.discretisation.set_visibility(event.value in stepping))
             with ui.element("div").classes("actions"):
                 self.start = ui.button("Identify", on_click=self._identify).props("id=start")
                 self.stop = ui.button("Cancel", on_click=self.user.worker.cancel).props("outline color=negative")

@@ -147,10 +147,10 @@ def _too_large(memory_bytes: int) -> InputError:
 
 
 def _identify(task: dict[str, Any], say: Any) -> None:
-    from vibrident.cli.estimators import EstimatorOptions, checked, estimator
     from vibrident.io import read
+    from vibrident.workflow.estimators import checked, estimator
 
-    options = EstimatorOptions(discretisation=task.get("discretisation"))
+    options = {"discretisation": task.get("discretisation")}
     checked(task["estimator"], options)
     calibration = read(task["calibration"])
     from vibrident.identification import identify

@@ -13,16 +13,15 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
-from vibrident.cli.estimators import EstimatorOptions, estimator
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 from vibrident.errors import InputError, ModelError, NotConverged
+from vibrident.registry import ESTIMATORS
+from vibrident.workflow.estimators import estimator, estimators_with
 
 if TYPE_CHECKING:
     from vibrident.records import Calibration
     from vibrident.result import Result
-#: Tried in this order where none is named; those that do not suit the data are left out.
-_USUAL = ("ml", "lsm", "ipnn")
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,9 @@ def compare(
     ],
     estimators: Annotated[
         str | None,
-        typer.Option("--estimators", metavar="A,B", help="Of ipnn, ml, lsm.", show_default="all that suit the data"),
+        typer.Option(
+            "--estimators", metavar="A,B", help="Of {estimators by name}.", show_default="all that suit the data"
+        ),
     ] = None,
     models: Annotated[
         str | None, typer.Option("--models", metavar="A,B", help="Sensor models.", show_default="the file's")
@@ -56,7 +57,7 @@ def compare(
         typer.Option(
             "--discretisations",
             metavar="A,B",
-            help=f"ipnn: of {', '.join(options.DISCRETISATIONS)}.",
+            help=f"{{estimators: discretisation}}: of {', '.join(options.DISCRETISATIONS)}.",
             show_default=False,
         ),
     ] = None,
@@ -74,11 +75,12 @@ def compare(
 
     Of several models it says which one to take, and why.
     """
-    named = options.listed("--estimators", options.ESTIMATORS[1:])(estimators)
+    named = options.listed("--estimators", ESTIMATORS.names)(estimators)
     steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
     names = options.listed("--models")(models)
-    if steps and named and "ipnn" not in named:
-        raise _misplaced("--discretisations", "--estimators with ipnn", f"--estimators {','.join(named)}")
+    if steps and named and not set(estimators_with("discretisation")) & set(named):
+        wanted = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
+        raise _misplaced("--discretisations", wanted, f"--estimators {','.join(named)}")
     from vibrident.comparison import document, read_truth
     from vibrident.models import parse
 
@@ -87,7 +89,7 @@ def compare(
         parse(name)  # before anything is identified
     with written_whole(folder) as output:
         if files[0].suffix.lower() == ".toml":
-            methods = _methods(named or _USUAL, names or (None,), steps or (None,))
+            methods = _methods(named or _usual(), names or (None,), steps or (None,))
             results = _identified(files, methods, must=bool(named))
             foretold = _foretold(files[0], methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
@@ -106,12 +108,20 @@ def compare(
     wrote(output.files)
 
 
-def _methods(estimators: tuple | list, models: tuple | list, steps: tuple | list) -> list[Method]:
-    """Every combination that makes sense: a discretisation is the network's alone."""
+def _usual() -> list[str]:
+    """All estimators, in the order in which they are compared; those that do not suit the data are left out later."""
+    from vibrident.estimators import ranked
+
+    return [one.name for one in ranked()]
+
+
+def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> list[Method]:
+    """Every combination that makes sense: not every estimator has a discretisation."""
+    stepping = estimators_with("discretisation")
     return [
         Method(name, model, step)
         for model, name in itertools.product(models, estimators)
-        for step in (steps if name == "ipnn" else (None,))
+        for step in (steps if name in stepping else (None,))
     ]
 
 
@@ -149,7 +159,7 @@ def _foretold(file: Path, methods: list[Method], results: dict[str, Result]) -> 
         if method.name not in results:
             continue
         with Busy(f"Cross-validating {method.name}") as progress:
-            chosen = estimator(method.estimator, EstimatorOptions(discretisation=method.discretisation))
+            chosen = estimator(method.estimator, {"discretisation": method.discretisation})
             score = cross_validate(calibration, results[method.name], chosen, progress=progress)
         if score is not None:
             scores[method.name] = asdict(score)
@@ -165,7 +175,7 @@ def _outcomes(
         with Busy(f"Identifying by {method.name}") as progress:
             from vibrident.identification import identify
 
-            settings = EstimatorOptions(discretisation=method.discretisation)
+            settings = {"discretisation": method.discretisation}
             try:
                 chosen = estimator(method.estimator, settings)
                 outcome = identify(calibration, method.model, chosen, progress=progress)

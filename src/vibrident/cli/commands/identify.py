@@ -11,20 +11,24 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out
-from vibrident.cli.estimators import EstimatorOptions, checked, estimator
 from vibrident.cli.folder import written_whole
 from vibrident.cli.options import choice
 from vibrident.errors import InputError
+from vibrident.workflow.estimators import AUTO, checked, estimator, estimator_names
 
 WARNED = 3
 _DETAILS = "Settings of an estimator"
 
+_Estimator = Annotated[
+    str,
+    choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", "{estimators}"),
+]
 _Discretisation = Annotated[
     str | None,
     choice(
         "--discretisation",
         options.DISCRETISATIONS,
-        f"ipnn: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
+        f"{{estimators: discretisation}}: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
         "NAME",
         rich_help_panel=_DETAILS,
         show_default="bandlimited",
@@ -35,7 +39,7 @@ _Optimiser = Annotated[
     choice(
         "--optimiser",
         options.OPTIMISERS,
-        "ipnn: Levenberg-Marquardt, or Adam as in the paper.",
+        "{estimators: optimiser}: Levenberg-Marquardt, or Adam as in the paper.",
         rich_help_panel=_DETAILS,
         show_default="lm",
     ),
@@ -46,7 +50,7 @@ _Steps = Annotated[
         "--steps",
         metavar="N",
         min=1,
-        help="ipnn with adam: training steps.",
+        help="{estimators: steps} with adam: training steps.",
         rich_help_panel=_DETAILS,
         show_default="1500",
     ),
@@ -56,7 +60,7 @@ _LearningRate = Annotated[
     typer.Option(
         "--learning-rate",
         metavar="X",
-        help="ipnn with adam: step size.",
+        help="{estimators: learning_rate} with adam: step size.",
         rich_help_panel=_DETAILS,
         show_default="0.001",
     ),
@@ -66,7 +70,7 @@ _Weighting = Annotated[
     choice(
         "--weighting",
         options.WEIGHTINGS,
-        "lsm: by uncertainty, or plain as in the paper.",
+        "{estimators: weighting}: by uncertainty, or plain as in the paper.",
         rich_help_panel=_DETAILS,
     ),
 ]
@@ -74,8 +78,8 @@ _Residual = Annotated[
     bool,
     typer.Option(
         "--residual",
-        help="ipnn: let a small network beside the physics learn what it leaves; kept only where it foretells "
-        "held-out data better.",
+        help="{estimators: residual}: let a small network beside the physics learn what it leaves; kept only where it "
+        "predicts held-out data better.",
         rich_help_panel=_DETAILS,
     ),
 ]
@@ -107,9 +111,7 @@ def identify(
             "one for all, or one each, joined by commas.",
         ),
     ] = None,
-    estimator_name: Annotated[
-        str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data and says why.")
-    ] = "auto",
+    estimator_name: _Estimator = AUTO,
     folder: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for result.json and pictures; other files in it stay.")
     ] = Path("vibrident-out"),
@@ -154,7 +156,8 @@ def identify(
 
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
     """
-    settings = EstimatorOptions(discretisation, optimiser, steps, learning_rate, weighting, residual or None)
+    values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
+    settings = dict(zip(options.SETTINGS, values, strict=True))
     checked(estimator_name, settings, weights=weights)
     shared = options.listed("--share")(share)
     if shared and len(calibrations) == 1:
@@ -177,7 +180,7 @@ class _Asked:
 
     files: list[Path]
     models: list[str] | None
-    estimator: tuple[str, EstimatorOptions]
+    estimator: tuple[str, dict[str, Any]]
     uncertainty: Any
     share: list[str] | None
     posterior: bool
@@ -293,7 +296,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
         if weights and result.weights:
             out().print(terminal.weights_table(result))
         elif weights:
-            note(f"No weights: {result.estimator} trains no network; --estimator ipnn does.")
+            note(f"No weights: {result.estimator} trains no network.")
 
 
 def _residual_line(residual: dict[str, Any]) -> str:

@@ -8,14 +8,16 @@ noise (:mod:`vibrident.estimators.reweighting`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from vibrident.discretize import method
-from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate
+from vibrident.errors import InputError, ModelError
+from vibrident.estimators.base import Estimate, Estimator, Setting
 from vibrident.estimators.coloured import coloured_covariance
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.reweighting import reweighted
@@ -36,7 +38,7 @@ SMALL_SIGNAL = (
 
 
 @dataclass(frozen=True)
-class Ipnn:
+class Ipnn(Estimator):
     """Settings of the estimator ``ipnn``.
 
     Attributes:
@@ -48,13 +50,58 @@ class Ipnn:
         reading: of free weights: ``eigenvalues``, or the paper's ``elements``.
     """
 
+    name: ClassVar[str] = "ipnn"
+    title: ClassVar[str] = "the physics-informed network"
+    rank: ClassVar[int] = 3
+    settings: ClassVar[Mapping[str, Setting]] = MappingProxyType(
+        {
+            "discretisation": Setting(),
+            "optimiser": Setting(default="lm"),
+            "steps": Setting(needs=("optimiser", "adam")),
+            "learning_rate": Setting(needs=("optimiser", "adam")),
+            "residual": Setting(),
+        }
+    )
+    trains_network: ClassVar[bool] = True
+
     discretisation: str = "bandlimited"
     optimiser: Literal["lm", "adam"] = "lm"
     learning_rate: float = 0.001
     steps: int = 1500
     weights: Literal["tied", "free"] = "tied"
     reading: Literal["eigenvalues", "elements"] = "eigenvalues"
-    name: str = "ipnn"
+
+    def suits(self, evidence: Evidence) -> str:
+        """Records that are no sines, or of a nonlinear model."""
+        if evidence.calibration.table is not None:
+            return ""
+        if not evidence.model.is_linear:
+            return "a model without transfer function: the network runs its equation in time"
+        kinds = sorted({record.excitation for record in evidence.records})
+        return f"excitation {', '.join(kinds)}: the network uses every sample of the motion"
+
+    def configured(self, **settings: Any) -> Estimator:
+        """The network with these settings; ``residual`` true: with a learned residual beside the physics.
+
+        Raises:
+            InputError: the learning rate is not between 0 and 1.
+        """
+        rate = settings.get("learning_rate")
+        if rate is not None and not 0.0 < rate < 1.0:
+            raise InputError(
+                "The learning rate is not usable.",
+                expected="a number between 0 and 1",
+                found=repr(rate),
+                where="--learning-rate",
+                remedy="try 0.001",
+            )
+        beside = settings.pop("residual", False)
+        physics = replace(self, **settings)
+        if not beside:
+            return physics
+        from vibrident.estimators.residual_network import ResidualIpnn
+
+        return ResidualIpnn(physics=physics)
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Train the network.
@@ -69,7 +116,7 @@ class Ipnn:
                 expected="[[records]] with a reference channel",
                 found="a table" if evidence.calibration.table is not None else "free decays only",
                 where="estimator",
-                remedy="use the estimator 'ml' for a table; add a record with a reference to free decays",
+                remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
             )
         trained = self._trained(evidence, progress)
         if self.weights == "free":
@@ -178,7 +225,7 @@ class _Trained:
     def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, more: dict[str, Any]) -> Estimate:
         """An estimate of this training."""
         return Estimate(
-            "ipnn",
+            Ipnn.name,
             self.coordinates,
             z,
             covariance,
@@ -188,6 +235,7 @@ class _Trained:
             problem=self.problem,
             begin=self.begin,
             equations=float(np.sum(self.problem.degrees_of_freedom)),
+            criterion="samples",
         )
 
     def with_equal_weights(self) -> Estimate:
@@ -224,3 +272,6 @@ def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidenc
 
     assert isinstance(problem, TimeProblem)
     return with_harmonic_start(problem, normal, evidence, z)
+
+
+IPNN = Ipnn()

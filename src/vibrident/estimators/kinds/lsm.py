@@ -10,14 +10,16 @@ estimator, whatever the weights.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate, refuse_nonlinear
-from vibrident.estimators.ml import weighted_problem
+from vibrident.estimators.base import Estimate, Estimator, Setting, refuse_nonlinear
+from vibrident.estimators.kinds.ml import weighted_problem
 from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
@@ -29,15 +31,19 @@ from vibrident.records import FloatArray, Quantity
 
 
 @dataclass(frozen=True)
-class LeastSquares:
+class LeastSquares(Estimator):
     """Settings of the estimator ``lsm``.
 
     Attributes:
         weighting: ``weighted`` by the uncertainty of 1/H, or ``plain`` as in the paper.
     """
 
+    name: ClassVar[str] = "lsm"
+    title: ClassVar[str] = "least squares on the response"
+    rank: ClassVar[int] = 2
+    settings: ClassVar[Mapping[str, Setting]] = MappingProxyType({"weighting": Setting()})
+
     weighting: Literal["plain", "weighted"] = "weighted"
-    name: str = "lsm"
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Fit 1/H.
@@ -49,11 +55,11 @@ class LeastSquares:
         first = evidence.first_look
         if first is None or any(r.excitation != "sine" for r in evidence.records) or not first.has_phase:
             raise ModelError(
-                "The estimator 'lsm' needs complex responses.",
+                f"The estimator {self.name!r} needs complex responses.",
                 expected="sine records, or a table with phase",
                 found="a table of magnitudes" if first is not None and not first.has_phase else "other excitation",
                 where="estimator",
-                remedy="use the estimator 'ml' for magnitudes, 'ipnn' for other excitation (or 'auto')",
+                remedy="use the estimator 'auto'",
             )
         model = evidence.model
         begin = find_start(first, model)
@@ -78,7 +84,7 @@ class LeastSquares:
         covariance = (gain * deviation**2) @ gain.T
         settings = {"weighting": self.weighting}
         return Estimate(
-            "lsm",
+            self.name,
             coordinates,
             trace.last,
             covariance,
@@ -113,3 +119,6 @@ def inverse_residual(
     residual = weight * (1.0 / model - 1.0 / response)
     jacobian = -(weight / model**2)[:, None] * slopes.T * coordinates.slopes(z)
     return np.concatenate([residual.real, residual.imag]), np.concatenate([jacobian.real, jacobian.imag])
+
+
+LSM = LeastSquares()

@@ -10,11 +10,12 @@ and phase.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate, refuse_nonlinear
+from vibrident.estimators.base import Estimate, Estimator, refuse_nonlinear
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
@@ -33,7 +34,7 @@ ROUNDS, SETTLED = 4, 1e-4
 
 
 @dataclass(frozen=True)
-class MaximumLikelihood:
+class MaximumLikelihood(Estimator):
     """Settings of the estimator ``ml``.
 
     Attributes:
@@ -43,8 +44,23 @@ class MaximumLikelihood:
             covers the misfit. It is reported, and never applied to the stated uncertainties of a table.
     """
 
+    name: ClassVar[str] = "ml"
+    title: ClassVar[str] = "maximum likelihood"
+    rank: ClassVar[int] = 1
+
     model_error: bool = True
-    name: str = "ml"
+
+    def suits(self, evidence: Evidence) -> str:
+        """Tables, and sine records of linear models."""
+        if evidence.calibration.table is not None:
+            return "a table of responses with their uncertainties: weighted fit in magnitude and phase"
+        if evidence.model.is_linear and evidence.only_sines:
+            return "sine records: each tone is estimated in both channels, so noise on the reference does no harm"
+        return ""
+
+    def for_noise_alone(self) -> MaximumLikelihood:
+        """Without a model error."""
+        return replace(self, model_error=False)
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Fit the model to the complex responses.
@@ -56,11 +72,11 @@ class MaximumLikelihood:
         first = evidence.first_look
         if first is None or any(r.excitation != "sine" for r in evidence.records):
             raise ModelError(
-                "The estimator 'ml' works on sine records and tables.",
+                f"The estimator {self.name!r} works on sine records and tables.",
                 expected="excitation = 'sine' in every record, or [table]",
                 found=", ".join(sorted({r.excitation for r in evidence.records})),
                 where="estimator",
-                remedy="use the estimator 'ipnn' (or 'auto')",
+                remedy="use the estimator 'auto'",
             )
         model = evidence.model
         begin = find_start(first, model)
@@ -148,4 +164,17 @@ def _estimate(
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
         covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
-    return Estimate("ml", coordinates, trace.last, covariance, freedom, trace, tones=tones, equations=problem.equations)
+    return Estimate(
+        MaximumLikelihood.name,
+        coordinates,
+        trace.last,
+        covariance,
+        freedom,
+        trace,
+        tones=tones,
+        equations=problem.equations,
+        criterion="likelihood",
+    )
+
+
+ML = MaximumLikelihood()
