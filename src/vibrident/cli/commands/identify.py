@@ -157,7 +157,7 @@ def identify(
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
     """
     values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
-    settings = dict(zip(options.SETTINGS, values, strict=True))
+    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True))
     checked(estimator_name, settings, weights=weights)
     shared = options.listed("--share")(share)
     if shared and len(calibrations) == 1:
