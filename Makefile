@@ -23,7 +23,7 @@ PIP_INSTALL = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo reproduce test lint format bench clean
+.PHONY: help demo reproduce test nightly lint format bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -34,8 +34,11 @@ demo: $(CORE)  ## simulated calibration, identification and report, into demo/
 reproduce: $(CORE)  ## the paper's tables and figures beside ours, into reproduction/ (up to 20 minutes)
 	$(BIN)/vibrident reproduce --out reproduction
 
-test: $(DEV)  ## all tests
+test: $(DEV)  ## every law once
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(CI),--durations=10) $(PYTEST_ARGS)
+
+nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m slow --durations=10 $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style, format and types
 	$(BIN)/ruff check .

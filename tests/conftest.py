@@ -24,6 +24,15 @@ settings.register_profile("vibrident", deadline=None, derandomize=True)
 settings.load_profile("vibrident")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked ``quick`` the cases that the mark does not name are slow."""
+    for item in items:
+        mark = item.get_closest_marker("quick")
+        if mark and item.callspec.id not in mark.args:
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _kernels_are_let_go() -> Iterator[None]:
     """A compiled kernel holds memory maps; Linux allows 65 530 a process, and the suite would end in a segfault."""

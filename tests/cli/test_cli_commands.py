@@ -324,6 +324,7 @@ def test_true_values_that_cannot_be_read(tmp_path):
         read_truth(tmp_path / "truth.json")
 
 
+@pytest.mark.slow
 def test_identify_samples_the_posterior_where_asked(run, made, tmp_path):
     done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", "--posterior")
     assert done.exit_code == 0, done.output

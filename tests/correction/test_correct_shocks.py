@@ -42,6 +42,7 @@ def peaks(sensor: str, clean: vibrident.Calibration, noise: float | ChannelNoise
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_the_peaks_interval_covers_as_it_says() -> None:
     """Over seven kinds of shock, 24 draws each: 95 % within four standard errors, and no interval too wide."""
     inside, z = [], []

@@ -76,6 +76,7 @@ CASES = [  # natural frequency, damping ratio, samples, output
 
 
 @pytest.mark.parametrize(("natural_hz", "damping", "samples", "output"), CASES)
+@pytest.mark.quick("50.0-0.003-1500-0", "50.0-0.2-600-1", "20.0-0.7-600-0")
 def test_at_the_cramer_rao_bound_and_covered(natural_hz, damping, samples, output):
     model = ("accelerometer", "velocity-pickup")[output]
     clean = swing(natural_hz, damping, samples, output=output)
@@ -158,6 +159,7 @@ def test_a_spring_that_stiffens_is_named_with_its_change():
     assert "at the beginning" in text
 
 
+@pytest.mark.slow
 def test_a_damping_that_grows_with_the_amplitude_is_named(rng):
     """A tenth to as much again at the first swing, under noise; the same without growth, 40 times, is not named."""
     time = np.arange(2000) / RATE

@@ -50,6 +50,7 @@ def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch
     ],
     ids=["reference", "both", "flicker"],
 )
+@pytest.mark.quick("reference")
 def test_no_bias_and_u_is_the_scatter(noise: dict) -> None:
     runs = 24
     found, _ = deviations(random_motion(), runs, **noise)
@@ -159,6 +160,7 @@ def far_below_resonance(kind: str) -> Calibration:
     ],
     ids=["shock", "sweep", "multisine", "flicker"],
 )
+@pytest.mark.quick("shock")
 def test_a_level_response_lets_lines_without_motion_tell_the_noise_of_the_reference(kind: str, noise: dict) -> None:
     """Without them the gain is drawn down where there is noise alone, and the resonance away with it, by many u."""
     runs, found = 8, []

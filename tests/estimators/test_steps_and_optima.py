@@ -70,6 +70,7 @@ def classical_residual(problem: TimeProblem, z: np.ndarray, nuisance: np.ndarray
     return np.concatenate(rows)
 
 
+@pytest.mark.slow
 def test_the_unrolled_step_is_the_classical_gauss_newton_step(problem: TimeProblem) -> None:
     """Joint Gauss–Newton over sensor, initial states and offsets, dense, by differences, against the projected one."""
     args = arguments(problem)
@@ -149,6 +150,7 @@ def test_adam_reaches_the_optimum_of_levenberg_marquardt(problem: TimeProblem) -
     assert np.max(np.abs(slow.last - best.last) / u) < 0.05
 
 
+@pytest.mark.slow
 def test_all_estimators_agree_on_clean_records() -> None:
     clean = simulate("paper", "sine", samples=8000, response_noise=1e-4, seed=1)
     results = [vibrident.identify(clean, estimator=e) for e in ("ml", "ipnn", "lsm")]
@@ -219,6 +221,7 @@ def test_the_networks_own_response_is_the_sensors() -> None:
 
 
 @pytest.mark.parametrize("discretisation", ["bandlimited", "foh"])
+@pytest.mark.quick("foh")
 def test_free_weights_find_the_sensor(discretisation: str) -> None:
     calibration = simulate("paper", "sine", response_noise=0.01, samples=6000, seed=2)
     free = vibrident.identify(calibration, estimator=Ipnn(discretisation=discretisation, weights="free"))

@@ -188,6 +188,7 @@ def test_short_records_keep_their_noise_level() -> None:
     ],
 )
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
+@pytest.mark.quick("ml-accelerometer+highpass-more0", "ml-accelerometer+mode2-more1")
 def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, float], estimator: str) -> None:
     truth = {**PAPER, **more}
     calibration = simulate(

@@ -150,6 +150,7 @@ def test_the_sampling_rate_does_not_matter():
     np.testing.assert_allclose(found, np.tile(list(P.values()), (2, 1)), rtol=2e-6)
 
 
+@pytest.mark.slow
 def test_the_papers_optimiser_comes_to_the_same_sensor(calibration):
     """A trapezoidal network by Adam, 600 steps, and by Levenberg–Marquardt: within 10⁻³ of each other."""
     slow = vibrident.identify(

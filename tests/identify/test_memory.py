@@ -42,6 +42,7 @@ print(json.dumps(peaks))
 
 
 @pytest.mark.skipif(not CLEAR.exists(), reason="the system does not tell the peak of a part of a process's life")
+@pytest.mark.slow
 def test_memory_grows_by_little_a_sample():
     """From N to 2 N samples of one record the peak of resident memory grows by less than 500 bytes a sample."""
     command = [sys.executable, "-c", CHILD, str(SAMPLES), str(2 * SAMPLES)]

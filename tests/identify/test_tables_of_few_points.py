@@ -40,6 +40,7 @@ def test_no_more_values_than_parameters_leave_nothing_to_state(points: int, phas
 
 
 @pytest.mark.parametrize(("points", "phase"), [(2, True), (3, True), (4, False)])
+@pytest.mark.slow
 def test_the_intervals_of_few_points_cover(points: int, phase: bool) -> None:
     runs = 120
     inside = np.zeros(3)

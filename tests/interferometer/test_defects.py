@@ -101,6 +101,7 @@ def test_slow_motion_of_the_table_is_taken_out(tmp_path):
     assert np.max(np.abs(off)) < 1e-4  # the table moves by more than the sensor
 
 
+@pytest.mark.slow
 def test_clean_signals_raise_no_alarm():
     """24 set-ups of four records; 60 gave none either (docs/interferometer.md)."""
     random, alarms, rate = np.random.default_rng(7), 0, 1e6

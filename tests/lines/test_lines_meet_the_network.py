@@ -50,11 +50,13 @@ def assert_the_same(in_time, at_lines, coordinates, noise):
 
 @pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
 @pytest.mark.parametrize("core", ["accelerometer", "velocity-pickup"])
+@pytest.mark.quick("accelerometer-velocity", "velocity-pickup-velocity")
 def test_every_reference_quantity(core, quantity, rng):
     assert_the_same(*a_problem([random_motion(core)], core, quantity, "bandlimited", rng))
 
 
 @pytest.mark.parametrize("name", ["euler", "zoh", "foh", "tustin"])
+@pytest.mark.quick("zoh")
 def test_every_discretisation(name, rng):
     model = "accelerometer+delay"
     assert_the_same(*a_problem([random_motion(model)], model, "acceleration", name, rng))
@@ -64,6 +66,7 @@ def test_every_discretisation(name, rng):
     "model",
     ["accelerometer+delay", "velocity-pickup+highpass+delay", "accelerometer+mode2+highpass+delay"],
 )
+@pytest.mark.quick("accelerometer+mode2+highpass+delay")
 def test_every_add_on(model, rng):
     assert_the_same(*a_problem([random_motion(model)], model, "acceleration", "bandlimited", rng))
 

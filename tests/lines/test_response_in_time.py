@@ -51,6 +51,7 @@ def assert_as_compiled(records, name, quantity, step):
         ("accelerometer+delay", "acceleration", "tustin"),
     ],
 )
+@pytest.mark.quick("velocity-pickup+delay-displacement-bandlimited")
 def test_the_response_is_the_compiled_networks(name, quantity, step):
     assert_as_compiled(records_of("accelerometer+delay"), name, quantity, step)
 

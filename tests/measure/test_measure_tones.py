@@ -136,9 +136,6 @@ def falling(rng, n):
     return np.zeros(n), 300.0 * np.fft.irfft(spectrum, 8 * n)[:n]
 
 
-FAR = pytest.mark.xfail(reason="lines of a two-period record reach to the resonance: variance 2.6 times")
-
-
 @pytest.mark.parametrize(
     ("draw", "frequency", "samples"),
     [
@@ -148,7 +145,7 @@ FAR = pytest.mark.xfail(reason="lines of a two-period record reach to the resona
         (white_both, 123.4567, 2000),
         (white_both, 25.0, 2000),
         (white_both, 1900.0, 1000),
-        pytest.param(white_both, 25.0, 400, marks=FAR),
+        (white_both, 25.0, 400),
     ],
 )
 def test_the_stated_variance_is_that_of_the_estimate(draw, frequency, samples, rng):

@@ -139,6 +139,7 @@ def error_of_parameters(calibration, values=TRUTH, model=MODEL):
 
 
 @pytest.mark.parametrize("rate", [51200.0, 5120.0])
+@pytest.mark.quick("5120.0")
 def test_the_network_meets_the_truth(rate):
     """Far below 1e-6 of the parameters at the usual sampling rate, and at a tenth of it."""
     made = simulate("cubic", frequencies_hz=FEW_HZ, sampling_rate_hz=rate, samples=2000)
@@ -148,6 +149,7 @@ def test_the_network_meets_the_truth(rate):
 
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
+@pytest.mark.quick("velocity")
 def test_the_network_meets_the_truth_with_other_references_and_a_delay(quantity):
     p = TRUTH | {"delay": 3.3e-5}
     made = simulate(
@@ -158,6 +160,7 @@ def test_the_network_meets_the_truth_with_other_references_and_a_delay(quantity)
     assert np.max(np.abs(step)) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_force_s_quadrature_has_order_two_a_node(monkeypatch):
     monkeypatch.setattr(time_domain, "accuracy", lambda rate_times_step: (2, (12, 3)))
     errors = []

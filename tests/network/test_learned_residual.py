@@ -40,6 +40,7 @@ def identified(sensor, estimator, noise=NOISE, seed=2):
 
 
 @pytest.mark.parametrize(("sensor", "learned"), [("cubic", ["neurons"]), ("two-mode", ["memory"])])
+@pytest.mark.slow
 def test_what_the_physics_leaves_is_learned(sensor, learned):
     """At least five times closer, on records never seen, and the physics as it is: within 1 % and its uncertainty."""
     truth = SENSORS[sensor].parameters
@@ -82,6 +83,7 @@ def test_a_clean_sensor_keeps_its_parameters_and_the_share_is_zero(noise, seed):
     assert whole.warning_codes == plain.warning_codes
 
 
+@pytest.mark.slow
 def test_of_two_long_records_parts_are_held_out():
     made = simulate(
         "two-mode", "random", frequencies_hz=(20.0, 1200.0), sampling_rate_hz=RATE, samples=6000, repeats=2,

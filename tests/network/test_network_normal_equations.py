@@ -39,6 +39,7 @@ _residual = jax.jit(physical_residual, static_argnames=("layout",))
 
 
 @pytest.mark.parametrize("name", ["bandlimited", "euler"])
+@pytest.mark.slow
 def test_against_automatic_differentiation_of_the_residual(name):
     """JᵀJ, Jᵀr and rᵀr within 1e-9 of those of ``jacfwd`` on the dense residual; J = −∂r/∂z."""
     problem, coordinates, z, noise = a_problem(name)
@@ -59,6 +60,7 @@ def test_against_automatic_differentiation_of_the_residual(name):
 
 
 @pytest.mark.parametrize("name", ["bandlimited", "tustin"])
+@pytest.mark.quick("bandlimited")
 def test_against_finite_differences(name):
     """Central differences of the cost: the gradient is exact though the nuisance is held (Kaufman 1975)."""
     problem, coordinates, z, noise = a_problem(name)
@@ -108,6 +110,7 @@ def test_columns_against_finite_differences_and_a_dense_projection():
             np.testing.assert_allclose(column[used], slope[used], atol=2e-8 * np.max(np.abs(slope)))
 
 
+@pytest.mark.slow
 def test_free_weights_entry_by_entry(rng):
     """All n² + n q + n + q weights free, at two rates: JᵀJ and Jᵀr of ``jacfwd`` on the residual."""
     sets = [random_weights(rng, terms=2) for _ in range(2)]
@@ -143,6 +146,7 @@ def test_free_weights_entry_by_entry(rng):
         assert float(normal.squares[number]) == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_chunk_length_does_not_matter(monkeypatch):
     """Cost, gradient and JᵀJ of chunks of 32, 100 and 256 steps agree to 1e-11."""
     found = []

@@ -47,6 +47,7 @@ def built(model_name: str, rng: np.random.Generator, gap: bool = False, discreti
 
 
 @pytest.mark.parametrize("gap", [False, True])
+@pytest.mark.quick("accelerometer+delay-False", "velocity-pickup-True")
 def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, rng: np.random.Generator) -> None:
     """Each segment: the definition, run from the best initial state, plus an offset, explains the same prediction."""
     problem, coordinates, _ = built(model_name, rng, gap)
@@ -71,6 +72,7 @@ def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, 
 
 
 @pytest.mark.parametrize("discretisation", ["bandlimited", "euler", "tustin", "foh", "zoh"])
+@pytest.mark.slow
 def test_normal_equations_are_those_of_automatic_differentiation(discretisation: str, rng: np.random.Generator) -> None:
     _, coordinates, args = built("accelerometer+delay", rng, gap=True, discretisation=discretisation)
     z = jnp.asarray(coordinates.first)
@@ -94,6 +96,7 @@ def test_normal_equations_pass_finite_differences(model_name: str, rng: np.rando
         assert gradient[j] == pytest.approx((up - down) / 2e-5, rel=2e-6)
 
 
+@pytest.mark.slow
 def test_the_length_of_a_chunk_does_not_matter(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     costs = []
     for chunk in (32, 256, 5000):

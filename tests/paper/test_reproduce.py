@@ -30,6 +30,7 @@ SMALL = Settings(
     residual=False,
     trial=True,
 )
+pytestmark = pytest.mark.slow
 NUMBERS = ("rmse", "mae", "mse", "r2", "rpd")
 
 

@@ -108,6 +108,7 @@ def test_five_iterates_of_the_classical_method(damping, records, problem, coordi
     assert np.max(np.abs(classical - [0.9, 0.08, 0.18])) < (0.02 if damping else 0.005)
 
 
+@pytest.mark.slow
 def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(problem, coordinates):
     """Optimistix on all 720 residuals at once, against the package's optimiser on cost, gradient and JᵀJ."""
     noise = jnp.asarray(problem.by_lane(NOISE))

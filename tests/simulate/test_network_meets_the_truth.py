@@ -32,6 +32,9 @@ def network_error(calibration, name, parameters):
 
 @pytest.mark.parametrize("rate", [2560.0, 16000.0, 51200.0, 1e6])
 @pytest.mark.parametrize("start", ["rest", "steady"])
+@pytest.mark.quick(
+    "rest-2560.0", "rest-51200.0", "steady-2560.0", "steady-16000.0", "steady-51200.0", "steady-1000000.0"
+)
 def test_the_band_limited_network_is_the_truth(rate, start):
     """Sines from 10 to 1000 Hz with felt noise up to 0.4 fs at 20 dB, below 1e-6 at every rate."""
     calibration = simulate(
@@ -70,6 +73,7 @@ class Held:
         return np.where(inside, self.samples[np.clip(index, 0, self.samples.size - 1)], 0.0)
 
 
+@pytest.mark.slow
 def test_zoh_is_exact_for_a_held_signal(rng):
     held = Held(rng.standard_normal(2000), 16000.0)
     calibration = simulate(excitation=held, sampling_rate_hz=16000.0, samples=2000)

@@ -47,6 +47,7 @@ def tones() -> Calibration:
     ],
     ids=["ml-response", "ipnn-response", "lsm-response", "ipnn-coloured"],
 )
+@pytest.mark.quick("ml-response")
 def test_scatter_and_coverage_are_as_stated(tones: Calibration, estimator: str, noise: dict) -> None:
     deviations, chi2 = study(tones, RUNS, estimator, **noise)
     scatter = deviations.std(axis=0, ddof=1)
@@ -63,6 +64,7 @@ def test_scatter_and_coverage_are_as_stated(tones: Calibration, estimator: str, 
         assert np.mean(chi2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees / RUNS) * 1.2)
 
 
+@pytest.mark.slow
 def test_adequate_models_are_hardly_ever_rejected_and_a_forgotten_delay_always(tones: Calibration) -> None:
     """False alarms of lack_of_fit: at most 5 %. A delay of 0.3 samples left out: found every time."""
     alarms = [

@@ -30,6 +30,7 @@ def table(parameters, frequency, relative, model="accelerometer", seed=3):
     return Calibration(table=ResponseTable(frequency, np.abs(measured), np.angle(measured), *u), model=model)
 
 
+@pytest.mark.slow
 def test_where_the_problem_is_nearly_linear_it_is_the_stated_uncertainty():
     """Mean and standard deviation within four of their Monte Carlo errors; u/10 for what is not linear."""
     result = vibrident.identify(table(TRUTH, np.geomspace(20, 1500, 30), 0.002), posterior=QUICK)
@@ -47,6 +48,7 @@ def test_where_the_problem_is_nearly_linear_it_is_the_stated_uncertainty():
         )
 
 
+@pytest.mark.slow
 def test_of_records_too():
     """Student's t for noise that was estimated: u within what 1 + 4/ν, which it carries, may differ from that."""
     tones = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]
@@ -60,6 +62,7 @@ def test_of_records_too():
         assert row["standard_deviation"] == pytest.approx(stated.standard_uncertainty, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_numbers():
     short = Sampling(chains=2, warm_up=20, draws=20, seed=4)
     data = table(TRUTH, np.geomspace(20, 1500, 30), 0.002)
@@ -104,6 +107,7 @@ def test_a_resonance_far_above_the_band_is_bounded_from_below_alone():
     assert np.log([low, high]) == pytest.approx(np.log(expected), abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_delay_that_trades_with_damping_has_the_tails_of_a_curved_ridge():
     """Below resonance the phase shows τ + 2 δ/ωn; δ ≥ 0 cuts the ridge off, which a symmetric interval cannot say."""
     sensor = {"sensitivity": 0.1, "natural_frequency": 1500.0, "damping_ratio": 0.03, "delay": 4e-5}

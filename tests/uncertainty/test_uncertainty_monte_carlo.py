@@ -9,6 +9,7 @@ from vibrident.models import parse
 from vibrident.problem import Evidence
 from vibrident.simulation import ChannelNoise, simulate, with_noise
 
+pytestmark = pytest.mark.slow
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 MODEL = parse("accelerometer")
 SHAPE = {"sampling_rate_hz": 10e3, "samples": 2000, "start": "steady"}
@@ -67,7 +68,6 @@ def test_the_stated_uncertainty_is_the_scatter(estimator, excitation, noise):
     assert_covered(*draws_of(estimator, excitation, noise))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "excitation", "noise"),
     [
@@ -86,7 +86,6 @@ def test_the_stated_uncertainty_is_the_scatter_to_a_few_per_cent(estimator, exci
     assert_covered(*draws_of(estimator, excitation, noise, 400))
 
 
-@pytest.mark.slow
 @pytest.mark.xfail(reason="the lines beside a resonant tone see less of the reference's noise than it does")
 def test_noise_of_the_reference_is_covered():
     """1 % noise on the reference that the sensor does not feel, under maximum likelihood."""

@@ -82,6 +82,7 @@ def wide_csv(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("make", [large_json, large_toml, large_csv, wide_csv])
+@pytest.mark.quick("large_json", "large_toml")
 def test_nothing_holds_up_the_loop(server, visit, tmp_path, make):
     page = visit(may_complain=True)
     page.get_by_role("button", name="Start anew").click()

@@ -76,6 +76,7 @@ def test_the_page_is_ready_soon(server):
     assert 0.0 < server.busy_s < 3.0
 
 
+@pytest.mark.slow
 def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_path):
     data = real_data("sm3")
     names = ["1_0Hz.csv", "2_0Hz.csv", "3_0Hz.csv", "5_0Hz.csv", "10_0Hz.csv"]
@@ -111,6 +112,7 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     assert not too_faint(page)
 
 
+@pytest.mark.slow
 def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, picture, tmp_path):
     broken = tmp_path / "broken.csv"
     broken.write_text("time,reference,response\n0.0,1.0,2.0\n0.1,oops,2.0\n0.2,1.0,2.5\n0.3,1.0,2.0\n")
@@ -195,6 +197,7 @@ def upload_simulated(page, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.quick("1280")
 def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(visit, picture, tmp_path, width):
     """Without the real data too. Every stop of the tabulator is visible, and all that is done is done by keys."""
     page = visit(width, 844)

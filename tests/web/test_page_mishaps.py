@@ -136,6 +136,7 @@ def test_a_reload_asks_and_loses_nothing_even_while_it_identifies(visit, picture
     other.close()
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_told_of_with_the_number_that_the_log_has(visit, picture, server, tmp_path):
     page = visit()
     upload(page, *simulated(tmp_path))
@@ -183,6 +184,7 @@ def deep_json(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("make", [many_columns, many_datasets, deep_json])
+@pytest.mark.quick("many_columns", "deep_json")
 def test_what_is_beyond_all_measure_is_told_of_and_the_page_goes_on(visit, tmp_path, make):
     page = visit()
     upload(page, make(tmp_path))
