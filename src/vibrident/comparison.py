@@ -84,9 +84,10 @@ def shared_sources(
 ) -> dict[str, float]:
     """The systematic contributions that another calibration may share, by what identifies each.
 
-    Two calibrations share a contribution where the key is the same: kind and source in words, the laboratory, and the
-    instruments that the certificate states (with serial number and certificate): for the calibration of the reference
-    all of them, for another source those whose name or serial number its words contain.
+    Two calibrations share a contribution where the key is the same: kind, source in words, its standard uncertainty to
+    two digits (a source that was calibrated anew has another), the laboratory, and the instruments that the certificate
+    states (with serial number and certificate): for the calibration of the reference all of them, for another source
+    those whose name or serial number its words contain.
 
     Args:
         result: the result.
@@ -103,14 +104,14 @@ def shared_sources(
         if kind in LASTING_KINDS:
             u = _sensitivity_share(result, row, sensitivity) if sensitivity is not None else _share(row, parameter)
             if math.isfinite(u) and u > 0:
-                key = _identity(result, kind, str(row.get("source", "")))
+                key = _identity(result, row)
                 found[key] = math.hypot(found.get(key, 0.0), u)
     return found
 
 
 def shared_covariance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    """Covariance of two values from their shared sources: the smaller variance of each (the larger has more beside)."""
-    return sum(min(u, other[key]) ** 2 for key, u in one.items() if key in other)
+    """Covariance of two values from the sources that they share, each fully correlated (GUM F.1.2.3)."""
+    return sum(u * other[key] for key, u in one.items() if key in other)
 
 
 def _share(row: Mapping[str, Any], parameter: str | None) -> float:
@@ -126,8 +127,9 @@ def _sensitivity_share(result: Result, row: Mapping[str, Any], sensitivity: floa
     return 0.0
 
 
-def _identity(result: Result, kind: str, source: str) -> str:
-    words = " ".join(source.casefold().split())
+def _identity(result: Result, row: Mapping[str, Any]) -> str:
+    words = " ".join(str(row.get("source", "")).casefold().split())
+    size = f"{float(row.get('standard_uncertainty') or 0.0):.2g}"
     instruments = [
         {key: str(value).casefold() for key, value in entry.items()}
         for entry in result.certificate.get("instruments") or ()
@@ -139,7 +141,7 @@ def _identity(result: Result, kind: str, source: str) -> str:
     told = ("name", "manufacturer", "type", "serial_number", "certificate")
     listed = sorted("/".join(entry.get(key, "") for key in told) for entry in instruments)
     laboratory = " ".join(str(result.certificate.get("laboratory") or "").casefold().split())
-    return "|".join([kind, words, laboratory, *listed])
+    return "|".join([str(row["kind"]), words, size, laboratory, *listed])
 
 
 def not_comparable(one: Result, other: Result) -> str:

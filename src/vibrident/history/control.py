@@ -1,0 +1,174 @@
+"""Control charts of a sensor that is held to be stable: EWMA and CUSUM, with the false alarms they give.
+
+Both watch the recursive residuals of a constant value (Brown, Durbin & Evans 1975): each calibration against what
+those before it say, divided by the standard deviation of that difference. With the covariance that the calibrations
+state, they are independent and standard normal as long as the sensor does not change, whatever the calibrations share.
+The limits are computed: over ``LIFE`` comparisons a chart of a stable sensor gives a false alarm with the probability
+``FALSE_ALARM``. The average run length to a false alarm (ARL) follows from the same integral equation (Page 1954; Brook
+& Evans 1972).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from vibrident.records import FloatArray
+
+FALSE_ALARM = 0.01
+#: Comparisons over which that holds: a sensor's life, calibrated every year or two.
+LIFE = 20
+#: Weight of the newest residual in the EWMA: for a change of about one standard deviation.
+EWMA_WEIGHT = 0.25
+#: Half of the change, in standard deviations, that the CUSUM finds soonest.
+CUSUM_ALLOWANCE = 0.5
+_NODES = 80
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A control chart, in standard deviations.
+
+    Attributes:
+        name: ``EWMA`` or ``CUSUM``.
+        upper: statistic on the upper side at each residual; of the EWMA the statistic itself.
+        lower: on the lower side, zero or negative; the EWMA itself.
+        limit: upper limit at each residual; the lower one is its negative.
+        alarm: index of each residual with an alarm.
+        average_run_length: of a stable sensor to a false alarm.
+    """
+
+    name: str
+    upper: tuple[float, ...]
+    lower: tuple[float, ...]
+    limit: tuple[float, ...]
+    alarm: tuple[int, ...]
+    average_run_length: float
+
+
+def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Each value after the first against those before it, in standard deviations of the difference; shape (n − 1,).
+
+    Args:
+        value: shape (n,), in the order of time.
+        covariance: of the values about a constant, shape (n, n).
+    """
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance + 1e-14 * np.trace(covariance) * np.eye(value.size)))
+    y, x = whitening @ value, whitening.sum(axis=1)
+    known = np.cumsum(x**2)[:-1]
+    mean = np.cumsum(x * y)[:-1] / known
+    return (y[1:] - x[1:] * mean) / np.sqrt(1.0 + x[1:] ** 2 / known)
+
+
+def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Chart]:
+    """EWMA and CUSUM of residuals; where ``restart`` is true a new series begins, and both begin anew."""
+    return _ewma(residuals, restart), _cusum(residuals, restart)
+
+
+def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
+    factor = ewma_factor()
+    level, count, levels, limits = 0.0, 0, [], []
+    for residual, new in zip(residuals, restart, strict=True):
+        level, count = (0.0, 0) if new else (level, count)
+        level, count = EWMA_WEIGHT * residual + (1 - EWMA_WEIGHT) * level, count + 1
+        levels.append(float(level))
+        limits.append(factor * float(_ewma_deviation(count)))
+    alarm = tuple(i for i, (at, limit) in enumerate(zip(levels, limits, strict=True)) if abs(at) > limit)
+    return Chart("EWMA", tuple(levels), tuple(levels), tuple(limits), alarm, ewma_run_length(factor))
+
+
+def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
+    limit, high, low = cusum_limit(), 0.0, 0.0
+    upper, lower = [], []
+    for residual, new in zip(residuals, restart, strict=True):
+        high, low = (0.0, 0.0) if new else (high, low)
+        high = max(0.0, high + residual - CUSUM_ALLOWANCE)
+        low = min(0.0, low + residual + CUSUM_ALLOWANCE)
+        upper.append(float(high))
+        lower.append(float(low))
+    alarm = tuple(i for i, (a, b) in enumerate(zip(upper, lower, strict=True)) if max(a, -b) > limit)
+    return Chart("CUSUM", tuple(upper), tuple(lower), (limit,) * len(upper), alarm, cusum_run_length(limit) / 2)
+
+
+def _ewma_deviation(count: int) -> float:
+    """Standard deviation of the EWMA after ``count`` residuals."""
+    kept = 1 - EWMA_WEIGHT
+    return float(np.sqrt(EWMA_WEIGHT / (2 - EWMA_WEIGHT) * (1 - kept ** (2 * count))))
+
+
+@lru_cache
+def ewma_factor(false_alarm: float = FALSE_ALARM, life: int = LIFE) -> float:
+    """Limit of the EWMA in its own standard deviations, for a false-alarm probability over a life."""
+    return _root(lambda factor: 1 - _ewma_survival(factor, life) - false_alarm, 0.5, 9.0)
+
+
+@lru_cache
+def cusum_limit(false_alarm: float = FALSE_ALARM, life: int = LIFE) -> float:
+    """Limit of the CUSUM, for a false-alarm probability over a life, half of it on either side."""
+    return _root(lambda limit: 1 - _cusum_survival(limit, life) - false_alarm / 2, 0.1, 30.0)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-10))  # type: ignore[arg-type]
+
+
+def _rule(low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    return (low + high) / 2 + (high - low) / 2 * node, (high - low) / 2 * weight
+
+
+def _density(difference: FloatArray) -> FloatArray:
+    return np.exp(-0.5 * difference**2) / np.sqrt(2 * np.pi)
+
+
+def _ewma_survival(factor: float, life: int) -> float:
+    """Probability that the EWMA of a stable sensor stays within its limits."""
+    at, density = np.array([0.0]), np.array([1.0])
+    weight = np.array([1.0])
+    for count in range(1, life + 1):
+        limit = factor * _ewma_deviation(count)
+        now, now_weight = _rule(-limit, limit)
+        step = (now[:, None] - (1 - EWMA_WEIGHT) * at) / EWMA_WEIGHT
+        density = _density(step) / EWMA_WEIGHT @ (weight * density)
+        at, weight = now, now_weight
+    return float(weight @ density)
+
+
+def _cusum_survival(limit: float, life: int) -> float:
+    """Probability that one side of the CUSUM of a stable sensor, begun at zero, stays below its limit."""
+    at, weight = _rule(0.0, limit)
+    points = np.append(at, 0.0)
+    transition = _density(at + CUSUM_ALLOWANCE - points[:, None]) * weight
+    to_zero = ndtr(CUSUM_ALLOWANCE - points)
+    survival = np.ones(_NODES + 1)
+    for _ in range(life):
+        survival = transition @ survival[:-1] + to_zero * survival[-1]
+    return float(survival[-1])
+
+
+@lru_cache
+def cusum_run_length(limit: float) -> float:
+    """Average run length of one side of the CUSUM of a stable sensor; of both together half of it."""
+    at, weight = _rule(0.0, limit)
+    points = np.append(at, 0.0)
+    transition = np.column_stack(
+        [_density(at + CUSUM_ALLOWANCE - points[:, None]) * weight, ndtr(CUSUM_ALLOWANCE - points)]
+    )
+    return float(np.linalg.solve(np.eye(_NODES + 1) - transition, np.ones(_NODES + 1))[-1])
+
+
+@lru_cache
+def ewma_run_length(factor: float) -> float:
+    """Average run length of the EWMA of a stable sensor within its limit of later calibrations."""
+    limit = factor * float(np.sqrt(EWMA_WEIGHT / (2 - EWMA_WEIGHT)))
+    at, weight = _rule(-limit, limit)
+    points = np.append(at, 0.0)
+    step = (at - (1 - EWMA_WEIGHT) * points[:, None]) / EWMA_WEIGHT
+    transition = np.column_stack([_density(step) / EWMA_WEIGHT * weight, np.zeros(_NODES + 1)])
+    return float(np.linalg.solve(np.eye(_NODES + 1) - transition, np.ones(_NODES + 1))[-1])

@@ -1,0 +1,246 @@
+"""What ``history show`` and ``history due`` say, as plain values: for JSON, the terminal, the pages and pictures."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.errors import InputError
+from vibrident.history import control, query
+from vibrident.history.due import RISK, Due, Tolerance, due, interval_in_force, later
+from vibrident.history.life import Entry, Life, covariance, life, years_between
+from vibrident.history.mixture import Mixture
+from vibrident.history.query import Sensor
+from vibrident.history.schema import REFERENCE_SENSITIVITY
+from vibrident.history.store import Store
+
+SCHEMA = "vibrident.history/1"
+K = 2.0
+#: Dates between the last calibration and the farthest prediction at which a picture shows what is to be expected.
+_CURVE = 25
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a history.
+
+    Attributes:
+        quantity: name of a parameter, or the sensitivity at the reference frequency.
+        until: date to predict for; None for the end of the interval in force.
+        tolerance: None for no due date.
+        interval_years: in force; None for the time between the last two calibrations.
+        today: the date that counts as today.
+    """
+
+    quantity: str = REFERENCE_SENSITIVITY
+    until: datetime.date | None = None
+    tolerance: Tolerance | None = None
+    interval_years: float | None = None
+    today: datetime.date | None = None
+
+
+def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict[str, Any]:
+    """All that a history says of one sensor.
+
+    Raises:
+        InputError: no calibration of the sensor has the quantity.
+    """
+    entries = query.entries(store, sensor.id, question.quantity).get(sensor.id, [])
+    if all(entry.value is None for entry in entries):
+        raise InputError(
+            "No calibration of this sensor has such a quantity.",
+            expected=", ".join(query.quantities(store, sensor.id)),
+            found=question.quantity,
+            where=sensor.name,
+            remedy="give one of these as --quantity",
+        )
+    found = life(entries, query.events(store, sensor.id).get(sensor.id, []))
+    return {
+        "schema": SCHEMA,
+        "store": store.shown,
+        "sensor": sensor.as_dict(),
+        "quantity": _quantity(found, question.quantity),
+        "calibrations": _calibrations(found),
+        "events": [_plain(asdict(event)) for event in found.events],
+        "series": _series(found),
+        "drift": _drift(found, question) if found.entries else _none("no calibration counts"),
+        "control": _control(found),
+        "due": _due(found, question),
+    }
+
+
+def all_due(store: Store, question: Question) -> list[dict[str, Any]]:
+    """The due date of every sensor that has the quantity, the soonest first."""
+    events = query.events(store)
+    sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store)}
+    rows = []
+    for key, entries in query.entries(store, None, question.quantity).items():
+        found = life(entries, events.get(key, []))
+        if found.entries:
+            told = _due(found, question) or {}
+            last = {"last": found.entries[-1].date.isoformat(), "calibrations": len(found.entries)}
+            rows.append(sensors[key].as_dict() | last | told)
+    return sorted(rows, key=lambda row: (row.get("date") or row["by_interval"], row["serial_number"]))
+
+
+def _quantity(found: Life, name: str) -> dict[str, Any]:
+    present = found.entries[-1] if found.entries else None
+    unit, frequency = (present.unit, present.frequency_hz) if present else ("", None)
+    return {"name": name, "unit": unit, "frequency_hz": frequency, "coverage_factor": K}
+
+
+def _calibrations(found: Life) -> list[dict[str, Any]]:
+    counted = {entry.id: i for i, entry in enumerate(found.entries)}
+    reasons = {entry.id: reason for entry, reason in found.left_out}
+    entries = sorted([*found.entries, *(entry for entry, _ in found.left_out)], key=lambda e: (e.date, e.id))
+    rows = []
+    for entry in entries:
+        place = counted.get(entry.id)
+        row = _calibration(entry) | {"counts": place is not None, "left_out": reasons.get(entry.id, "")}
+        row["series"] = None if place is None else int(found.group[place]) + 1
+        row["en"] = asdict(found.agreement(place)) if place else None
+        rows.append(row)
+    return rows
+
+
+def _calibration(entry: Entry) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "date": entry.date.isoformat(),
+        "value": entry.value,
+        "u": entry.u,
+        "U": None if entry.u is None else K * entry.u,
+        "unit": entry.unit,
+        "standing": entry.standing or "added",
+        "shared": dict(entry.shared),
+        **entry.facts,
+    }
+
+
+def _series(found: Life) -> list[dict[str, Any]]:
+    starts = [(0, "the first calibration"), *((item.index, item.why) for item in found.breaks)]
+    return [
+        {"series": number, "from": found.entries[index].date.isoformat(), "why": why}
+        for number, (index, why) in enumerate(starts, 1)
+        if found.entries
+    ]
+
+
+def _drift(found: Life, question: Question) -> dict[str, Any]:
+    drift = found.drift
+    if drift is None:
+        return _none("a single calibration tells no drift" if len(found.entries) < 2 else "no series has two dates")
+    interval = question.interval_years or interval_in_force(found)
+    last = found.entries[-1]
+    until = question.until or later(last.date, interval)
+    if until < last.date:
+        raise InputError(
+            "The date to predict for lies before the last calibration.",
+            expected=f"a date from {last.date} on",
+            found=str(until),
+            where="--at",
+            remedy="give a later date",
+        )
+    rate, size = drift.rate(), abs(float(found.value[-1])) or 1.0
+    return {
+        "why": "",
+        "rate_per_year": _mixture(rate) | {"relative": rate.value / size, "relative_u": rate.u / size},
+        "random_walk_per_root_year": drift.wandering(),
+        "probability": drift.probability,
+        "prediction": {"date": until.isoformat()} | _mixture(_at(found, until)) | _next_reading(found, until),
+        "curve": _curve(found, until),
+    }
+
+
+def _at(found: Life, date: datetime.date) -> Mixture:
+    assert found.drift is not None
+    return found.drift.sensitivity(_year(found, date))
+
+
+def _year(found: Life, date: datetime.date) -> float:
+    return years_between(found.entries[0].date, date)
+
+
+def _next_reading(found: Life, date: datetime.date) -> dict[str, Any]:
+    """What a calibration as good as the last one, by the same reference, will give."""
+    assert found.drift is not None
+    last = found.entries[-1]
+    shared = np.array([covariance(entry, _again(last)) for entry in found.entries])
+    return {"reading": _mixture(found.drift.reading(_year(found, date), shared, float(last.u or 0.0)))}
+
+
+def _again(entry: Entry) -> Entry:
+    return Entry(-1, entry.date, entry.value, entry.u, entry.unit, entry.frequency_hz, entry.shared)
+
+
+def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
+    """What is to be expected from the last calibration on."""
+    first = found.entries[-1].date.toordinal()
+    dates = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
+    points = []
+    for day in dates:
+        date = datetime.date.fromordinal(day)
+        points.append({"date": date.isoformat()} | _mixture(_at(found, date)))
+    return points
+
+
+def _mixture(mixture: Mixture) -> dict[str, Any]:
+    low, high = mixture.interval_95
+    u = (high - low) / 4
+    return {"value": mixture.value, "u": u, "U": K * u, "interval_95": [low, high]}
+
+
+def _control(found: Life) -> dict[str, Any] | None:
+    """Both charts over all series; a series begins them anew."""
+    residuals, restart, places = [], [], []
+    for number in np.unique(found.group):
+        places_of = np.flatnonzero(found.group == number)
+        if places_of.size > 1:
+            part = np.ix_(places_of, places_of)
+            residuals += control.recursive_residuals(found.value[places_of], found.covariance[part]).tolist()
+            restart += [True] + [False] * (places_of.size - 2)
+            places += places_of[1:].tolist()
+    if not residuals:
+        return None
+    dates = [found.entries[i].date.isoformat() for i in places]
+    charts = control.charts(np.array(residuals), np.array(restart))
+    return {
+        "false_alarm_probability": control.FALSE_ALARM,
+        "false_alarm_over": control.LIFE,
+        "dates": dates,
+        "residuals": residuals,
+        "charts": [asdict(chart) | {"alarm_dates": [dates[i] for i in chart.alarm]} for chart in charts],
+    }
+
+
+def _due(found: Life, question: Question) -> dict[str, Any] | None:
+    if question.tolerance is None or not found.entries:
+        return None
+    told: Due = due(found, question.tolerance, question.interval_years, question.today or datetime.date.today())
+    low, high = question.tolerance.limits(found)
+    return _plain(asdict(told)) | {"risk": RISK, "limits": [low, high], "tolerance": question.tolerance.relative}
+
+
+def _none(why: str) -> dict[str, Any]:
+    return {"why": why}
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value.isoformat() if isinstance(value, datetime.date) else value for key, value in values.items()}
+
+
+def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
+    """The sensors of a store."""
+    return [
+        {
+            **overview.sensor.as_dict(),
+            "calibrations": overview.calibrations,
+            "first": overview.first.isoformat(),
+            "last": overview.last.isoformat(),
+        }
+        for overview in overviews
+    ]

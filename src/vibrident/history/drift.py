@@ -1,0 +1,195 @@
+"""How a sensor changes from one calibration to the next: a line, a random walk, or both; and where it will be.
+
+A value that was measured n times is y_i = a + b t_i + W(t_i) + e_i. The errors e have the covariance V that the
+calibrations state: noise of each, and what they share (a rank-one part a source). b t is a steady drift, W a random
+walk. a is free; b is normal with variance β², W has the variance q a year. V is known, β² and q are not, and few
+calibrations tell little of them. So they are not estimated and then taken for true, but averaged over, by the
+likelihood of the contrasts (REML, Patterson & Thompson 1971), under three hypotheses of equal probability beforehand:
+line (q = 0), random walk (b = 0), and both. Each set of variances gives a generalised least-squares estimate, and their mixture is
+the prediction, with long tails where little is known.
+
+Beforehand, the variance v of the drift over the whole history, in units of the noise of one calibration, has a density
+∝ (1 + v)^(−5/4): flat below the noise, and beyond it with the fall that gave 95 % coverage from two calibrations on,
+averaged over still, drifting and wandering sensors (bench/history.py). It has no unit and no scale of its own.
+
+A repaired sensor, or one that jumped, has a new a, b and W; β² and q stay, being what is known of its restlessness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.history.mixture import Mixture
+from vibrident.records import FloatArray
+
+#: Variances looked at: so many, evenly spaced in their logarithm, in units of the noise.
+NODES = 13
+_LOG_RANGE = (-6.0, 14.0)
+_TAIL = 1.25
+HYPOTHESES = ("line", "random walk", "line and random walk")
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """For each of m nodes, with covariance Σ and design X of shape (n, p): Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, its last factor, the
+    projector Σ⁻¹ − Σ⁻¹X(XᵀΣ⁻¹X)⁻¹XᵀΣ⁻¹, and the logarithm of the REML likelihood.
+    """
+
+    gain: FloatArray
+    back: FloatArray
+    projector: FloatArray
+    likelihood: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """What calibrations say of a sensor's drift; times in years, values and their covariance in one unit.
+
+    Attributes:
+        time: of each calibration, shape (n,), ascending.
+        value: shape (n,).
+        covariance: of the errors, shape (n, n).
+        group: number of the series that each belongs to, shape (n,); the last is the present one.
+    """
+
+    time: FloatArray
+    value: FloatArray
+    covariance: FloatArray
+    group: NDArray[np.int_]
+
+    @property
+    def determined(self) -> bool:
+        """Whether any series has two calibrations at different times, so that something is known of drift."""
+        return any(np.ptp(self.time[self.group == g]) > 0 for g in np.unique(self.group))
+
+    @cached_property
+    def noise(self) -> float:
+        """Variance of the noise of one calibration, as far as it shows in differences within a series."""
+        levels = self._levels
+        left = np.eye(self.time.size) - levels @ np.linalg.pinv(levels)
+        freedom = max(self.time.size - levels.shape[1], 1)
+        size = float(np.mean(np.diag(self.covariance)))
+        return max(float(np.trace(left @ self.covariance)) / freedom, 1e-9 * size, 1e-300)
+
+    @cached_property
+    def _levels(self) -> FloatArray:
+        """Indicators of the series, shape (n, series)."""
+        return (self.group[:, None] == np.unique(self.group)).astype(float)
+
+    @cached_property
+    def _span(self) -> float:
+        return float(np.ptp(self.time)) or 1.0
+
+    @cached_property
+    def _variances(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
+        """β² and q of each node, its weight beforehand, and its hypothesis; each of shape (m,)."""
+        logarithm = np.linspace(*_LOG_RANGE, NODES)
+        v = np.exp(logarithm)
+        prior = v / (1 + v) ** _TAIL
+        prior = prior / prior.sum() / len(HYPOTHESES)
+        none = np.zeros(NODES)
+        line = np.concatenate([v, none, np.repeat(v, NODES)]) * self.noise / self._span**2
+        walk = np.concatenate([none, v, np.tile(v, NODES)]) * self.noise / self._span
+        weight = np.concatenate([prior, prior, np.outer(prior, prior).ravel() * len(HYPOTHESES)])
+        return line, walk, weight, np.repeat([0, 1, 2], [NODES, NODES, NODES**2])
+
+    def _process(self, one: FloatArray, other: FloatArray, same: NDArray[np.bool_]) -> FloatArray:
+        """Covariance of the drift between two sets of times, shape (m, len(one), len(other))."""
+        line, walk, _, _ = self._variances
+        start = self.time[0]
+        straight = np.where(same, np.outer(one - start, other - start), 0.0)
+        wandering = np.where(same, np.minimum.outer(one, other) - start, 0.0)
+        return line[:, None, None] * straight + walk[:, None, None] * wandering
+
+    @cached_property
+    def _solved(self) -> _Solved:
+        return self._solve(self._levels)
+
+    def _solve(self, design: FloatArray) -> _Solved:
+        """Generalised least squares at each node, with ``design``, shape (n, p), for what is free."""
+        same = self.group[:, None] == self.group
+        sigma = self._process(self.time, self.time, same) + self.covariance
+        sigma = sigma + 1e-12 * self.noise * np.eye(self.time.size)
+        inverse = np.linalg.inv(sigma)
+        weighed = inverse @ design
+        normal = design.T @ weighed
+        back = np.linalg.inv(normal)
+        gain = weighed @ back
+        projector = inverse - gain @ np.swapaxes(weighed, 1, 2)
+        misfit = np.einsum("i,mij,j->m", self.value, projector, self.value)
+        volume = np.linalg.slogdet(sigma)[1] + np.linalg.slogdet(normal)[1]
+        return _Solved(gain, np.asarray(back, dtype=float), projector, -0.5 * (misfit + volume))
+
+    @cached_property
+    def weight(self) -> FloatArray:
+        """Probability of each node, shape (m,)."""
+        return self._weighed(self._solved)
+
+    def _weighed(self, solved: _Solved) -> FloatArray:
+        logarithm = solved.likelihood + np.log(self._variances[2])
+        weight = np.exp(logarithm - logarithm.max())
+        return weight / weight.sum()
+
+    @property
+    def probability(self) -> dict[str, float]:
+        """Of each hypothesis."""
+        kind = self._variances[3]
+        return {name: float(self.weight[kind == i].sum()) for i, name in enumerate(HYPOTHESES)}
+
+    def sensitivity(self, time: float) -> Mixture:
+        """The value of the sensor itself at a time, in its present series."""
+        return self._predicted(time, np.zeros(self.time.size), 0.0)
+
+    def reading(self, time: float, shared: FloatArray, u: float) -> Mixture:
+        """What a calibration at a time will give.
+
+        Args:
+            time: in years.
+            shared: covariance of its error with those of the calibrations before, shape (n,).
+            u: its standard uncertainty.
+        """
+        return self._predicted(time, shared, u**2)
+
+    def _predicted(self, time: float, shared: FloatArray, variance: float) -> Mixture:
+        solved, at = self._solved, np.array([time])
+        present = self.group == self.group[-1]
+        k = self._process(self.time, at, present[:, None])[:, :, 0] + shared
+        own = self._process(at, at, np.array([[True]]))[:, 0, 0] + variance
+        level = self._levels[-1]  # of the present series
+        weights = np.einsum("mij,mj->mi", solved.projector, k) + solved.gain @ level
+        spread = own - np.einsum("mi,mij,mj->m", k, solved.projector, k)
+        spread += np.einsum("i,mij,j->m", level, solved.back, level) - 2 * np.einsum(
+            "mi,mij,j->m", k, solved.gain, level
+        )
+        return Mixture(self.weight, weights @ self.value, np.sqrt(np.maximum(spread, 0.0)))
+
+    def rate(self) -> Mixture:
+        """The steady drift b a year of the present series, if there is one: the hypotheses with a line."""
+        line, _, _, kind = self._variances
+        present = (self.group == self.group[-1]).astype(float)
+        k = line[:, None] * present * (self.time - self.time[0])
+        projector = self._solved.projector
+        mean = np.einsum("mi,mij,j->m", k, projector, self.value)
+        spread = line - np.einsum("mi,mij,mj->m", k, projector, k)
+        steady = kind != HYPOTHESES.index("random walk")
+        weight = self.weight[steady] / self.weight[steady].sum()
+        return Mixture(weight, mean[steady], np.sqrt(np.maximum(spread[steady], 0.0)))
+
+    def wandering(self) -> float:
+        """Square root of q, by the largest likelihood of the random walk alone: the change to expect in a year."""
+        _, walk, _, kind = self._variances
+        alone = np.where(kind == HYPOTHESES.index("random walk"), self._solved.likelihood, -np.inf)
+        best = int(np.argmax(alone))
+        return 0.0 if best == NODES else float(np.sqrt(walk[best]))
+
+    def step(self, after: int) -> Mixture:
+        """The step between calibration ``after`` − 1 and ``after`` of one series, beyond what drift would do there."""
+        step = (np.arange(self.time.size) >= after).astype(float)
+        design = np.column_stack([self._levels, step])
+        solved = self._solve(design)
+        spread = np.sqrt(np.maximum(solved.back[:, -1, -1], 0.0))
+        return Mixture(self._weighed(solved), solved.gain[:, :, -1] @ self.value, spread)

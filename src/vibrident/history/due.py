@@ -1,0 +1,137 @@
+"""When the next calibration is due: by the risk of being outside a tolerance, and by the staircase of ILAC-G24."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.history.life import DAYS_A_YEAR, Life
+
+#: Probability of being outside the tolerance at which a calibration is due.
+RISK = 0.05
+#: Farthest date looked at, in years after the last calibration.
+FARTHEST_YEARS = 20.0
+#: Coarse dates at which the risk is looked at, before the date is found between two of them.
+_LOOKS = 24
+#: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is extended, else reduced.
+STAIRCASE_PART = 0.8
+STAIRCASE_LONGER, STAIRCASE_SHORTER = 1.25, 0.7
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far a sensor may be from the value it is used with.
+
+    Attributes:
+        relative: half width, relative to the nominal value.
+        nominal: the value it is used with; None for that of its last calibration.
+    """
+
+    relative: float
+    nominal: float | None = None
+
+    def limits(self, life: Life) -> tuple[float, float]:
+        """Lower and upper limit, in the quantity's unit."""
+        centre = self.nominal if self.nominal is not None else float(life.value[-1])
+        return centre - self.relative * abs(centre), centre + self.relative * abs(centre)
+
+
+@dataclass(frozen=True)
+class Due:
+    """When a sensor is due.
+
+    Attributes:
+        date: by the risk; None where that stays below ``RISK`` for ``FARTHEST_YEARS``, or where ``why`` says so.
+        why: what stands in the way of a date; empty for nothing.
+        risk_today: probability of being outside the tolerance today.
+        risk_at_end: at the end of the interval in force.
+        interval_years: the interval in force.
+        by_interval: date by that.
+        staircase_years: interval by ILAC-G24's staircase; None with fewer than two calibrations in the series.
+        by_staircase: date by that.
+    """
+
+    date: datetime.date | None
+    why: str
+    risk_today: float | None
+    risk_at_end: float | None
+    interval_years: float
+    by_interval: datetime.date
+    staircase_years: float | None
+    by_staircase: datetime.date | None
+
+
+def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date) -> Due:
+    """When the next calibration is due.
+
+    Args:
+        life: with at least one calibration.
+        tolerance: that the sensor is to keep.
+        interval_years: in force; None for the time between the last two calibrations, a year where there is one.
+        today: for the risk as it is now.
+    """
+    last = life.entries[-1].date
+    force = interval_years or interval_in_force(life)
+    by_interval = later(last, force)
+    stairs = staircase(life, tolerance, force)
+    by_stairs = None if stairs is None else later(last, stairs)
+    if life.drift is None:
+        why = "a single calibration tells no drift" if len(life.entries) < 2 else "no series has two calibrations"
+        return Due(None, why, None, None, force, by_interval, stairs, by_stairs)
+    now, end = (risk(life, tolerance, date) for date in (max(today, last), by_interval))
+    found = _first_date(life, tolerance)
+    why = "" if found is not None else f"the risk stays below {100 * RISK:g} % for {FARTHEST_YEARS:g} years"
+    return Due(found, why, now, end, force, by_interval, stairs, by_stairs)
+
+
+def risk(life: Life, tolerance: Tolerance, date: datetime.date) -> float:
+    """Probability that the sensor is outside the tolerance at a date."""
+    assert life.drift is not None
+    return _risk(life, tolerance, float(life.years[-1]) + (date - life.entries[-1].date).days / DAYS_A_YEAR)
+
+
+def _risk(life: Life, tolerance: Tolerance, years: float) -> float:
+    assert life.drift is not None
+    return life.drift.sensitivity(years).outside(*tolerance.limits(life))
+
+
+def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
+    """First date at which the risk reaches its limit: the day of the calibration where it is there already."""
+    start = float(life.years[-1])
+    before, looks = 0.0, [0.0, *np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)]
+    for after in looks:
+        if _risk(life, tolerance, start + after) >= RISK:
+            break
+        before = after
+    else:
+        return None
+    while after - before > 0.5 / DAYS_A_YEAR:
+        middle = (before + after) / 2
+        reached = _risk(life, tolerance, start + middle) >= RISK
+        before, after = (before, middle) if reached else (middle, after)
+    return later(life.entries[-1].date, after)
+
+
+def interval_in_force(life: Life) -> float:
+    """Time between the last two calibrations, to a tenth of a year; a year where there is only one."""
+    gap = float(life.years[-1] - life.years[-2]) if len(life.entries) > 1 else 1.0
+    return max(round(gap, 1), 0.1)
+
+
+def staircase(life: Life, tolerance: Tolerance, interval_years: float) -> float | None:
+    """The next interval by ILAC-G24's staircase, from how far the sensor was found from the value it was used with."""
+    if len(life.entries) < 2 or life.group[-1] != life.group[-2]:
+        return None
+    used = tolerance.nominal if tolerance.nominal is not None else float(life.value[-2])
+    found = abs(float(life.value[-1]) / used - 1.0) if used else math.inf
+    factor = STAIRCASE_LONGER if found <= STAIRCASE_PART * tolerance.relative else STAIRCASE_SHORTER
+    return factor * interval_years
+
+
+def later(date: datetime.date, years: float) -> datetime.date:
+    """A date so many years later, at most the last that a date can be."""
+    days = min(round(years * DAYS_A_YEAR), (datetime.date.max - date).days)
+    return date + datetime.timedelta(days=days)

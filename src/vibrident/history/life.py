@@ -1,0 +1,252 @@
+"""A sensor's life as one quantity of it: the calibrations that count, what their errors share, and its series."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.comparison import COVERAGE_FACTOR, normalized_error, shared_covariance
+from vibrident.history.drift import Drift
+from vibrident.records import FloatArray
+
+DAYS_A_YEAR = 365.25
+#: Probability below which a step at a repair begins a new series.
+STEP_AT_REPAIR = 0.05
+#: Probability, over all calibrations of a sensor, of taking a stable or drifting one for one that jumped.
+STEP_UNTOLD = 1e-3
+#: Most of a value's variance that is taken to be shared: rounding must not leave a negative rest.
+_MOST_SHARED = 1.0 - 1e-9
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One calibration, as far as one quantity is concerned.
+
+    Attributes:
+        id: number of the calibration in the store.
+        date: of the calibration.
+        value: in the quantity's unit; None where the result has none.
+        u: standard uncertainty, same unit; None where not stated.
+        unit: of both.
+        frequency_hz: where the quantity is a sensitivity at a frequency.
+        shared: standard uncertainty, same unit, by source that other calibrations may share.
+        data_files: what identifies the files that it was made of.
+        standing: the newest of ``approved``, ``superseded``, ``recalled``; empty for none of them.
+        facts: what else the store says of the calibration.
+    """
+
+    id: int
+    date: datetime.date
+    value: float | None
+    u: float | None
+    unit: str
+    frequency_hz: float | None = None
+    shared: Mapping[str, float] = field(default_factory=dict)
+    data_files: frozenset[str] = frozenset()
+    standing: str = ""
+    facts: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened to a sensor, or to one of its calibrations."""
+
+    id: int
+    kind: str
+    date: datetime.date
+    calibration_id: int | None = None
+    by: str = ""
+    note: str = ""
+    recorded: str = ""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """E_n of a calibration with the one before it.
+
+    Attributes:
+        ordinary: as if both were independent; None where there is no uncertainty.
+        correlated: with what they share taken out of the uncertainty of their difference.
+        correlation: of the two values.
+    """
+
+    ordinary: float | None
+    correlated: float | None
+    correlation: float
+
+
+@dataclass(frozen=True)
+class Break:
+    """Where a new series begins: the index of its first calibration, and why in words."""
+
+    index: int
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Life:
+    """The calibrations of a sensor that count, in the order of their dates, and those that do not.
+
+    Attributes:
+        entries: with value and uncertainty, in one unit, each of data of its own.
+        left_out: entry and reason, in words.
+        events: in the order of their dates.
+    """
+
+    entries: tuple[Entry, ...]
+    left_out: tuple[tuple[Entry, str], ...]
+    events: tuple[Event, ...]
+
+    @cached_property
+    def years(self) -> FloatArray:
+        """Time of each calibration from the first, in years of 365.25 days."""
+        return np.array([years_between(self.entries[0].date, entry.date) for entry in self.entries])
+
+    @cached_property
+    def value(self) -> FloatArray:
+        """Shape (n,)."""
+        return np.array([entry.value for entry in self.entries], dtype=float)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the errors of the calibrations, shape (n, n)."""
+        return np.array([[covariance(a, b) for b in self.entries] for a in self.entries])
+
+    @cached_property
+    def breaks(self) -> tuple[Break, ...]:
+        """Where a new series begins, the first not counted."""
+        found: list[Break] = []
+        for index in self._repaired():
+            if self._step_probability(found, index) < STEP_AT_REPAIR:
+                found.append(Break(index, "repaired, and the value stepped"))
+        while (untold := self._untold(found)) is not None:
+            found.append(untold)
+        return tuple(sorted(found, key=lambda item: item.index))
+
+    def _repaired(self) -> list[int]:
+        """Index of the first calibration after each repair, where there is one before it too."""
+        days = [event.date for event in self.events if event.kind == "repaired"]
+        dates = [entry.date for entry in self.entries]
+        firsts = {next((i for i, date in enumerate(dates) if date >= day), 0) for day in days}
+        return sorted(firsts - {0})
+
+    def _untold(self, known: Sequence[Break]) -> Break | None:
+        """The clearest step that nothing told of, where it is clearer than chance makes one."""
+        group = self._groups(known)
+        gaps = [i for i in range(1, len(self.entries)) if group[i] == group[i - 1]]
+        suspects = [i for i in gaps if abs(self.agreement(i).correlated or 0.0) > 1.0]
+        found = {i: self._step_probability(known, i) for i in suspects}
+        best = min(found, key=lambda i: found[i], default=0)
+        if best and found[best] < STEP_UNTOLD / (len(self.entries) - 1):
+            return Break(best, "the value stepped, and no event says why")
+        return None
+
+    def _step_probability(self, known: Sequence[Break], index: int) -> float:
+        """Probability of a step as large as found, where there is none."""
+        group = self._groups(known)
+        drift = Drift(self.years, self.value, self.covariance, group)
+        if group[index] != group[index - 1]:
+            return 1.0
+        below = drift.step(index).below(0.0)
+        return 2 * min(below, 1 - below)
+
+    def _groups(self, breaks: Sequence[Break]) -> NDArray[np.int_]:
+        starts = {item.index for item in breaks}
+        return np.cumsum([i in starts for i in range(len(self.entries))])
+
+    @cached_property
+    def group(self) -> NDArray[np.int_]:
+        """Number of the series of each calibration, from 0."""
+        return self._groups(self.breaks)
+
+    @cached_property
+    def drift(self) -> Drift | None:
+        """The drift; None where no series has two calibrations at different dates."""
+        if len(self.entries) < 2:
+            return None
+        drift = Drift(self.years, self.value, self.covariance, self.group)
+        return drift if drift.determined else None
+
+    def agreement(self, index: int) -> Agreement:
+        """E_n of calibration ``index`` with the one before it."""
+        return agreement(self.entries[index], self.entries[index - 1])
+
+
+def life(entries: Sequence[Entry], events: Sequence[Event]) -> Life:
+    """A life from all that the store holds of a sensor, whatever the order."""
+    kept, left_out = [], []
+    ordered = sorted(entries, key=lambda entry: (entry.date, entry.id))
+    present = next((entry for entry in reversed(ordered) if _standing_in_the_way(entry) == ""), None)
+    for entry in ordered:
+        reason = (
+            _standing_in_the_way(entry) or _another_quantity(entry, present) or _another_of_its_data(entry, ordered)
+        )
+        if reason:
+            left_out.append((entry, reason))
+        else:
+            kept.append(_with_room(entry))
+    ordered_events = sorted(events, key=lambda event: (event.date, event.id))
+    return Life(tuple(kept), tuple(left_out), tuple(ordered_events))
+
+
+def _standing_in_the_way(entry: Entry) -> str:
+    if entry.standing in ("recalled", "superseded"):
+        return entry.standing
+    if entry.value is None or not math.isfinite(entry.value):
+        return "no such value"
+    if entry.u is None or not entry.u > 0:
+        return "no uncertainty"
+    return ""
+
+
+def _another_quantity(entry: Entry, present: Entry | None) -> str:
+    if present is None or entry.unit != present.unit:
+        return f"in {entry.unit}"
+    if entry.frequency_hz is None or present.frequency_hz is None:
+        return ""
+    same = abs(entry.frequency_hz / present.frequency_hz - 1.0) < 1e-6
+    return "" if same else f"at {entry.frequency_hz:.6g} Hz"
+
+
+def _another_of_its_data(entry: Entry, entries: Sequence[Entry]) -> str:
+    """Two evaluations of one measurement are one calibration: the approved one counts, else the newest."""
+    for other in entries:
+        if other.id != entry.id and entry.data_files & other.data_files and not _standing_in_the_way(other):
+            first, second = ((e.standing == "approved", e.id) for e in (entry, other))
+            if second > first:
+                return f"the same data as calibration {other.id}"
+    return ""
+
+
+def _with_room(entry: Entry) -> Entry:
+    """What is shared is at most the whole uncertainty."""
+    square, whole = sum(u**2 for u in entry.shared.values()), _MOST_SHARED * float(entry.u or 0.0) ** 2
+    if square <= whole:
+        return entry
+    factor = math.sqrt(whole / square)
+    return replace(entry, shared={key: factor * u for key, u in entry.shared.items()})
+
+
+def covariance(one: Entry, other: Entry) -> float:
+    """Covariance of the errors of two calibrations."""
+    return float(one.u or 0.0) ** 2 if one.id == other.id else shared_covariance(one.shared, other.shared)
+
+
+def agreement(one: Entry, other: Entry) -> Agreement:
+    """E_n of two calibrations, with and without what their errors share (U, k = 2)."""
+    u_one, u_other = float(one.u or 0.0), float(other.u or 0.0)
+    both = covariance(one, other)
+    arguments = (float(one.value or 0.0), COVERAGE_FACTOR * u_one, float(other.value or 0.0), COVERAGE_FACTOR * u_other)
+    correlation = both / (u_one * u_other) if u_one * u_other > 0 else 0.0
+    return Agreement(normalized_error(*arguments), normalized_error(*arguments, both), correlation)
+
+
+def years_between(first: datetime.date, last: datetime.date) -> float:
+    """Years of 365.25 days."""
+    return (last - first).days / DAYS_A_YEAR

@@ -1,0 +1,64 @@
+"""A mixture of normal distributions: what is believed of a value when variances are known only so well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from vibrident.records import FloatArray
+
+#: Halvings of the interval in which a quantile lies: to a part in 10¹² of it.
+_HALVINGS = 45
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Normal distributions with weights.
+
+    Attributes:
+        weight: shape (m,), their sum is one.
+        mean: shape (m,).
+        deviation: standard deviations, shape (m,).
+    """
+
+    weight: FloatArray
+    mean: FloatArray
+    deviation: FloatArray
+
+    def below(self, value: float) -> float:
+        """Probability of a value below ``value``."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = np.nan_to_num((value - self.mean) / self.deviation, nan=0.0)
+        return float(self.weight @ ndtr(z))
+
+    def outside(self, low: float, high: float) -> float:
+        """Probability of a value outside the limits."""
+        return self.below(low) + 1.0 - self.below(high)
+
+    def quantile(self, probability: float) -> float:
+        """The value that is exceeded with 1 − ``probability``."""
+        heard = self.weight > 1e-12
+        reach = 40.0 * self.deviation[heard]
+        low, high = float(np.min(self.mean[heard] - reach)), float(np.max(self.mean[heard] + reach))
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.below(middle) < probability else (low, middle)
+        return (low + high) / 2
+
+    @property
+    def interval_95(self) -> tuple[float, float]:
+        """The 95 % interval with equal probabilities beyond its ends."""
+        return self.quantile(0.025), self.quantile(0.975)
+
+    @property
+    def value(self) -> float:
+        """The median: with few data the tails are so long that they have no mean."""
+        return self.quantile(0.5)
+
+    @property
+    def u(self) -> float:
+        """Standard uncertainty: a quarter of the 95 % interval, so that U = 2 u covers 95 % whatever the tails."""
+        low, high = self.interval_95
+        return (high - low) / 4

@@ -1,0 +1,213 @@
+"""What the store is asked: sensors, the calibrations and events of one or of all, and a stored result."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from vibrident.errors import InputError, did_you_mean
+from vibrident.history.life import Entry, Event
+from vibrident.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, sensor
+from vibrident.history.store import Store
+from vibrident.plots.units import sensor_name
+from vibrident.result import Result
+
+_STANDINGS = ("approved", "superseded", "recalled")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor, as its results name it."""
+
+    id: int
+    manufacturer: str
+    type: str
+    serial_number: str
+    axis: str
+
+    @property
+    def name(self) -> str:
+        """Manufacturer, type, serial number and axis in one line."""
+        name = sensor_name({key: getattr(self, key) for key in ("manufacturer", "type", "serial_number")})
+        return f"{name}, axis {self.axis}" if self.axis else name
+
+    def as_dict(self) -> dict[str, str]:
+        """As a result has it."""
+        named = ("manufacturer", "type", "serial_number", "axis")
+        return {key: getattr(self, key) for key in named if getattr(self, key)}
+
+
+@dataclass(frozen=True)
+class Overview:
+    """A sensor in the list of all: how often it was calibrated and when last."""
+
+    sensor: Sensor
+    calibrations: int
+    first: datetime.date
+    last: datetime.date
+
+
+def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
+    """All sensors, by type and serial number."""
+    columns, date_min, date_max = sensor.c, sa.func.min(calibration.c.date), sa.func.max(calibration.c.date)
+    asked = (
+        sa.select(*columns, sa.func.count().label("times"), date_min.label("first"), date_max.label("last"))
+        .join(calibration, calibration.c.sensor_id == columns.id)
+        .group_by(*columns)
+        .order_by(columns.type, columns.serial_number, columns.manufacturer, columns.axis)
+    )
+    if type_name is not None:
+        asked = asked.where(columns.type == type_name)
+    with store.reading() as connection:
+        return [Overview(_sensor(row), row.times, row.first, row.last) for row in connection.execute(asked)]
+
+
+def find(store: Store, serial_number: str, type_name: str | None = None, axis: str | None = None) -> Sensor:
+    """The sensor of a serial number.
+
+    Raises:
+        InputError: there is none, or more than one.
+    """
+    asked = sa.select(sensor).where(sensor.c.serial_number == serial_number)
+    for column, wanted in ((sensor.c.type, type_name), (sensor.c.axis, axis)):
+        asked = asked if wanted is None else asked.where(column == wanted)
+    with store.reading() as connection:
+        found = [_sensor(row) for row in connection.execute(asked)]
+        if len(found) == 1:
+            return found[0]
+        known = [] if found else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
+    if found:
+        raise InputError(
+            f"{len(found)} sensors have this serial number.",
+            expected="one of " + "; ".join(one.name for one in found),
+            found=serial_number,
+            where=store.shown,
+            remedy="give --type, or --axis, as well",
+        )
+    raise InputError(
+        "The store holds no such sensor.",
+        expected=f"one of its {len(known)} serial numbers",
+        found=serial_number,
+        where=store.shown,
+        remedy=did_you_mean(serial_number, known, "see vibrident history list"),
+    )
+
+
+def _sensor(row: Any) -> Sensor:
+    return Sensor(row.id, row.manufacturer, row.type, row.serial_number, row.axis)
+
+
+def entries(
+    store: Store, sensor_id: int | None = None, quantity: str = REFERENCE_SENSITIVITY
+) -> dict[int, list[Entry]]:
+    """The calibrations of a sensor, or of all, as far as a quantity is concerned; by sensor."""
+    c, p = calibration.c, parameter.c
+    joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
+    kept = [column for column in c if column.name != "document"]
+    asked = sa.select(*kept, p.value, p.standard_uncertainty, p.unit, p.frequency_hz, p.shared).select_from(joined)
+    asked = asked if sensor_id is None else asked.where(c.sensor_id == sensor_id)
+    standings = _standings(store, sensor_id)
+    found: dict[int, list[Entry]] = {}
+    with store.reading() as connection:
+        for row in connection.execute(asked).mappings():
+            found.setdefault(row["sensor_id"], []).append(_entry(row, standings.get(row["id"], "")))
+    return found
+
+
+def _entry(row: Mapping[Any, Any], standing: str) -> Entry:
+    told = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number")
+    facts = {key: row[key] for key in told} | {"warnings": json.loads(row["warnings"])}
+    return Entry(
+        id=row["id"],
+        date=row["date"],
+        value=row["value"],
+        u=row["standard_uncertainty"],
+        unit=row["unit"] or "",
+        frequency_hz=row["frequency_hz"],
+        shared=json.loads(row["shared"] or "{}"),
+        data_files=frozenset(json.loads(row["data_files"])),
+        standing=standing,
+        facts=facts,
+    )
+
+
+def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:
+    """The newest of the events that decide whether a calibration counts, by calibration."""
+    asked = sa.select(event.c.calibration_id, event.c.kind).where(
+        event.c.kind.in_(_STANDINGS), event.c.calibration_id.is_not(None)
+    )
+    asked = asked if sensor_id is None else asked.where(event.c.sensor_id == sensor_id)
+    with store.reading() as connection:
+        return {row.calibration_id: row.kind for row in connection.execute(asked.order_by(event.c.id))}
+
+
+def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]:
+    """What happened to a sensor, or to all; by sensor."""
+    asked = sa.select(event).order_by(event.c.date, event.c.id)
+    if sensor_id is None:
+        asked = asked.where(event.c.kind != "added")  # as many as calibrations, and nothing follows from them
+    else:
+        asked = asked.where(event.c.sensor_id == sensor_id)
+    found: dict[int, list[Event]] = {}
+    with store.reading() as connection:
+        for row in connection.execute(asked):
+            told = Event(row.id, row.kind, row.date, row.calibration_id, row.by, row.note, row.recorded)
+            found.setdefault(row.sensor_id, []).append(told)
+    return found
+
+
+def quantities(store: Store, sensor_id: int) -> list[str]:
+    """Names of the quantities that the calibrations of a sensor have."""
+    asked = sa.select(parameter.c.name).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
+    with store.reading() as connection:
+        return sorted(connection.execute(asked).scalars())
+
+
+def result(store: Store, calibration_id: int) -> Result:
+    """A stored result, whole.
+
+    Raises:
+        InputError: there is none of this number.
+    """
+    asked = sa.select(calibration.c.document).where(calibration.c.id == calibration_id)
+    with store.reading() as connection:
+        packed = connection.execute(asked).scalar_one_or_none()
+    if packed is None:
+        raise no_calibration(store, calibration_id)
+    return Result.from_dict(json.loads(zlib.decompress(packed)))
+
+
+def no_calibration(store: Store, calibration_id: int) -> InputError:
+    """That there is no calibration of this number."""
+    return InputError(
+        "The store holds no such calibration.",
+        expected="the number of a calibration",
+        found=str(calibration_id),
+        where=store.shown,
+        remedy="vibrident history show SERIAL lists the numbers",
+    )
+
+
+def rows(store: Store) -> Iterator[dict[str, Any]]:
+    """One row a calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
+    c, s = calibration.c, sensor.c
+    kept = [column for column in c if column.name not in ("document", "data_files", "sensor_id")]
+    named = [s.manufacturer, s.type, s.serial_number, s.axis]
+    standings = _standings(store, None)
+    with store.reading() as connection:
+        values: dict[int, dict[str, Any]] = {}
+        for row in connection.execute(sa.select(parameter)):
+            found = values.setdefault(row.calibration_id, {})
+            found |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}
+            if row.frequency_hz is not None:
+                found["reference_frequency_hz"] = row.frequency_hz
+        asked = sa.select(*named, *kept).join(calibration, c.sensor_id == s.id).order_by(s.serial_number, c.date, c.id)
+        for row in connection.execute(asked).mappings():
+            warnings = {"warnings": json.loads(row["warnings"]), "standing": standings.get(row["id"], "added")}
+            yield dict(row) | warnings | values.get(row["id"], {})
