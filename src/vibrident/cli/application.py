@@ -13,6 +13,7 @@ from vibrident.cli.commands.correct import correct
 from vibrident.cli.commands.demo import demo
 from vibrident.cli.commands.doctor import doctor
 from vibrident.cli.commands.export import export
+from vibrident.cli.commands.history import history
 from vibrident.cli.commands.identify import identify
 from vibrident.cli.commands.inspect import inspect
 from vibrident.cli.commands.plan import plan
@@ -67,6 +68,7 @@ _PANELS = {
     "From files to a model": (inspect, identify, report),
     "Use and judge a model": (predict, correct, plan, compare, simulate, export, reproduce),
 }
+app.add_typer(history, name="history", rich_help_panel="Use and judge a model")
 for _panel, _commands in _PANELS.items():
     for _command in _commands:
         app.command(rich_help_panel=_panel)(_command)

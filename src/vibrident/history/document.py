@@ -73,12 +73,16 @@ def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict
     }
 
 
-def all_due(store: Store, question: Question) -> list[dict[str, Any]]:
-    """The due date of every sensor that has the quantity, the soonest first."""
-    events = query.events(store)
-    sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store)}
+def all_due(
+    store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
+) -> list[dict[str, Any]]:
+    """The due date of every sensor that has the quantity, or of those of a type, or of one; the soonest first."""
+    events = query.events(store, sensor_id)
+    sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)}
     rows = []
-    for key, entries in query.entries(store, None, question.quantity).items():
+    for key, entries in query.entries(store, sensor_id, question.quantity).items():
+        if key not in sensors:
+            continue
         found = life(entries, events.get(key, []))
         if found.entries:
             told = _due(found, question) or {}
@@ -114,6 +118,7 @@ def _calibration(entry: Entry) -> dict[str, Any]:
         "value": entry.value,
         "u": entry.u,
         "U": None if entry.u is None else K * entry.u,
+        "u_own": entry.u_own,
         "unit": entry.unit,
         "standing": entry.standing or "added",
         "shared": dict(entry.shared),

@@ -5,8 +5,8 @@ calibrations state: noise of each, and what they share (a rank-one part a source
 walk. a is free; b is normal with variance β², W has the variance q a year. V is known, β² and q are not, and few
 calibrations tell little of them. So they are not estimated and then taken for true, but averaged over, by the
 likelihood of the contrasts (REML, Patterson & Thompson 1971), under three hypotheses of equal probability beforehand:
-line (q = 0), random walk (b = 0), and both. Each set of variances gives a generalised least-squares estimate, and their mixture is
-the prediction, with long tails where little is known.
+line (q = 0), random walk (b = 0), and both. Each set of variances gives a generalised least-squares estimate, and their
+mixture is the prediction, with long tails where little is known.
 
 Beforehand, the variance v of the drift over the whole history, in units of the noise of one calibration, has a density
 ∝ (1 + v)^(−5/4): flat below the noise, and beyond it with the fall that gave 95 % coverage from two calibrations on,

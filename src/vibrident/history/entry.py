@@ -173,6 +173,7 @@ def add_all(
     Raises:
         InputError: as :func:`rows_of`; those before are in the store then.
     """
+    store.begin()
     prepared = (rows_of(result, serial_number, date) for result in results)
     while batch := list(itertools.islice(prepared, _AT_ONCE)):
         with store.writing() as connection:

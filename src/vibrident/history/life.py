@@ -52,6 +52,13 @@ class Entry:
     standing: str = ""
     facts: Mapping[str, object] = field(default_factory=dict)
 
+    @property
+    def u_own(self) -> float | None:
+        """Standard uncertainty without what other calibrations may share."""
+        if self.u is None:
+            return None
+        return math.sqrt(max(self.u**2 - sum(u**2 for u in self.shared.values()), 0.0))
+
 
 @dataclass(frozen=True)
 class Event:

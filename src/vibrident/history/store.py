@@ -82,14 +82,14 @@ class Store:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[sa.Connection]:
-        """A connection whose changes are kept together at the end, or none of them; makes a new store.
+        """A connection whose changes are kept together at the end, or none of them.
 
         Raises:
-            InputError: its schema is another version's, or the database fails.
+            InputError: there is no store, its schema is another version's, or the database fails.
         """
         with self._explained():
-            if not self._checked:
-                self._make_if_new()
+            if self.is_sqlite and not self._file().exists():
+                raise self._absent()
             with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
                 self._require_revision(connection)
                 yield connection
@@ -123,8 +123,12 @@ class Store:
                     _migrate(connection, revision)
                 return before, _revision(connection) or ""
 
-    def _make_if_new(self) -> None:
-        """Lay a new store out; one that is there is left as it is."""
+    def begin(self) -> None:
+        """Lay a new store out; one that is there is left as it is.
+
+        Raises:
+            InputError: the database fails.
+        """
         if self.revision() is None:
             self.upgrade()
 

@@ -1,0 +1,408 @@
+"""``vibrident history``: the calibrations of every sensor in a store, and what they say of drift and due dates."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vibrident.cli.console import note, out, printable, wrote
+from vibrident.cli.folder import written_whole
+from vibrident.cli.options import choice, one_of
+from vibrident.cli.results import load_result
+from vibrident.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.history.due import Tolerance
+    from vibrident.report.tables import Table
+    from vibrident.result import Result
+
+history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
+
+FORMS = ("text", "json")
+KINDS = ("repaired", "recalled", "superseded")
+_PICTURES = (".png", ".svg", ".pdf")
+
+_Store = Annotated[
+    str | None,
+    typer.Option(
+        "--store",
+        metavar="URL",
+        help="sqlite:///FILE, FILE.db or postgresql://USER@HOST/DATABASE.",
+        show_default="VIBRIDENT_STORE, else a file in the user's data folder",
+    ),
+]
+_Serial = Annotated[str, typer.Argument(metavar="SERIAL", help="Serial number.", show_default=False)]
+_Type = Annotated[str | None, typer.Option("--type", metavar="TYPE", help="Of sensors with one serial number.")]
+_Axis = Annotated[str | None, typer.Option("--axis", metavar="AXIS", help="Of sensors with several.")]
+_Form = Annotated[str, choice("--format", FORMS, "Tables, or one JSON document.")]
+_By = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so.", show_default="the account")]
+_Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why.")]
+_Quantity = Annotated[
+    str,
+    typer.Option("--quantity", metavar="NAME", help="A parameter of the results, such as natural_frequency."),
+]
+_Tolerance = Annotated[
+    str | None,
+    typer.Option("--tolerance", metavar="REL", help="How far it may be off: 1% or 0.01.", show_default=False),
+]
+_Nominal = Annotated[
+    float | None,
+    typer.Option("--nominal", metavar="VALUE", help="Value it is used with.", show_default="the last calibration's"),
+]
+_Interval = Annotated[
+    float | None,
+    typer.Option("--interval", metavar="YEARS", help="In force.", show_default="between the last two calibrations"),
+]
+
+
+@history.command("add")
+def add(
+    results: Annotated[
+        list[Path], typer.Argument(metavar="RESULT...", help="result.json, one or more.", show_default=False)
+    ],
+    store: _Store = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", metavar="SERIAL", help="For results that state none.")
+    ] = None,
+    date: Annotated[
+        str | None, typer.Option("--date", metavar="DATE", help="Of the calibration, for results that state none.")
+    ] = None,
+) -> None:
+    """Add results. A result that is there already is left as it is."""
+    day = _date(date, "--date")
+    from vibrident.history.entry import add_all, rows_of
+    from vibrident.history.store import Store
+
+    for path in results:  # a result that is refused is found before any is added
+        _named(path, lambda result: rows_of(result, serial, day))
+    with Store(store) as opened:
+        added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
+        for path, (new, number) in zip(results, added, strict=True):
+            out().print(printable(f"{path}: calibration {number}{'' if new else ', there already'}"), soft_wrap=True)
+        count = sum(new for new, _ in added)
+        note(f"{count} of {len(added)} new in {opened.shown}")
+
+
+@history.command("list")
+def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "text") -> None:
+    """List the sensors, with the number of their calibrations and the dates of the first and the last."""
+    from vibrident.history import query, tables
+    from vibrident.history.document import listed
+    from vibrident.history.store import Store
+    from vibrident.report.tables import count
+
+    with Store(store) as opened:
+        rows = listed(query.overviews(opened, type_name))
+    if form == "json":
+        _print_json(rows)
+    else:
+        _print_table(tables.listed(rows), count(len(rows), "sensor"))
+
+
+@history.command("show")
+def show(
+    serial: _Serial,
+    store: _Store = None,
+    type_name: _Type = None,
+    axis: _Axis = None,
+    quantity: _Quantity = "reference_sensitivity",
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="DATE", help="Predict for it.", show_default="the end of the interval"),
+    ] = None,
+    tolerance: _Tolerance = None,
+    nominal: _Nominal = None,
+    interval: _Interval = None,
+    form: _Form = "text",
+    target: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Write it as .html, .png, .svg, .pdf or .json too."),
+    ] = None,
+) -> None:
+    """Show every calibration of a sensor, their agreement, drift, what to expect, and control charts."""
+    from vibrident.history import query
+    from vibrident.history.document import Question, shown
+    from vibrident.history.store import Store
+
+    if target is not None:
+        one_of("--out", target.suffix.lower(), (".html", *_PICTURES, ".json"))
+    asked = Question(quantity, _date(at, "--at"), _tolerance(tolerance, nominal), _interval(interval))
+    with Store(store) as opened:
+        document = shown(opened, query.find(opened, serial, type_name, axis), asked)
+    if form == "json":
+        _print_json(document)
+    else:
+        _print_history(document)
+    if target is not None:
+        _write(document, target)
+
+
+@history.command("due")
+def due(
+    serial: Annotated[
+        str | None, typer.Argument(metavar="[SERIAL]", help="Serial number.", show_default="all sensors")
+    ] = None,
+    tolerance: _Tolerance = None,
+    store: _Store = None,
+    type_name: _Type = None,
+    axis: _Axis = None,
+    quantity: _Quantity = "reference_sensitivity",
+    nominal: _Nominal = None,
+    interval: _Interval = None,
+    form: _Form = "text",
+) -> None:
+    """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
+    given = _tolerance(tolerance, nominal)
+    if given is None:
+        raise InputError(
+            "It is not said how far a sensor may be off.",
+            expected="a tolerance such as 1%",
+            found="none",
+            where="--tolerance",
+            remedy="give --tolerance 1%",
+        )
+    from vibrident.history import query, tables
+    from vibrident.history.document import Question, all_due, shown
+    from vibrident.history.store import Store
+    from vibrident.report.tables import count
+
+    asked = Question(quantity, None, given, _interval(interval))
+    with Store(store) as opened:
+        if serial is None:
+            rows = all_due(opened, asked, type_name)
+        else:
+            found = query.find(opened, serial, type_name, axis)
+            document = shown(opened, found, asked)
+            rows = all_due(opened, asked, type_name, found.id)
+    if form == "json":
+        _print_json(rows)
+    elif serial is None:
+        _print_table(
+            tables.all_due(rows),
+            f"{count(len(rows), 'sensor')}, the soonest first; tolerance ±{100 * given.relative:g} %",
+        )
+    else:
+        _print_pairs("Next calibration", tables.due(document))
+
+
+@history.command("approve")
+def approve(
+    number: Annotated[int, typer.Argument(metavar="ID", help="Number of the calibration.", show_default=False)],
+    store: _Store = None,
+    by: _By = None,
+    note_text: _Note = "",
+) -> None:
+    """Approve a calibration. Other evaluations of the same data are superseded."""
+    from vibrident.history import edit
+    from vibrident.history.store import Store
+
+    with Store(store) as opened:
+        superseded = edit.approve(opened, number, by=by, note=note_text)
+    out().print(f"Calibration {number} is approved.")
+    for other in superseded:
+        out().print(f"Calibration {other}, of the same data, is superseded.")
+
+
+@history.command("event")
+def event(
+    serial: _Serial,
+    kind: Annotated[str, choice("--kind", KINDS, "What happened.", show_default=False)],
+    date: Annotated[str | None, typer.Option("--date", metavar="DATE", help="When.", show_default="today")] = None,
+    calibration: Annotated[
+        int | None, typer.Option("--calibration", metavar="ID", help="Of this calibration, not of the sensor.")
+    ] = None,
+    note_text: _Note = "",
+    by: _By = None,
+    store: _Store = None,
+    type_name: _Type = None,
+    axis: _Axis = None,
+) -> None:
+    """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
+    day = _date(date, "--date")
+    from vibrident.history import edit, query
+    from vibrident.history.store import Store
+
+    with Store(store) as opened:
+        found = query.find(opened, serial, type_name, axis)
+        edit.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
+    subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
+    out().print(printable(f"{subject}: {kind}, {day or datetime.date.today()}"), soft_wrap=True)
+
+
+@history.command("result")
+def result(
+    number: Annotated[int, typer.Argument(metavar="ID", help="Number of the calibration.", show_default=False)],
+    target: Annotated[Path, typer.Option("--out", metavar="FILE", help="result.json to write.", show_default=False)],
+    store: _Store = None,
+) -> None:
+    """Give a stored result back, whole."""
+    from vibrident.history import query
+    from vibrident.history.store import Store
+
+    with Store(store) as opened:
+        query.result(opened, number).save(target)
+    wrote([target])
+
+
+@history.command("export")
+def export(
+    target: Annotated[Path, typer.Argument(metavar="FILE.parquet|FILE.csv", help="File to write.", show_default=False)],
+    store: _Store = None,
+) -> None:
+    """Write one row a calibration, with every parameter and its standard uncertainty."""
+    from vibrident.history import query
+    from vibrident.history.export import write
+    from vibrident.history.store import Store
+
+    one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
+    with Store(store) as opened:
+        rows = list(query.rows(opened))
+    with written_whole(target.parent) as output:
+        write(rows, output.path / target.name)
+    wrote(output.files)
+
+
+@history.command("upgrade")
+def upgrade(store: _Store = None) -> None:
+    """Bring a store of an older version to this one, with its data; or begin a new one."""
+    from vibrident.history.store import Store
+
+    with Store(store) as opened:
+        before, after = opened.upgrade()
+        what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
+        out().print(printable(f"{opened.shown} {what}; schema {after}"), soft_wrap=True)
+
+
+def _named(path: Path, use: Any) -> Result:
+    """A result that is fit for use, with its path in every complaint."""
+    loaded = load_result(path)
+    try:
+        use(loaded)
+    except InputError as error:
+        told = {"expected": error.expected, "found": error.found, "remedy": error.remedy}
+        raise InputError(error.problem, where=f"{path}, {error.where}", **told) from error
+    return loaded
+
+
+def _date(text: str | None, option: str) -> datetime.date | None:
+    if text is None:
+        return None
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise InputError(
+            "A date cannot be read.",
+            expected="a date such as 2025-03-31",
+            found=repr(text),
+            where=option,
+            remedy="write year, month and day",
+        ) from None
+
+
+def _tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
+    if text is None:
+        return None
+    from vibrident.history.due import Tolerance
+
+    try:
+        percent = text.strip().endswith("%")
+        value = float(text.strip().removesuffix("%")) * (0.01 if percent else 1.0)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1:
+        raise InputError(
+            "The tolerance cannot be read.",
+            expected="a part of the value, such as 1% or 0.01",
+            found=repr(text),
+            where="--tolerance",
+            remedy="give a number between 0 and 100 with %, or between 0 and 1",
+        )
+    return Tolerance(value, nominal)
+
+
+def _interval(years: float | None) -> float | None:
+    if years is not None and not 0 < years < 1000:
+        raise InputError(
+            "The interval cannot be used.",
+            expected="years, more than 0",
+            found=f"{years:g}",
+            where="--interval",
+            remedy="give years, such as 2 or 0.5",
+        )
+    return years
+
+
+def _print_json(content: Any) -> None:
+    typer.echo(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def _print_table(table: Table, title: str) -> None:
+    from vibrident.terminal.tables import literal, titled
+
+    made = titled(title, None)
+    for j, heading in enumerate(table.header):
+        made.add_column(heading, justify="right" if j in table.right else "left", overflow="fold")
+    for row in table.rows:
+        made.add_row(*(literal(cell) for cell in row))
+    out().print(made)
+    for text in table.notes:
+        out().print(text)
+
+
+def _print_pairs(title: str, rows: Sequence[tuple[str, str]]) -> None:
+    from vibrident.terminal.tables import literal, titled
+
+    if not rows:
+        return
+    made = titled(title, None)
+    made.show_header = False
+    made.add_column("")
+    made.add_column("", overflow="fold")
+    for name, text in rows:
+        made.add_row(literal(name), literal(text))
+    out().print(made)
+
+
+def _print_history(document: Mapping[str, Any]) -> None:
+    from vibrident.history import tables
+    from vibrident.plots.units import sensor_name
+
+    title = f"{sensor_name(document['sensor'])}: {tables.quantity_name(document)}"
+    _print_table(tables.calibrations(document), title)
+    for text in tables.series(document):
+        out().print(printable(text))
+    for heading, rows in _parts(document):
+        _print_pairs(heading, rows)
+    told = tables.events(document)
+    if told is not None:
+        _print_table(told, "Events")
+
+
+def _parts(document: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[str, str]]]]:
+    from vibrident.history import tables
+
+    yield "Drift", tables.drift(document)
+    yield "Control charts", tables.control(document)
+    yield "Next calibration", tables.due(document)
+
+
+def _write(document: Mapping[str, Any], target: Path) -> None:
+    with written_whole(target.parent) as output:
+        file = output.path / target.name
+        if target.suffix.lower() in _PICTURES:
+            from vibrident import plots
+            from vibrident.history.picture import figure
+
+            plots.save(figure(document), file)
+        elif target.suffix.lower() == ".html":
+            from vibrident.history.page import history_html
+
+            file.write_text(history_html(document), encoding="utf-8")
+        else:
+            file.write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
+    wrote(output.files)

@@ -1,0 +1,206 @@
+"""A history as tables and sentences: for the terminal and the page. Made from the document alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vibrident.naming import Scale, in_words, pretty, scaled
+from vibrident.plots.units import frequency_text
+from vibrident.report.numbers import NONE, pair, plain
+from vibrident.report.tables import Table
+
+Document = Mapping[str, Any]
+
+
+def quantity_name(document: Document) -> str:
+    """The quantity in words, with its frequency."""
+    quantity = document["quantity"]
+    if quantity["frequency_hz"] is None:
+        return in_words(quantity["name"])
+    return f"sensitivity at {frequency_text(quantity['frequency_hz'])}"
+
+
+def scale_of(document: Document) -> Scale:
+    """From the quantity's unit to one that reads well."""
+    sizes = [abs(row["value"]) for row in document["calibrations"] if row["counts"] and row["value"]]
+    return scaled(document["quantity"]["unit"], sizes[-1] if sizes else 0.0)
+
+
+def calibrations(document: Document) -> Table:
+    """Every calibration with U and E_n to the one before; those that do not count with the reason."""
+    scale = scale_of(document)
+    rows = []
+    for row in document["calibrations"]:
+        value, expanded = _value(row, scale) if row["counts"] else (NONE, NONE)
+        en = row["en"] or {}
+        rows.append(
+            (
+                str(row["id"]),
+                row["date"] + ("" if row["date_stated"] else " (evaluated)"),
+                value,
+                expanded,
+                "" if row["series"] is None else str(row["series"]),
+                _en(en.get("correlated")) if en else "",
+                _en(en.get("ordinary")) if en else "",
+                row["left_out"] if row["left_out"] not in ("", row["standing"]) else "",
+                row["standing"],
+                ", ".join(row["warnings"]) or "none",
+            )
+        )
+    unit = "" if scale.unit == "1" else f" / ({scale.unit})"
+    header = ("id", "date", f"value{unit}", "U", "series", "E_n", "ordinary E_n", "left out", "standing", "warnings")
+    notes = (
+        "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same reference, "
+        "the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too small where they "
+        "are not. |E_n| > 1 is a change that the uncertainties do not explain.",
+    )
+    return _without_empty(Table(header, tuple(rows), (0, 2, 3, 4, 5, 6), notes=notes))
+
+
+def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
+    """Value and U; the value to the place of what it does not share, because that is what changes are seen by."""
+    own = row["u_own"] or row["u"]
+    value, _ = pair(row["value"] * scale.factor, 2 * own * scale.factor)
+    return value, pair(row["value"] * scale.factor, row["U"] * scale.factor)[1]
+
+
+def _without_empty(table: Table) -> Table:
+    """Without columns that say nothing in any row."""
+    kept = [j for j in range(len(table.header)) if any(row[j] for row in table.rows)]
+    rows = tuple(tuple(row[j] for j in kept) for row in table.rows)
+    right = tuple(i for i, j in enumerate(kept) if j in table.right)
+    return Table(tuple(table.header[j] for j in kept), rows, right, table.lead, table.notes)
+
+
+def _en(value: float | None) -> str:
+    return NONE if value is None else f"{value:+.2f}".replace("-0.00", "+0.00")
+
+
+def series(document: Document) -> list[str]:
+    """A sentence for each series after the first."""
+    return [f"Series {row['series']} begins on {row['from']}: {row['why']}." for row in document["series"][1:]]
+
+
+def drift(document: Document) -> list[tuple[str, str]]:
+    """What is known of the drift, as pairs of name and text."""
+    found, scale = document["drift"], scale_of(document)
+    if found["why"]:
+        return [("drift", f"not known: {found['why']}")]
+    rate, prediction = found["rate_per_year"], found["prediction"]
+    percent = f"; {100 * rate['relative']:+.2g} %/a, U = {200 * rate['relative_u']:.2g} %/a"
+    likely = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found["probability"].items())
+    return [
+        ("steady drift, if there is one", f"{_with_u(rate, scale, '/a')}{percent}"),
+        ("random walk, if it is one", f"{plain(found['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a"),
+        ("probability", likely),
+        (f"sensor on {prediction['date']}", _with_u(prediction, scale)),
+        (f"calibration on {prediction['date']}", f"{_with_u(prediction['reading'], scale)}, by the same reference"),
+    ]
+
+
+def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
+    value, expanded = pair(values["value"] * scale.factor, values["U"] * scale.factor)
+    unit = f"{scale.unit}{per}" if scale.unit != "1" else per.replace("/", "1/")
+    return f"({value} ± {expanded}) {unit}".rstrip()
+
+
+def control(document: Document) -> list[tuple[str, str]]:
+    """What the control charts say, as pairs of name and text."""
+    found = document["control"]
+    if found is None:
+        return []
+    over = f"{100 * found['false_alarm_probability']:g} % over {found['false_alarm_over']} comparisons"
+    rows = []
+    for chart in found["charts"]:
+        length = f"mean {chart['average_run_length']:.0f} to a false alarm"
+        said = f"alarm on {', '.join(chart['alarm_dates'])}" if chart["alarm"] else "no alarm"
+        rows.append((chart["name"], f"{said} (false alarms: {over}; {length})"))
+    return rows
+
+
+def due(document: Document) -> list[tuple[str, str]]:
+    """When the sensor is due, as pairs of name and text."""
+    found, scale = document["due"], scale_of(document)
+    if found is None:
+        return []
+    low, high = (plain(limit * scale.factor, 6) for limit in found["limits"])
+    rows = [
+        ("tolerance", f"±{100 * found['tolerance']:g} %: {low} to {high} {scale.unit}"),
+        (f"due by a risk of {100 * found['risk']:g} %", found["date"] or found["why"]),
+        ("due by the interval in force", f"{found['by_interval']} ({found['interval_years']:g} a)"),
+    ]
+    if found["by_staircase"]:
+        rows.append(("due by the staircase", f"{found['by_staircase']} ({found['staircase_years']:.3g} a)"))
+    if found["risk_today"] is not None:
+        rows.append(("risk today", _percent(found["risk_today"])))
+        rows.append((f"risk on {found['by_interval']}", _percent(found["risk_at_end"])))
+    return rows
+
+
+def _percent(value: float | None) -> str:
+    return NONE if value is None else f"{100 * value:.2g} %"
+
+
+def events(document: Document) -> Table | None:
+    """What happened, but for calibrations that were added."""
+    rows = tuple(
+        (event["date"], event["kind"], str(event["calibration_id"] or ""), event["by"], event["note"])
+        for event in document["events"]
+        if event["kind"] != "added"
+    )
+    return Table(("date", "event", "calibration", "by", "note"), rows) if rows else None
+
+
+def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The due dates of many sensors."""
+    header = (
+        "serial number",
+        "type",
+        "calibrations",
+        "last",
+        "due by risk",
+        "by interval",
+        "by staircase",
+        "risk today",
+    )
+    body = tuple(
+        (
+            _named(row),
+            row.get("type", ""),
+            str(row["calibrations"]),
+            row["last"],
+            row["date"] or row["why"],
+            row["by_interval"],
+            row["by_staircase"] or NONE,
+            _percent(row["risk_today"]),
+        )
+        for row in rows
+    )
+    return Table(header, body, (2,))
+
+
+def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The sensors of a store."""
+    header = ("serial number", "type", "manufacturer", "calibrations", "first", "last")
+    body = tuple(
+        (
+            _named(row),
+            row.get("type", ""),
+            row.get("manufacturer", ""),
+            str(row["calibrations"]),
+            row["first"],
+            row["last"],
+        )
+        for row in rows
+    )
+    return Table(header, body, (3,))
+
+
+def _named(row: Mapping[str, Any]) -> str:
+    return row["serial_number"] + (f" {row['axis']}" if row.get("axis") else "")
+
+
+def unit_of(document: Document) -> str:
+    """The printed unit of the quantity."""
+    return pretty(scale_of(document).unit)
