@@ -11,8 +11,8 @@ from vibrident.report import page
 from vibrident.report.page import Page
 
 CAPTION = (
-    "Each calibration with U (k = 2), thick the part that it does not share with others; and between the blue limits, with 95 % probability, the sensor itself from the "
-    "last calibration on. Green: tolerance; grey upright: repaired."
+    "Each calibration with U (k = 2), thick the part that it does not share with others; and between the blue limits, "
+    "with 95 % probability, the sensor itself from the last calibration on. Green: tolerance; grey upright: repaired."
 )
 
 

@@ -30,7 +30,7 @@ def figure(document: Mapping[str, Any]) -> Figure:
             below.tick_params(labelbottom=i == 1)
         if control:
             upper.tick_params(labelbottom=False)
-        style.title(picture, "History", quantity_name(document), document["sensor"])
+        style.title(picture, f"History: {quantity_name(document)}", "", document["sensor"])
         return picture
 
 

@@ -1,0 +1,180 @@
+"""``vibrident history`` as users meet it: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from tests.support.lives import at_reference, calibrated
+from typer.testing import CliRunner
+
+from vibrident.cli import app
+from vibrident.result import Result
+
+
+@pytest.fixture(scope="module")
+def lived(tmp_path_factory):
+    """A store with a sensor that drifts and was repaired, and the results as files."""
+    folder = tmp_path_factory.mktemp("lived")
+    rng = np.random.default_rng(7)
+    bias = 1 + 0.005 * rng.normal()
+    results = []
+    for i in range(8):
+        step = 0.02 if i > 4 else 0.0
+        value = 0.1 * (bias + 0.0005 * i + step + 0.001 * rng.normal())
+        results.append(calibrated(value, f"{2010 + i}-03-01", data=str(i)))
+        results[-1].save(folder / f"result{i}.json")
+    calibrated(0.05, "2020-01-01", serial="12", data="other").save(folder / "other.json")
+    return folder, results
+
+
+@pytest.fixture(scope="module")
+def store(lived):
+    folder, _ = lived
+    url = str(folder / "h.db")
+    files = sorted(str(file) for file in folder.glob("*.json"))
+    assert ran("history", "add", *files, "--store", url).exit_code == 0
+    repaired = ("--kind", "repaired", "--date", "2014-06-01", "--note", "new [cable]")
+    assert ran("history", "event", "4711", *repaired, "--store", url).exit_code == 0
+    return url
+
+
+def ran(*arguments):
+    return CliRunner().invoke(app, arguments)
+
+
+def printed(*arguments):
+    done = ran(*arguments)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_show_gives_every_calibration_with_both_en_drift_and_prediction(lived, store):
+    _, results = lived
+    document = json.loads(printed("history", "show", "4711", "--store", store, "--format", "json", "--tolerance", "2%"))
+    rows = document["calibrations"]
+    assert [row["value"] for row in rows] == pytest.approx([at_reference(result) for result in results])
+    assert [row["series"] for row in rows] == [1] * 5 + [2] * 3
+    for before, row in itertools.pairwise(rows):
+        difference = row["value"] - before["value"]
+        own = 2 * np.hypot(before["u_own"], row["u_own"])
+        shared = [next(iter(r["shared"].values())) for r in (before, row)]
+        exact = np.hypot(own, 2 * (shared[1] - shared[0]))
+        assert row["en"]["correlated"] == pytest.approx(difference / exact, rel=1e-6)
+        assert row["en"]["ordinary"] == pytest.approx(difference / np.hypot(before["U"], row["U"]))
+    drift = document["drift"]
+    assert sum(drift["probability"].values()) == pytest.approx(1.0)
+    assert drift["prediction"]["reading"]["u"] < drift["prediction"]["u"]  # the reference's error is in both readings
+    assert document["due"]["limits"][1] == pytest.approx(1.02 * rows[-1]["value"])
+    text = printed("history", "show", "4711", "--store", store)
+    for part in ("ordinary E_n", "Series 2 begins on 2015-03-01", "random walk", "EWMA", "new [cable]"):
+        assert part in text
+
+
+def test_a_parameter_has_a_history_too(store):
+    document = json.loads(
+        printed("history", "show", "4711", "--store", store, "--format", "json", "--quantity", "natural_frequency")
+    )
+    assert document["quantity"]["unit"] == "Hz"
+    assert {row["value"] for row in document["calibrations"]} == {5000.0}
+    refused = ran("history", "show", "4711", "--store", store, "--quantity", "delay")
+    assert refused.exit_code == 2
+    assert "natural_frequency" in refused.output
+
+
+def test_list_and_due_of_all_sensors(store):
+    rows = json.loads(printed("history", "list", "--store", store, "--format", "json"))
+    assert [(row["serial_number"], row["calibrations"]) for row in rows] == [("12", 1), ("4711", 8)]
+    rows = json.loads(printed("history", "due", "--tolerance", "1%", "--store", store, "--format", "json"))
+    assert {row["serial_number"] for row in rows} == {"12", "4711"}
+    assert rows[0]["by_interval"] or rows[0]["date"]
+    assert "no drift" in printed("history", "due", "12", "--tolerance", "0.01", "--store", store)
+    assert "soonest" in printed("history", "due", "--tolerance", "1%", "--store", store)
+    refused = ran("history", "due", "--store", store)
+    assert refused.exit_code == 2
+    assert "--tolerance" in refused.output
+
+
+def test_what_was_approved_counts_and_other_evaluations_of_its_data_are_superseded(tmp_path):
+    url = str(tmp_path / "h.db")
+    for i, value in enumerate((0.1, 0.101)):
+        calibrated(value, data="the same").save(tmp_path / f"{i}.json")
+    printed("history", "add", str(tmp_path / "0.json"), str(tmp_path / "1.json"), "--store", url)
+
+    def counting():
+        rows = json.loads(printed("history", "show", "4711", "--store", url, "--format", "json"))["calibrations"]
+        return {row["id"]: (row["counts"], row["standing"]) for row in rows}
+
+    assert counting() == {1: (False, "added"), 2: (True, "added")}  # the newer evaluation
+    assert "2, of the same data, is superseded" in printed("history", "approve", "1", "--store", url)
+    assert counting() == {1: (True, "approved"), 2: (False, "superseded")}
+    printed("history", "event", "4711", "--kind", "recalled", "--calibration", "1", "--store", url)
+    assert counting() == {1: (False, "recalled"), 2: (False, "superseded")}
+    assert ran("history", "approve", "1", "--store", url).exit_code == 2
+    assert ran("history", "approve", "77", "--store", url).exit_code == 2
+
+
+def test_a_stored_result_comes_back_and_a_table_goes_out(lived, store, tmp_path):
+    _, results = lived
+    number = json.loads(printed("history", "show", "4711", "--store", store, "--format", "json"))["calibrations"][2][
+        "id"
+    ]
+    printed("history", "result", str(number), "--store", store, "--out", str(tmp_path / "back.json"))
+    assert Result.load(tmp_path / "back.json") == results[2]
+    parquet = pytest.importorskip("pyarrow.parquet")
+    printed("history", "export", str(tmp_path / "all.parquet"), "--store", store)
+    table = parquet.read_table(tmp_path / "all.parquet").to_pylist()
+    assert len(table) == 9
+    of_one = [row for row in table if row["serial_number"] == "4711"]
+    assert [row["reference_sensitivity"] for row in of_one] == pytest.approx([at_reference(r) for r in results])
+    assert of_one[0]["sensitivity_u"] == pytest.approx(results[0].parameters["sensitivity"].standard_uncertainty)
+    printed("history", "export", str(tmp_path / "all.csv"), "--store", store)
+    assert len((tmp_path / "all.csv").read_text().splitlines()) == 10
+
+
+def test_the_page_and_the_picture_show_the_history(store, tmp_path):
+    pytest.importorskip("plotly")
+    page, picture = tmp_path / "h.html", tmp_path / "h.svg"
+    for file in (page, picture):
+        printed("history", "show", "4711", "--store", store, "--tolerance", "2%", "--out", str(file))
+    text = page.read_text(encoding="utf-8")
+    figures = json.loads(text.split('id="figures">')[1].split("</script>")[0])
+    assert set(figures) == {"values", "control"}
+    assert "new [cable]" in text
+    assert ElementTree.parse(picture).getroot().tag.endswith("svg")
+    assert ran("history", "show", "4711", "--store", store, "--out", str(tmp_path / "h.txt")).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("show", "47"), "4711"),
+        (("show", "4711", "--at", "soon"), "2025-03-31"),
+        (("show", "4711", "--at", "2011-01-01"), "before the last"),
+        (("show", "4711", "--tolerance", "wide"), "1%"),
+        (("show", "4711", "--interval", "-1"), "years"),
+        (("event", "4711", "--kind", "painted"), "repaired"),
+        (("event", "4711", "--kind", "superseded"), "--calibration"),
+        (("event", "4711", "--kind", "recalled", "--calibration", "99"), "no such calibration"),
+        (("result", "99", "--out", "x.json"), "no such calibration"),
+        (("export", "x.xlsx"), ".parquet"),
+    ],
+)
+def test_what_cannot_be_done_is_said(store, arguments, said):
+    done = ran("history", *arguments, "--store", store)
+    assert done.exit_code == 2
+    assert said in done.output
+    assert "Traceback" not in done.output
+
+
+def test_one_refused_result_keeps_all_out(lived, tmp_path):
+    folder, _ = lived
+    calibrated(date=None).save(tmp_path / "undated.json")
+    url = str(tmp_path / "h.db")
+    done = ran("history", "add", str(folder / "result1.json"), str(tmp_path / "undated.json"), "--store", url)
+    assert done.exit_code == 2
+    assert "undated.json" in done.output
+    assert not (tmp_path / "h.db").exists()
