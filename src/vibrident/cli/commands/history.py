@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,20 +10,19 @@ import typer
 
 from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.folder import written_whole
+from vibrident.cli.history_output import PICTURES, print_history, print_json, print_pairs, print_table, write
 from vibrident.cli.options import choice, one_of
 from vibrident.cli.results import load_result
 from vibrident.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.history.due import Tolerance
-    from vibrident.report.tables import Table
     from vibrident.result import Result
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
 
 FORMS = ("text", "json")
 KINDS = ("repaired", "recalled", "superseded")
-_PICTURES = (".png", ".svg", ".pdf")
 
 _Store = Annotated[
     str | None,
@@ -99,9 +96,9 @@ def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "t
     with Store(store) as opened:
         rows = listed(query.overviews(opened, type_name))
     if form == "json":
-        _print_json(rows)
+        print_json(rows)
     else:
-        _print_table(tables.listed(rows), count(len(rows), "sensor"))
+        print_table(tables.listed(rows), count(len(rows), "sensor"))
 
 
 @history.command("show")
@@ -130,16 +127,16 @@ def show(
     from vibrident.history.store import Store
 
     if target is not None:
-        one_of("--out", target.suffix.lower(), (".html", *_PICTURES, ".json"))
+        one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
     asked = Question(quantity, _date(at, "--at"), _tolerance(tolerance, nominal), _interval(interval))
     with Store(store) as opened:
         document = shown(opened, query.find(opened, serial, type_name, axis), asked)
     if form == "json":
-        _print_json(document)
+        print_json(document)
     else:
-        _print_history(document)
+        print_history(document)
     if target is not None:
-        _write(document, target)
+        write(document, target)
 
 
 @history.command("due")
@@ -180,14 +177,14 @@ def due(
             document = shown(opened, found, asked)
             rows = all_due(opened, asked, type_name, found.id)
     if form == "json":
-        _print_json(rows)
+        print_json(rows)
     elif serial is None:
-        _print_table(
+        print_table(
             tables.all_due(rows),
             f"{count(len(rows), 'sensor')}, the soonest first; tolerance ±{100 * given.relative:g} %",
         )
     else:
-        _print_pairs("Next calibration", tables.due(document))
+        print_pairs("Next calibration", tables.due(document))
 
 
 @history.command("approve")
@@ -256,14 +253,14 @@ def export(
 ) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.history import query
-    from vibrident.history.export import write
+    from vibrident.history.export import write as write_table
     from vibrident.history.store import Store
 
     one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
     with Store(store) as opened:
         rows = list(query.rows(opened))
     with written_whole(target.parent) as output:
-        write(rows, output.path / target.name)
+        write_table(rows, output.path / target.name)
     wrote(output.files)
 
 
@@ -335,74 +332,3 @@ def _interval(years: float | None) -> float | None:
             remedy="give years, such as 2 or 0.5",
         )
     return years
-
-
-def _print_json(content: Any) -> None:
-    typer.echo(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def _print_table(table: Table, title: str) -> None:
-    from vibrident.terminal.tables import literal, titled
-
-    made = titled(title, None)
-    for j, heading in enumerate(table.header):
-        made.add_column(heading, justify="right" if j in table.right else "left", overflow="fold")
-    for row in table.rows:
-        made.add_row(*(literal(cell) for cell in row))
-    out().print(made)
-    for text in table.notes:
-        out().print(text)
-
-
-def _print_pairs(title: str, rows: Sequence[tuple[str, str]]) -> None:
-    from vibrident.terminal.tables import literal, titled
-
-    if not rows:
-        return
-    made = titled(title, None)
-    made.show_header = False
-    made.add_column("")
-    made.add_column("", overflow="fold")
-    for name, text in rows:
-        made.add_row(literal(name), literal(text))
-    out().print(made)
-
-
-def _print_history(document: Mapping[str, Any]) -> None:
-    from vibrident.history import tables
-    from vibrident.plots.units import sensor_name
-
-    title = f"{sensor_name(document['sensor'])}: {tables.quantity_name(document)}"
-    _print_table(tables.calibrations(document), title)
-    for text in tables.series(document):
-        out().print(printable(text))
-    for heading, rows in _parts(document):
-        _print_pairs(heading, rows)
-    told = tables.events(document)
-    if told is not None:
-        _print_table(told, "Events")
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[str, str]]]]:
-    from vibrident.history import tables
-
-    yield "Drift", tables.drift(document)
-    yield "Control charts", tables.control(document)
-    yield "Next calibration", tables.due(document)
-
-
-def _write(document: Mapping[str, Any], target: Path) -> None:
-    with written_whole(target.parent) as output:
-        file = output.path / target.name
-        if target.suffix.lower() in _PICTURES:
-            from vibrident import plots
-            from vibrident.history.picture import figure
-
-            plots.save(figure(document), file)
-        elif target.suffix.lower() == ".html":
-            from vibrident.history.page import history_html
-
-            file.write_text(history_html(document), encoding="utf-8")
-        else:
-            file.write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
-    wrote(output.files)
