@@ -66,6 +66,7 @@ LAYERS = (
     "export",
     "terminal",
     "history",
+    "fleet",
     "paper",
     "workflow",
     "cli",
@@ -103,6 +104,7 @@ NO_JAX = (
     "export",
     "terminal",
     "history",
+    "fleet",
 )
 DOOR_TO_JAX = "vibrident.backend"
 #: For arrays that are JAX's already: it may import JAX inside a function.

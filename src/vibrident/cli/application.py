@@ -13,6 +13,7 @@ from vibrident.cli.commands.correct import correct
 from vibrident.cli.commands.demo import demo
 from vibrident.cli.commands.doctor import doctor
 from vibrident.cli.commands.export import export
+from vibrident.cli.commands.fleet import fleet
 from vibrident.cli.commands.history import history
 from vibrident.cli.commands.identify import identify
 from vibrident.cli.commands.inspect import inspect
@@ -65,7 +66,7 @@ app = typer.Typer(
 
 _PANELS = {
     "Begin": (demo, serve, doctor),
-    "From files to a model": (inspect, identify, report),
+    "From files to a model": (inspect, identify, fleet, report),
     "Use and judge a model": (predict, correct, plan, compare, simulate, export, reproduce),
 }
 app.add_typer(history, name="history", rich_help_panel="Use and judge a model")

@@ -63,10 +63,18 @@ class Busy:
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
         """Show an optimiser's progress; see ``vibrident.estimators.optimise.Progress``."""
+        self.tell(f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}", iteration, most)
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is a terminal to show it on."""
+        return self._bar is not None
+
+    def tell(self, text: str, done: int, most: int) -> None:
+        """Show a text, and how much is done of how much."""
         bar, task = self._bar, self._task
         if bar is not None and task is not None:
-            text = f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}"
-            bar.update(task, description=text, completed=iteration, total=most)
+            bar.update(task, description=text, completed=done, total=most)
 
     def _show(self) -> None:
         with self._lock:

@@ -1,0 +1,199 @@
+"""``vibrident fleet``: many calibrations, one table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vibrident.cli import options
+from vibrident.cli.console import note, out
+from vibrident.cli.options import choice
+from vibrident.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.fleet import Outcome, Scheduler
+    from vibrident.fleet.coordinator import Progress
+
+DOUBTFUL = 3
+#: Seconds between lines about the progress where stderr is no terminal.
+_LINE_S = 30.0
+
+
+def fleet(
+    patterns: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PATTERN...",
+            help="Calibration files; folders, for all .toml files in and below them; globs in quotes.",
+            show_default=False,
+        ),
+    ],
+    folder: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for the table, the page and what is kept to go on.")
+    ],
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", metavar="N", min=1, help="Processes on this machine.", show_default="all cores"),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS|FILE.json",
+            help="A Dask scheduler that runs already, in place of this machine's processes; extra cluster.",
+        ),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option("--model", metavar="NAME", help="Sensor model for all, in place of each file's.")
+    ] = None,
+    estimator: Annotated[
+        str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data of each.")
+    ] = "auto",
+    resume: Annotated[bool, typer.Option("--resume/--fresh", help="Go on with what is in DIR, or do all anew.")] = True,
+    time_limit_s: Annotated[
+        float, typer.Option("--time-limit", metavar="S", help="Most seconds of one calibration.")
+    ] = 300.0,
+    memory_limit_mb: Annotated[
+        float | None,
+        typer.Option(
+            "--memory-limit",
+            metavar="MB",
+            help="Most memory of one process.",
+            show_default="its share of the machine's, at least 4 GB",
+        ),
+    ] = None,
+    limits: Annotated[
+        Path | None,
+        typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type (TOML), for the page."),
+    ] = None,
+    results: Annotated[bool, typer.Option("--results/--no-results", help="Keep whole results in DIR/results.")] = True,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 3 where a calibration is refused, failed or doubtful.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
+) -> None:
+    """Identify many sensors: DIR/fleet.parquet, a row each, and DIR/fleet.html.
+
+    The same command goes on where it was stopped, also by a crash. What is there already is not computed again; a
+    calibration whose files have changed is.
+
+    Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
+    """
+    from vibrident.fleet import Asked, Orders
+
+    memory = None if memory_limit_mb is None else _positive("--memory-limit", memory_limit_mb, "megabytes") * 1e6
+    orders = Orders(
+        str(folder),
+        _known(model),
+        estimator,
+        _positive("--time-limit", time_limit_s, "seconds"),
+        None if memory is None else int(memory),
+        results,
+    )
+    asked = Asked(patterns, orders, _specification(limits), fresh=not resume)
+    outcome = _run(asked, workers, scheduler, quiet=quiet)
+    if not quiet:
+        _show(outcome)
+    if strict and outcome.tally.doubts:
+        note(f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, failed or doubtful.")
+        raise typer.Exit(DOUBTFUL)
+
+
+def _positive(name: str, value: float, unit: str) -> float:
+    if 0 < value < float("inf"):
+        return value
+    raise InputError(
+        f"{name} is out of range.",
+        expected=f"a number of {unit} above 0",
+        found=repr(value),
+        where=name,
+        remedy=f"give another number, or leave {name} out",
+    )
+
+
+def _known(model: str | None) -> str | None:
+    """The name of a model, refused once where it is wrong, and not in every row."""
+    if model is not None:
+        from vibrident.models import parse
+
+        parse(model)
+    return model
+
+
+def _specification(path: Path | None) -> Any:
+    from vibrident.fleet.limits import Specification, read_limits
+
+    return Specification() if path is None else read_limits(path)
+
+
+def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool) -> Outcome:
+    from vibrident.cli.progress import Busy
+    from vibrident.fleet import run
+
+    chosen = _scheduler(workers, scheduler)
+    with Busy("Identifying") as progress:
+        told = _Told(progress, quiet=quiet)
+        return run(asked, chosen, told)
+
+
+def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
+    from vibrident.fleet import Dask, Local
+
+    if scheduler is None:
+        import joblib
+
+        return Local(workers or joblib.cpu_count())
+    if workers is not None:
+        raise InputError(
+            "Workers are asked for in two ways.",
+            expected="--workers, for this machine, or --scheduler, whose workers run already",
+            found="both",
+            where="command line",
+            remedy="leave one of the two out",
+        )
+    return Dask(scheduler)
+
+
+class _Told:
+    """Progress as a bar, or as a line now and then where stderr is no terminal."""
+
+    def __init__(self, bar: Any, *, quiet: bool) -> None:
+        import time
+
+        self._bar, self._quiet, self._clock = bar, quiet, time.monotonic
+        self._said = self._clock()
+
+    def __call__(self, progress: Progress) -> None:
+        text = _progress_text(progress)
+        self._bar.tell(f"Identifying: {text}", progress.done, progress.total)
+        if not self._quiet and not self._bar.shown and self._clock() - self._said >= _LINE_S:
+            self._said = self._clock()
+            note(text)
+
+
+def _progress_text(progress: Progress) -> str:
+    words = f"{progress.done} of {progress.total}"
+    if not progress.workers:
+        return f"{words}, waiting for workers"
+    if progress.rate > 0:
+        words += f", {progress.rate:.3g} a second"
+    return words if progress.left_s is None else f"{words}, {_duration(progress.left_s)} left"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _show(outcome: Outcome) -> None:
+    from vibrident.fleet.summary import summary
+
+    out().print(summary(outcome), crop=False)
+    if outcome.left_out:
+        note(f"{outcome.left_out} .toml files in the folders hold no section of a calibration and were left out.")
+    for name, units in outcome.tally.units_of_parameters.items():
+        if len(units) > 1:
+            note(f"The unit of {name} is not the same in all rows: {', '.join(units)}.")

@@ -1,0 +1,149 @@
+"""What a worker of any scheduler does: look at calibrations, and identify a batch of them in a process beside it.
+
+The process is told one calibration at a time, so it is known which one it did not survive. That one is alone in a fresh
+process next, and where it ends that too, its row says so. The rest of the batch goes on in another.
+"""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident import __version__
+from vibrident.errors import InputError
+from vibrident.fleet import key as keys
+from vibrident.fleet import row as rows
+from vibrident.fleet.key import Look
+from vibrident.fleet.orders import Orders
+from vibrident.fleet.parts import write_part
+from vibrident.fleet.process import Died, Process, unwritable
+
+#: How often a calibration is tried alone: somebody else may have ended a process.
+_TRIES_ALONE = 2
+_PROBLEMS = {
+    "time": ("Identifying this calibration takes too long.", "fewer or shorter records, or a larger --time-limit"),
+    "memory": ("Identifying this calibration takes too much memory.", "shorter records, or a larger --memory-limit"),
+    "crash": (
+        "Identifying this calibration ends its process, also alone.",
+        "check that its data files are whole: export them again, or in another format such as CSV",
+    ),
+}
+
+_here = threading.local()
+_processes: weakref.WeakSet[Process] = weakref.WeakSet()
+
+
+@dataclass(frozen=True)
+class Done:
+    """What became of a batch, whose rows are on the disk.
+
+    Attributes:
+        part: name of the file with the rows; empty where none is to be kept.
+        statuses: how many of each.
+        seconds: that they took.
+        moved: key asked for → key found, of calibrations whose files changed meanwhile.
+        passing: rows that are not kept for the next run.
+    """
+
+    part: str
+    statuses: dict[str, int]
+    seconds: float
+    moved: dict[str, str]
+    passing: list[rows.Row]
+
+
+def look_at(paths: Sequence[str], orders: Orders) -> list[Look]:
+    """Key and shape of each calibration."""
+    _require_same_version(orders)
+    return [keys.look(path, orders) for path in paths]
+
+
+def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
+    """Identify calibrations, each a path and its key, and write their rows.
+
+    Raises:
+        InputError: what they give cannot be written, or no process can be started.
+    """
+    _require_same_version(orders)
+    process = _process(orders)
+    found = [_row(process, path, key) for path, key in tasks]
+    keep, passing = [row for row in found if not row["passing"]], [row for row in found if row["passing"]]
+    part = ""
+    try:
+        if keep:
+            part = write_part(orders.parts_folder, keep, orders.time_limit_s, process.memory_bytes)
+    except OSError as error:
+        raise unwritable(f"{type(error).__name__}: {error}", orders.folder) from error
+    moved = {key: row["key"] for (_, key), row in zip(tasks, found, strict=True) if row["key"] != key}
+    seconds = sum(row["seconds"] for row in found)
+    return Done(part, dict(Counter(row["status"] for row in found)), seconds, moved, passing)
+
+
+def end_processes(run: str) -> None:
+    """End the processes that were started here for a run."""
+    for process in list(_processes):
+        if process.orders.run == run:
+            process.end()
+
+
+def _process(orders: Orders) -> Process:
+    """This thread's process; another where the orders are others."""
+    process: Process | None = getattr(_here, "process", None)
+    if process is None or process.ended or process.orders != orders:
+        if process is not None:
+            process.close()
+        process = _here.process = Process(orders)
+        _processes.add(process)
+    return process
+
+
+def _row(process: Process, path: str, key: str) -> rows.Row:
+    try:
+        return process.identify(path, key)
+    except Died as death:
+        last = death
+    for _ in range(_TRIES_ALONE if last.reason != "time" else 0):
+        process.close()
+        try:
+            return process.identify(path, key)
+        except Died as death:
+            last = death
+        finally:
+            process.close()
+    process.close()
+    return _killed(last, process, path, key)
+
+
+def lost(path: str, key: str, orders: Orders) -> rows.Row:
+    """The row of a calibration whose workers were lost again and again."""
+    return _killed(Died("crash", "workers that were lost with it, several times"), Process(orders), path, key)
+
+
+def _killed(death: Died, process: Process, path: str, key: str) -> rows.Row:
+    problem, remedy = _PROBLEMS[death.reason]
+    orders, memory = process.orders, process.memory_bytes
+    limits = {"time": f"at most {orders.time_limit_s:g} s", "memory": f"at most {(memory or 0) / 1e6:.0f} MB"}
+    error = InputError(
+        problem,
+        expected=limits.get(death.reason, "a calibration that a process survives"),
+        found=death.ending,
+        where=Path(path).name,
+        remedy=remedy,
+    )
+    seconds = orders.time_limit_s if death.reason == "time" else 0.0
+    return rows.failed(key, error, keys.sensor_text(path), orders.model, seconds)
+
+
+def _require_same_version(orders: Orders) -> None:
+    if orders.version != __version__:
+        raise InputError(
+            "A worker has another version of vibrident.",
+            expected=orders.version,
+            found=__version__,
+            where="worker of the scheduler",
+            remedy="install the same version on all machines, and start the workers again",
+        )

@@ -1,0 +1,269 @@
+"""The path of a run: find calibrations, look at them, have them identified in batches, write table and page."""
+
+from __future__ import annotations
+
+import os
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.fleet import parts, patterns
+from vibrident.fleet.batch import Done, look_at, lost, work_off
+from vibrident.fleet.batching import BATCH_S, Batches, Task
+from vibrident.fleet.key import Look
+from vibrident.fleet.limits import Specification
+from vibrident.fleet.orders import Orders
+from vibrident.fleet.page import write_page
+from vibrident.fleet.process import unwritable
+from vibrident.fleet.row import Row
+from vibrident.fleet.schedulers import Answer, Scheduler
+from vibrident.fleet.table import Tally, index_of, write_table
+
+#: Calls a worker has at once: one that it works on, one that waits for it.
+WINDOW = 2
+#: Calibrations that are looked at by one call; the first calls are short, so that work begins at once.
+_FIRST_LOOKS, _MOST_LOOKS = 8, 100
+#: Seconds to wait before the number of workers, and the progress, are looked at again.
+_TURN_S = 0.5
+#: How often a calibration is sent again whose worker was lost, and looked at again because its files changed.
+_MOST_LOST, _MOST_MOVES = 4, 3
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a run is asked for.
+
+    Attributes:
+        patterns: files, folders and globs.
+        orders: how each calibration is identified, and the folder.
+        specification: limits that the parameters should keep, by type.
+        fresh: do all anew, in place of going on.
+    """
+
+    patterns: Sequence[str]
+    orders: Orders
+    specification: Specification = field(default_factory=Specification)
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes:
+        done: calibrations that have a row, those of earlier runs among them.
+        total: calibrations.
+        rate: identified, refused or failed in this run, a second.
+        left_s: seconds left at that rate; None before there is one.
+        workers: at work now.
+    """
+
+    done: int
+    total: int
+    rate: float
+    left_s: float | None
+    workers: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run came to.
+
+    Attributes:
+        tally: of the table's rows.
+        files: written: the table, then the page.
+        computed: calibrations that this run computed; those of equal content, or of an earlier run, were not.
+        left_out: TOML files, in folders, that hold no section of a calibration.
+        seconds: of the run.
+        folder: of the whole results.
+    """
+
+    tally: Tally
+    files: list[Path]
+    computed: int
+    left_out: int
+    seconds: float
+    folder: Path
+
+    def results(self) -> Iterator[Path]:
+        """The whole result of each identified calibration, each once; they exist where they were asked for."""
+        return (self.folder / f"{key.decode()}.json" for key in np.unique(self.tally.identified_keys).tolist())
+
+
+def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None] = lambda _: None) -> Outcome:
+    """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
+
+    Args:
+        asked: what to do.
+        scheduler: who does it; it is closed at the end.
+        progress: told about twice a second.
+
+    Raises:
+        InputError: a pattern names nothing, the folder cannot be written, or the scheduler is gone.
+    """
+    begin = time.monotonic()
+    began_at = time.time()
+    orders = replace(asked.orders, folder=os.path.abspath(asked.orders.folder), run=uuid.uuid4().hex)
+    try:
+        named = patterns.found(asked.patterns)
+        _prepare(orders, fresh=asked.fresh)
+        work = _Work(named, orders, _usable(orders), scheduler, progress)
+        try:
+            work.do()
+        finally:
+            scheduler.close(orders.run)
+        calibrations = [(one.path, key) for one, key in zip(named, work.keys, strict=True) if key is not None]
+        seconds = time.monotonic() - begin
+        table = Path(orders.folder) / "fleet.parquet"
+        tally = write_table(table, calibrations, orders, work.passing)
+        page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
+    except OSError as error:
+        raise unwritable(f"{type(error).__name__}: {error}", orders.folder) from error
+    left_out = len(named) - len(calibrations)
+    return Outcome(tally, [table, page], work.computed, left_out, seconds, orders.results_folder)
+
+
+def _prepare(orders: Orders, *, fresh: bool) -> None:
+    orders.parts_folder.mkdir(parents=True, exist_ok=True)
+    for folder, ending in ((orders.parts_folder, ".parquet"), (orders.results_folder, ".json")):
+        if folder.is_dir():
+            parts.remove_left(folder)
+            for path in folder.glob(f"*{ending}") if fresh else ():
+                if len(path.stem) == 64 and set(path.stem) <= set("0123456789abcdef"):  # ours, by its name
+                    path.unlink(missing_ok=True)
+    if orders.results:
+        orders.results_folder.mkdir(exist_ok=True)
+    trial = orders.parts_folder / ".trial"
+    parts.write_whole(trial, b"")
+    trial.unlink(missing_ok=True)
+
+
+def _usable(orders: Orders) -> set[bytes]:
+    """Keys of the rows that are on the disk and stand."""
+    index = index_of(orders)
+    return {bytes.fromhex(key.decode()) for key in index.keys[index.stands].tolist()}
+
+
+class _Work:
+    """The calls that are out, and what is still to be done."""
+
+    def __init__(
+        self,
+        named: list[patterns.Named],
+        orders: Orders,
+        there: set[bytes],
+        scheduler: Scheduler,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
+        self.keys: list[bytes | None] = [None] * len(named)  # None: not looked at, or no calibration
+        self.passing: list[Row] = []
+        self.computed = 0
+        self._lost: Counter[str] = Counter()
+        self._moves: Counter[int] = Counter()
+        self._there = there  # or on the way
+        self._batches = Batches()
+        self._looks: dict[int, list[int]] = {}
+        self._work: dict[int, tuple[str, list[Task]]] = {}
+        self._next, self._seen, self._waiting_for = 0, 0, 0
+        self._begin = time.monotonic()
+
+    def do(self) -> None:
+        """Until every calibration has a row."""
+        told = 0.0
+        while self._next < len(self.named) or self._looks or self._batches or self._work:
+            self._send()
+            if (answer := self.scheduler.next_answer(_TURN_S)) is not None:
+                self._take(answer)
+            if time.monotonic() - told >= _TURN_S:
+                told = time.monotonic()
+                self._tell()
+        self._tell()
+
+    def _send(self) -> None:
+        workers = self.scheduler.workers()
+        while len(self._looks) + len(self._work) < WINDOW * workers:
+            ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
+            if self._next < len(self.named) and not ahead and len(self._looks) <= workers // 2:
+                self._send_look()
+            elif self._batches:
+                shape, tasks = self._batches.take(workers)
+                self._work[self.scheduler.submit(work_off, tasks, self.orders)] = (shape, tasks)
+            else:
+                return
+
+    def _send_look(self) -> None:
+        size = _FIRST_LOOKS if self._seen < WINDOW * _MOST_LOOKS else _MOST_LOOKS
+        places = list(range(self._next, min(self._next + size, len(self.named))))
+        self._next = places[-1] + 1
+        self._look(places)
+
+    def _look(self, places: list[int]) -> None:
+        paths = [os.path.abspath(self.named[place].path) for place in places]
+        self._looks[self.scheduler.submit(look_at, paths, self.orders)] = places
+
+    def _take(self, answer: Answer) -> None:
+        if answer.error is not None:
+            raise answer.error
+        if answer.call in self._looks:
+            places = self._looks.pop(answer.call)
+            self._look(places) if answer.lost else self._seen_are(places, answer.value)
+            return
+        shape, tasks = self._work.pop(answer.call)
+        if not answer.lost:
+            self._done(shape, tasks, answer.value)
+        elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MOST_LOST:
+            row = lost(*tasks[0], self.orders)
+            part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
+            self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}, []))
+        else:  # halves: whatever ended the workers, it is in one of them
+            self._lost.update(key for _, key in tasks)
+            middle = (len(tasks) + 1) // 2
+            for half in filter(None, (tasks[:middle], tasks[middle:])):
+                self._work[self.scheduler.submit(work_off, half, self.orders)] = (shape, half)
+
+    def _seen_are(self, places: list[int], looks: list[Look]) -> None:
+        for place, one in zip(places, looks, strict=True):
+            self._seen += 1
+            named = self.named[place]
+            if named.in_folder and not one.calibration:
+                continue
+            key = self.keys[place] = bytes.fromhex(one.key)
+            if key not in self._there:
+                self._there.add(key)
+                self._waiting_for += 1
+                self._batches.add(one.shape, (os.path.abspath(named.path), one.key))
+
+    def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
+        self.computed += len(tasks)
+        self._waiting_for -= len(tasks)
+        self.passing += done.passing
+        self._batches.measured(shape, done.seconds, len(tasks))
+        for before, after in done.moved.items():
+            self._moved(bytes.fromhex(before), bytes.fromhex(after))
+
+    def _moved(self, before: bytes, after: bytes) -> None:
+        """Files changed after they were looked at: look again at all that were the same then."""
+        self._there.discard(before)
+        self._there.add(after)
+        places = [place for place, key in enumerate(self.keys) if key == before]
+        again = [place for place in places if self._moves[place] < _MOST_MOVES]
+        for place in set(places) - set(again):  # it never rests: the latest row stands
+            self.keys[place] = after
+        self._moves.update(again)
+        self._seen -= len(again)
+        if again:
+            self._look(again)
+
+    def _tell(self) -> None:
+        elapsed = time.monotonic() - self._begin
+        rate = self.computed / elapsed if elapsed > 0 else 0.0
+        left = len(self.named) - self._seen + self._waiting_for
+        left_s = left / rate if rate > 0 else None
+        workers = self.scheduler.workers()
+        self.progress(Progress(len(self.named) - left, len(self.named), rate, left_s, workers))

@@ -1,0 +1,108 @@
+"""The key of a calibration: what its outcome depends on, and nothing else. Where the files lie is no part of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vibrident.errors import InputError
+from vibrident.fleet.orders import Orders
+from vibrident.io.calibration_file import CalibrationFile, read_calibration_file
+from vibrident.io.record_files import data_files
+from vibrident.io.toml_text import MOST_BYTES, refuse_costly
+
+SCHEMA = "vibrident.fleet/1"
+#: In place of the hash of a file that is not there, or may not be read: once it is, the key is another.
+_ABSENT = "absent"
+
+
+@dataclass(frozen=True)
+class Look:
+    """A calibration before it is read.
+
+    Attributes:
+        key: SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data files, the
+            settings and the version.
+        shape: alike for calibrations that take about the same time.
+        calibration: False for a TOML file of something else.
+    """
+
+    key: str
+    shape: str
+    calibration: bool = True
+
+
+def look(path: str, orders: Orders) -> Look:
+    """Hash a calibration's files. A file that cannot be used has a key too, and is refused when it is read."""
+    file = Path(path)
+    try:
+        document = read_calibration_file(file)
+    except InputError:
+        return Look(_key(file, [], orders), "not readable", calibration=_may_be_one(file))
+    try:
+        names = data_files(document, file.parent, path)
+    except InputError:  # a glob that matches nothing
+        names = []
+    return Look(_key(file, names, orders), _shape(document, file.parent, names))
+
+
+def sensor_text(path: str) -> dict[str, str]:
+    """What a calibration file says of its sensor, as far as it can be read, though it may not be usable."""
+    section = _toml(Path(path)).get("sensor")
+    plain = section if isinstance(section, Mapping) else {}
+    return {str(key): str(value) for key, value in plain.items() if not isinstance(value, list | dict)}
+
+
+def _key(file: Path, names: list[str], orders: Orders) -> str:
+    content = {
+        "schema": SCHEMA,
+        "version": orders.version,
+        "settings": orders.settings,
+        "calibration": _digest(file),
+        "data": [[name, _digest(file.parent / name)] for name in names],
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _digest(path: Path) -> str:
+    if not path.is_file():  # a pipe or a device may never end
+        return _ABSENT
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return _ABSENT
+
+
+def _shape(document: CalibrationFile, folder: Path, names: list[str]) -> str:
+    size = sum(os.path.getsize(folder / name) for name in names if os.path.isfile(folder / name))
+    kinds = {entry.excitation for entry in document.records} or {"table"}
+    endings = {Path(name).suffix.lower() for name in names}
+    parts = [document.sensor.model, *sorted(kinds), *sorted(endings), len(names), round(math.log2(size + 1))]
+    return " ".join(str(part) for part in parts)
+
+
+def _may_be_one(file: Path) -> bool:
+    """Whether a file that is no valid calibration file was meant for one, rather than for another program."""
+    document = _toml(file)
+    return not document or bool(document.keys() & CalibrationFile.model_fields.keys())
+
+
+def _toml(file: Path) -> dict[str, Any]:
+    """The keys of a TOML file; none where it cannot be read."""
+    try:
+        if not file.is_file():
+            return {}
+        with file.open("rb") as stream:
+            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
+        refuse_costly(text, "")
+        return tomllib.loads(text.replace("\r\n", "\n"))
+    except (OSError, ValueError, RecursionError, InputError):
+        return {}

@@ -1,0 +1,79 @@
+"""What is asked of a worker: how to identify, within which limits, and where the outcome goes."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident import __version__
+
+#: Seconds that one calibration may take.
+TIME_LIMIT_S = 300.0
+_LEAST_BYTES = 4_000_000_000
+_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class Orders:
+    """The same for all calibrations of a run.
+
+    Attributes:
+        folder: absolute; results and parts go there.
+        model: None takes each calibration's own.
+        estimator: a name, or ``auto``.
+        time_limit_s: most time of one calibration.
+        memory_limit_bytes: most memory of one process; None: a share of the machine's, see ``memory_limit``.
+        results: whether whole results are written.
+        version: of this package, which a worker elsewhere must have too.
+        run: a name of this run, by which its processes are told from those of another.
+    """
+
+    folder: str
+    model: str | None = None
+    estimator: str = "auto"
+    time_limit_s: float = TIME_LIMIT_S
+    memory_limit_bytes: int | None = None
+    results: bool = True
+    version: str = __version__
+    run: str = ""
+
+    @property
+    def settings(self) -> dict[str, str | None]:
+        """What the numbers of an outcome depend on, beside the files."""
+        return {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
+
+    @property
+    def parts_folder(self) -> Path:
+        """Where rows go."""
+        return Path(self.folder) / "parts"
+
+    @property
+    def results_folder(self) -> Path:
+        """Where whole results go."""
+        return Path(self.folder) / "results"
+
+
+def memory_limit(orders: Orders) -> int | None:
+    """Most bytes of a process that identifies, on this machine; None where the machine does not say what it has.
+
+    Unless it is stated, each processor's share of four fifths of the memory, but at least 4 GB, because one large
+    calibration is rarely beside another; and never more than the four fifths.
+    """
+    if orders.memory_limit_bytes is not None:
+        return orders.memory_limit_bytes
+    total = _machine_bytes()
+    if total is None:
+        return None
+    return int(min(_SHARE * total, max(_LEAST_BYTES, _SHARE * total / (os.cpu_count() or 1))))
+
+
+def _machine_bytes() -> int | None:
+    """Memory of this machine, or of the container that this process is in."""
+    found = []
+    with suppress(AttributeError, ValueError, OSError):  # not on Windows
+        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    with suppress(OSError, ValueError):  # "max" is no number
+        found.append(int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii")))
+    return min(found, default=None)

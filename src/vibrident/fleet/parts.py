@@ -1,0 +1,179 @@
+"""Rows on the disk, a batch a file, by the keys that they hold: written whole, found again by whoever comes next."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import time
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.fleet.row import FAILED, IDENTIFIED, Row
+
+#: Columns of a part beside a parameter's; its units stand as JSON, and limits where a calibration failed under them.
+_TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
+_NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
+#: Age after which a file that is being written has been left by a process that is gone.
+_LEFT_S = 3600.0
+_ENDING = ".part"
+
+
+@dataclass(frozen=True, eq=False)
+class Index:
+    """Where the row of each key is. Of several rows of a key, one that came to an end counts, the latest tried last.
+
+    Attributes:
+        keys: sorted, each once, as hexadecimal digits; shape (keys,).
+        part: number of the part in ``parts``; shape (keys,).
+        row: number of the row in it; shape (keys,).
+        stands: False where the row is to be made again; shape (keys,).
+        parts: names of the files.
+        parameters: that each part has columns for.
+    """
+
+    keys: NDArray[np.bytes_]
+    part: NDArray[np.int32]
+    row: NDArray[np.int32]
+    stands: NDArray[np.bool_]
+    parts: list[str]
+    parameters: list[tuple[str, ...]]
+
+    def places(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
+        """Where these keys stand in the index; −1 for one that does not."""
+        if not self.keys.size:
+            return np.full(keys.shape, -1)
+        found = np.minimum(np.searchsorted(self.keys, keys), self.keys.size - 1)
+        return np.where(self.keys[found] == keys, found, -1)
+
+
+def write_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
+    """Write a file that appears whole or not at all; ``durable``: also where the power fails."""
+    partial = path.with_name(f".{uuid.uuid4().hex}{_ENDING}")
+    try:
+        with partial.open("wb") as stream:
+            stream.write(content)
+            if durable:
+                stream.flush()
+                os.fsync(stream.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def remove_left(folder: Path) -> None:
+    """Remove what processes that were killed have left half-written."""
+    for path in folder.glob(f".*{_ENDING}"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > _LEFT_S:
+                path.unlink()
+
+
+def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
+    """Rows as a table of pyarrow, with the limits that they were made within."""
+    import pyarrow as pa
+
+    columns: dict[str, Any] = {
+        field: pa.array([_text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS
+    }
+    columns["units"] = pa.array([_units(row) for row in rows], pa.string())
+    limits = {"time_limit_s": time_limit_s, "memory_limit_bytes": memory_limit_bytes}
+    for field in _NUMBERS:
+        columns[field] = pa.array([{**row, **limits}[field] for row in rows], pa.float64())
+    columns["adequate"] = pa.array([row["adequate"] for row in rows], pa.bool_())
+    columns["warnings"] = pa.array([row["warnings"] for row in rows], pa.list_(pa.string()))
+    for parameter in dict.fromkeys(parameter for row in rows for parameter in row["parameters"]):
+        found = [row["parameters"].get(parameter, (None, None)) for row in rows]
+        columns[parameter] = pa.array([one[0] for one in found], pa.float64())
+        columns[f"{parameter}_u"] = pa.array([one[1] for one in found], pa.float64())
+    return pa.table(columns)
+
+
+def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> str:
+    """Write rows into a part; return its name, which follows from the keys: the same rows never make two parts."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    name = hashlib.sha256("".join(sorted(row["key"] for row in rows)).encode()).hexdigest() + ".parquet"
+    sink = pa.BufferOutputStream()
+    pq.write_table(as_table(rows, time_limit_s, memory_limit_bytes), sink, compression="zstd")
+    write_whole(folder / name, sink.getvalue().to_pybytes(), durable=True)
+    return name
+
+
+def _text(value: str | None) -> str | None:
+    """Text that can be written as UTF-8, whatever a file's name held."""
+    return None if value is None else value.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _units(row: Row) -> str:
+    return json.dumps({name: one[2] for name, one in row["parameters"].items()}, separators=(",", ":"))
+
+
+def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
+    """Names of the parameters that a part has columns for."""
+    known = {*_TEXTS, *_NUMBERS, "adequate", "warnings"}
+    return tuple(name for name in columns if name not in known and f"{name}_u" in columns)
+
+
+def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None) -> Index:
+    """Index all rows on the disk. A part that cannot be read counts for nothing.
+
+    A row is to be made again where its whole result is wanted and not there, or where the calibration failed within
+    limits that were tighter than these.
+
+    Args:
+        folder: of the parts.
+        results: where whole results must be; None: not wanted.
+        time_limit_s: of this run.
+        memory_limit_bytes: of this run; None: none.
+    """
+    there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
+    names, parameters, blocks = [], [], []
+    for path in sorted(folder.glob("*.parquet")):
+        if (read := _read(path)) is None:
+            continue
+        columns, found = read
+        keys = np.array(found["key"], dtype="S64")
+        status = np.array(found["status"])
+        seconds = np.array(found["time_limit_s"], dtype=float)
+        memory = np.array([math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float)
+        ended, wanted = status != FAILED, math.inf if memory_limit_bytes is None else memory_limit_bytes
+        stands = ended | ((time_limit_s <= seconds) & (wanted <= memory))
+        if there is not None:
+            whole = np.array([f"{key}.json" in there for key in found["key"]], dtype=bool)
+            stands &= (status != IDENTIFIED) | whole
+        blocks.append((keys, np.full(keys.shape, len(names)), np.arange(keys.size), stands, ended, seconds, memory))
+        names.append(path.name)
+        parameters.append(parameters_of(columns))
+    if not blocks:
+        empty = np.zeros(0, dtype=np.int32)
+        return Index(np.zeros(0, dtype="S64"), empty, empty, empty.astype(bool), [], [])
+    keys, part, row, stands, ended, seconds, memory = (np.concatenate(one) for one in zip(*blocks, strict=True))
+    order = np.lexsort((memory, seconds, ended, keys))
+    last = np.append(keys[order][1:] != keys[order][:-1], True)
+    best = order[last]
+    return Index(keys[best], part[best].astype(np.int32), row[best].astype(np.int32), stands[best], names, parameters)
+
+
+def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
+    """Names of a part's columns, and those that an index needs."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = ["key", "status", "time_limit_s", "memory_limit_bytes"]
+    try:
+        with pq.ParquetFile(path) as file:
+            found = file.read(columns=columns).to_pydict()
+            names = file.schema_arrow.names
+    except (pa.ArrowException, OSError, ValueError):
+        return None
+    return (names, found) if set(columns) <= set(found) else None

@@ -1,0 +1,172 @@
+"""A worker process as whoever started it sees it: one calibration at a time, within limits on time and memory."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from dataclasses import asdict
+from typing import IO, Any
+
+from vibrident.errors import InputError
+from vibrident.fleet.orders import Orders, memory_limit
+from vibrident.fleet.row import Row
+
+_WORK = "from vibrident.fleet.worker import work; work()"
+#: One thread of arithmetic. No plug-ins of HDF5: they are code, looked for by name.
+_SURROUNDINGS = {
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"),
+    "HDF5_PLUGIN_PRELOAD": "::",
+}
+#: Seconds that the libraries may take to load, from a slow network drive say.
+_START_S = 180.0
+#: A process that holds more than this, or has done so many calibrations, makes room for a fresh one.
+_MOST_BYTES, _MOST_DONE = 1_500_000_000, 2000
+_LAST_BYTES = 2000
+
+
+class Died(Exception):
+    """The process ended, or was ended, at work.
+
+    Attributes:
+        reason: ``time``, ``memory`` or ``crash``.
+        ending: how it ended, in words.
+    """
+
+    def __init__(self, reason: str, ending: str) -> None:
+        super().__init__(ending)
+        self.reason, self.ending = reason, ending
+
+
+class Ended(Exception):
+    """The process was ended for good: nobody waits for what it would say."""
+
+
+class Process:
+    """A process that identifies, started when it is needed and again when it is gone. For one thread at a time.
+
+    Attributes:
+        orders: what it is to do.
+        memory_bytes: most that it may hold; None where there is no limit.
+        ended: True once it is to start no more.
+    """
+
+    def __init__(self, orders: Orders) -> None:
+        self.orders = orders
+        self.memory_bytes = memory_limit(orders)
+        self._process: subprocess.Popen[str] | None = None
+        self._errors: IO[bytes] | None = None
+        self._done = 0
+        self.ended = False
+
+    def identify(self, path: str, key: str) -> Row:
+        """The row of a calibration.
+
+        Raises:
+            Died: the process did not survive it.
+            Ended: another thread has ended it for good.
+            InputError: the outcome cannot be written, or no process can be started.
+        """
+        if self.ended:
+            raise Ended
+        if self._process is None or self._process.poll() is not None:
+            self._start()
+        answer = self._exchange({"path": path, "key": key}, self.orders.time_limit_s)
+        if "unwritable" in answer:
+            raise unwritable(answer["unwritable"], self.orders.folder)
+        if "memory" in answer:
+            self.close()
+            raise Died("memory", "a process that asked for more")
+        self._done += 1
+        if self._done >= _MOST_DONE or answer["memory_bytes"] > _MOST_BYTES:
+            self.close()
+        return answer["row"]
+
+    def end(self) -> None:
+        """End the process from another thread, for good."""
+        self.ended = True
+        if (process := self._process) is not None:
+            process.kill()
+
+    def close(self) -> None:
+        """End the process; the next calibration starts another."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    with contextlib.suppress(OSError):
+                        stream.close()
+        if self._errors is not None:
+            self._errors.close()
+            self._errors = None
+
+    def _start(self) -> None:
+        self.close()
+        self._errors, self._done = tempfile.TemporaryFile(), 0  # noqa: SIM115  closed with the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _WORK],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            encoding="ascii",
+            env={**os.environ, **_SURROUNDINGS, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )
+        try:
+            self._exchange({"orders": asdict(self.orders), "memory_bytes": self.memory_bytes}, _START_S)
+        except Died as death:
+            raise self._not_started(death) from None
+
+    def _exchange(self, message: dict[str, Any], seconds: float) -> dict[str, Any]:
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        assert process.stdout is not None
+        overdue = threading.Event()
+        alarm = threading.Timer(seconds, lambda: (overdue.set(), process.kill()))
+        alarm.daemon = True
+        alarm.start()
+        line = ""
+        try:
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(message) + "\n")
+                process.stdin.flush()
+                line = process.stdout.readline()
+        finally:
+            alarm.cancel()
+        if line.endswith("\n"):
+            return json.loads(line)
+        code = process.wait()
+        if overdue.is_set():
+            raise Died("time", "a process that was still at work")
+        raise Died("crash", f"a process that ended with {f'signal {-code}' if code < 0 else f'status {code}'}")
+
+    def _not_started(self, death: Died) -> InputError:
+        said = ""
+        if self._errors is not None:
+            self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _LAST_BYTES))
+            said = self._errors.read().decode(errors="replace").strip().rpartition("\n")[2]
+        self.close()
+        return InputError(
+            "A process that identifies cannot be started.",
+            expected=f"a Python process that loads vibrident within {_START_S:g} s",
+            found=f"{death.ending}: {said}".removesuffix(": "),
+            where=sys.executable,
+            remedy="free memory, use fewer --workers, or a larger --memory-limit; `vibrident doctor` checks the rest",
+        )
+
+
+def unwritable(found: str, folder: str) -> InputError:
+    """The error of a folder that takes no more."""
+    return InputError(
+        "The output cannot be written.",
+        expected="a folder that can be written, with room for the files",
+        found=found,
+        where=folder,
+        remedy="make room, or mend the right to write; then the same command goes on where it stopped",
+    )

@@ -1,0 +1,195 @@
+"""Who has the work done: threads of this process, each with a process beside it, or the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from vibrident.errors import InputError
+from vibrident.extras import library
+from vibrident.fleet.batch import end_processes
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a call.
+
+    Attributes:
+        call: number that ``submit`` gave.
+        value: what the function returned; None where it did not.
+        error: what it raised.
+        lost: True where the workers that had it are gone, and it is not known why.
+    """
+
+    call: int
+    value: Any = None
+    error: BaseException | None = None
+    lost: bool = False
+
+
+class Scheduler(Protocol):
+    """Runs importable functions elsewhere and tells what became of them."""
+
+    def workers(self) -> int:
+        """How many calls can run at once, now."""
+        ...
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        """Have a function called; the number stands for the call."""
+        ...
+
+    def next_answer(self, seconds: float) -> Answer | None:
+        """An answer that has come; None where none comes within so many seconds.
+
+        Raises:
+            InputError: none can come any more.
+        """
+        ...
+
+    def close(self, run: str) -> None:
+        """End whatever of this run is still at work."""
+        ...
+
+
+class Local:
+    """This machine: so many processes.
+
+    A thread waits for each, so that it is known which batch a process has, and one that dies takes no other along; a
+    pool of processes (loky's, ``concurrent.futures``) is broken as a whole when one of them dies.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="fleet")
+        self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+        self._calls = 0
+
+    def workers(self) -> int:
+        """As asked for."""
+        return self._workers
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        """As the protocol."""
+        self._calls += 1
+        call = self._calls
+
+        def answer(future: Future[Any]) -> None:
+            if not future.cancelled():
+                error = future.exception()
+                self._answers.put(Answer(call, None if error else future.result(), error))
+
+        self._pool.submit(function, *args).add_done_callback(answer)
+        return call
+
+    def next_answer(self, seconds: float) -> Answer | None:
+        """As the protocol."""
+        with contextlib.suppress(queue.Empty):
+            return self._answers.get(timeout=seconds)
+        return None
+
+    def close(self, run: str) -> None:
+        """End the processes."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        end_processes(run)
+        self._pool.shutdown(wait=True)
+
+
+class Dask:
+    """A Dask scheduler that runs already; each thread of its workers has a process beside it.
+
+    Args:
+        where: address, such as ``tcp://host:8786``, or the scheduler's file (``.json``).
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers there.
+    """
+
+    #: Seconds to wait for the scheduler, and for which a count of workers stands.
+    _PATIENCE_S, _COUNT_S = 20.0, 1.0
+
+    def __init__(self, where: str) -> None:
+        missing = "A scheduler needs Dask, which is not installed."
+        distributed = library("distributed", "cluster", missing, f"--scheduler {where}")
+        self._where, self._futures, self._calls = where, {}, 0
+        self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+        self._count, self._counted = 0, -self._COUNT_S
+        if where.endswith(".json") and not Path(where).is_file():
+            raise self._unreachable("no file of that name")
+        place = {"scheduler_file": where} if where.endswith(".json") else {"address": where}
+        try:
+            self._client = distributed.Client(**place, timeout=self._PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
+            raise self._unreachable(f"{type(error).__name__}: {error}") from error
+
+    def workers(self) -> int:
+        """Threads of all workers that are there now."""
+        if time.monotonic() - self._counted >= self._COUNT_S:
+            with contextlib.suppress(OSError, TimeoutError):
+                self._count, self._counted = sum(self._client.nthreads().values()), time.monotonic()
+        return self._count
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        """As the protocol."""
+        self._calls += 1
+        call = self._calls
+        future = self._client.submit(function, *args, pure=False)
+        self._futures[call] = future  # it is forgotten everywhere when nobody holds it
+        future.add_done_callback(lambda done: self._answers.put(self._answer(call, done)))
+        return call
+
+    def _answer(self, call: int, future: Any) -> Answer:
+        if future.status == "finished":
+            return Answer(call, future.result())
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, ImportError):
+            error = InputError(
+                "The workers of the scheduler cannot load vibrident.",
+                expected="vibrident installed where the workers run, in the same version",
+                found=str(error),
+                where=self._where,
+                remedy="install it there, and start the workers again",
+            )
+        killed = error is None or type(error).__name__ == "KilledWorker"
+        return Answer(call, None, None if killed else error, lost=killed)
+
+    def next_answer(self, seconds: float) -> Answer | None:
+        """As the protocol."""
+        try:
+            answer = self._answers.get(timeout=seconds)
+        except queue.Empty:
+            answer = None
+        if self._client.status in ("closing", "closed", "connecting"):
+            raise InputError(
+                "The scheduler is gone.",
+                expected="a scheduler that answers",
+                found=f"a connection that is {self._client.status}",
+                where=self._where,
+                remedy="start it and its workers again; then the same command goes on where it stopped",
+            )
+        if answer is not None:
+            self._futures.pop(answer.call, None)
+        return answer
+
+    def close(self, run: str) -> None:
+        """End the processes beside the workers, and leave the scheduler."""
+        with contextlib.suppress(Exception):
+            self._client.cancel(list(self._futures.values()))
+        with contextlib.suppress(Exception):
+            self._client.run(end_processes, run)
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=5)
+
+    def _unreachable(self, found: str) -> InputError:
+        return InputError(
+            "No scheduler answers there.",
+            expected="the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)",
+            found=found,
+            where=f"--scheduler {self._where}",
+            remedy="start it with `dask scheduler`, and copy the address that it prints",
+        )

@@ -1,0 +1,366 @@
+"""What the table says of its sensors: distributions, outliers and yield, a column at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.fleet.limits import K, Limit, Specification
+from vibrident.fleet.row import IDENTIFIED
+from vibrident.fleet.table import Tally
+
+#: Fewest values by which others are called outliers, and the chance that a normal distribution of any size shows one.
+FEWEST, FALSE_ALARM = 20, 0.01
+#: From the median absolute deviation to the standard deviation of a normal distribution.
+_TO_SD = 1.482602218505602
+#: Few values know their own spread badly: the limit is wider by a factor 1 + _SMALL / n. By simulation.
+_SMALL = 12.0
+#: Groups that are shown, and rows that are listed.
+MOST_GROUPS, MOST_OUTLIERS = 12, 200
+_FEWEST_BINS, _MOST_BINS = 8, 48
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Counts between edges, and of what lies beyond the ends; shapes (bins + 1,) and (bins,)."""
+
+    edges: FloatArray
+    counts: NDArray[np.intp]
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """One parameter of one group.
+
+    Attributes:
+        parameter: its name.
+        unit: of all that follows.
+        count: values.
+        median, mean, sd, least, greatest: of the values.
+        median_u: of the standard uncertainties; None where none is stated.
+        histogram: of the values.
+        limit: that they should keep; None where there is none, or it is in another unit.
+        conforming: values within the limit.
+        certain: verdicts that stand whatever the value is within U.
+        capability: Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit.
+    """
+
+    parameter: str
+    unit: str
+    count: int
+    median: float
+    mean: float
+    sd: float
+    least: float
+    greatest: float
+    median_u: float | None
+    histogram: Histogram
+    limit: Limit | None
+    conforming: int
+    certain: int
+    capability: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Sensors of one type, one model and one set of units."""
+
+    type: str | None
+    model: str
+    count: int
+    distributions: tuple[Distribution, ...]
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A value that stands apart, or does not conform.
+
+    Attributes:
+        row: number in the table.
+        group: number in the statistics.
+        parameter: its name.
+        unit: of value and u.
+        value: of the parameter.
+        u: its standard uncertainty; None where none is stated.
+        distance: from the median, in robust standard deviations.
+        outside: it does not conform to a limit.
+    """
+
+    row: int
+    group: int
+    parameter: str
+    unit: str
+    value: float
+    u: float | None
+    distance: float
+    outside: bool
+
+
+@dataclass(frozen=True)
+class Yield:
+    """How many sensors of a type conform: to all its limits, or, without limits, by raising no doubt."""
+
+    type: str | None
+    calibrations: int
+    identified: int
+    conforming: int
+    certain: int
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """All of it.
+
+    Attributes:
+        groups: the largest first.
+        more: groups that are not shown.
+        outliers: the farthest first.
+        more_outliers: that are not listed.
+        yields: by type, in the order of their numbers.
+        limited: whether any limit applies.
+    """
+
+    groups: tuple[Group, ...]
+    more: int
+    outliers: tuple[Outlier, ...]
+    more_outliers: int
+    yields: tuple[Yield, ...]
+    limited: bool
+
+
+def statistics(table: Path, tally: Tally, specification: Specification) -> Statistics:
+    """Read a fleet's table and count."""
+    columns = _Columns(table)
+    identified = columns.is_text("status", IDENTIFIED)
+    types, models = columns.codes("type"), columns.codes("model")
+    kinds, group = _grouped(np.stack([types.numbers, models.numbers, tally.units_of.astype(np.int64)]), identified)
+    units = [tally.units[number] for number in kinds[2].tolist()]
+    sizes = np.bincount(group[identified], minlength=len(units))
+    found: list[list[Distribution]] = [[] for _ in units[:MOST_GROUPS]]
+    outliers: list[Outlier] = []
+    verdict = _Verdict(identified, group)
+    for parameter in columns.parameters:
+        values, u = columns.numbers(parameter), columns.numbers(f"{parameter}_u")
+        of_type = [types.name(number) for number in kinds[0].tolist()]
+        limits = [_limit(specification, *one) for one in zip(of_type, [parameter] * len(units), units, strict=True)]
+        verdict.judge(values, u, limits)
+        for number, distributions in enumerate(found):
+            rows = np.flatnonzero((group == number) & np.isfinite(values))
+            if rows.size:
+                sample = _Sample(parameter, units[number].get(parameter, ""), values[rows], u[rows], limits[number])
+                distributions.append(_distribution(sample))
+                outliers += _outliers(sample, rows, number)
+    whole = columns.boolean("adequate") & (columns.lengths("warnings") == 0)
+    outliers.sort(key=lambda one: (not one.outside, -one.distance, one.row))
+    groups = [
+        Group(
+            types.name(int(kinds[0, number])), models.name(int(kinds[1, number])) or "", int(sizes[number]), tuple(one)
+        )
+        for number, one in enumerate(found)
+    ]
+    return Statistics(
+        tuple(groups),
+        len(units) - len(groups),
+        tuple(outliers[:MOST_OUTLIERS]),
+        max(0, len(outliers) - MOST_OUTLIERS),
+        tuple(_yields(types, identified, *verdict.of_all(whole))),
+        bool(verdict.limited.any()),
+    )
+
+
+def _grouped(kind: NDArray[np.int64], identified: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """Kinds that occur, the most frequent first, shape (3, kinds); and each row's, −1 where it is not identified."""
+    distinct, of_row, sizes = np.unique(kind[:, identified], axis=1, return_inverse=True, return_counts=True)
+    order = np.argsort(-sizes, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size)
+    group = np.full(identified.size, -1)
+    group[identified] = rank[of_row.ravel()]
+    return distinct[:, order], group
+
+
+class _Verdict:
+    """Which rows conform to all limits that there are for them."""
+
+    def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.intp]) -> None:
+        self._identified, self._group = identified, group
+        self._conforming, self._certain = identified.copy(), identified.copy()
+        self.limited = np.zeros(identified.size, dtype=bool)
+
+    def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[Limit | None]) -> None:
+        """One parameter of all rows, by the limit of each row's group."""
+        if not any(limits):
+            return
+        ends = np.array([(np.nan, np.nan) if one is None else (one.nominal, one.half_width) for one in limits])
+        nominal, half_width = (np.where(self._group >= 0, one[self._group], np.nan) for one in ends.T)
+        here = np.isfinite(nominal)
+        distance = np.abs(values - nominal)
+        with np.errstate(invalid="ignore"):
+            inside = distance <= half_width
+            certain = inside & (half_width - distance >= K * np.nan_to_num(u, nan=np.inf))
+        self.limited |= here
+        self._conforming &= ~here | inside
+        self._certain &= ~here | certain
+
+    def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Rows that conform, and that do whatever they are within U; of rows without limits those that are whole."""
+        plain = self._identified & whole
+        return np.where(self.limited, self._conforming, plain), np.where(self.limited, self._certain, plain)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Values of one parameter in one group, with their standard uncertainties; shapes (values,)."""
+
+    parameter: str
+    unit: str
+    values: FloatArray
+    u: FloatArray
+    limit: Limit | None
+
+
+def outlier_limit(count: int) -> float:
+    """Distance from the median, in robust standard deviations, beyond which a value of so many is an outlier."""
+    return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + _SMALL / count)
+
+
+def _limit(specification: Specification, type_: str | None, parameter: str, units: dict[str, str]) -> Limit | None:
+    limit = specification.limit(type_, parameter)
+    return limit if limit is None or limit.unit is None or limit.unit == units.get(parameter) else None
+
+
+def _distribution(sample: _Sample) -> Distribution:
+    values, limit = sample.values, sample.limit
+    stated = sample.u[np.isfinite(sample.u)]
+    mean, sd = float(np.mean(values)), float(np.std(values, ddof=1)) if values.size > 1 else 0.0
+    capability, conforming, certain = None, 0, 0
+    if limit is not None:
+        conforming = int(limit.inside(values).sum())
+        certain = int(limit.certain(values, np.nan_to_num(sample.u, nan=np.inf)).sum())
+        capability = min(limit.upper - mean, mean - limit.lower) / (3 * sd) if sd > 0 else None
+    return Distribution(
+        parameter=sample.parameter,
+        unit=sample.unit,
+        count=values.size,
+        median=float(np.median(values)),
+        mean=mean,
+        sd=sd,
+        least=float(values.min()),
+        greatest=float(values.max()),
+        median_u=float(np.median(stated)) if stated.size else None,
+        histogram=_histogram(values, limit),
+        limit=limit,
+        conforming=conforming,
+        certain=certain,
+        capability=capability,
+    )
+
+
+def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
+    """By Freedman and Diaconis (1981), over the middle of the values and the limit; the rest is counted apart."""
+    low, first, third, high = (float(one) for one in np.quantile(values, [0.001, 0.25, 0.75, 0.999]))
+    spread = third - first
+    if spread > 0:
+        low, high = max(low, first - 4 * spread), min(high, third + 4 * spread)
+    if limit is not None and spread > 0:  # a limit that is far off is not drawn
+        low = min(low, max(limit.lower, first - 12 * spread))
+        high = max(high, min(limit.upper, third + 12 * spread))
+    if not high > low:
+        margin = 0.01 * abs(low) or 1.0
+        low, high = low - margin, high + margin
+    width = 2 * spread / values.size ** (1 / 3)
+    bins = math.ceil((high - low) / width) if width > 0 else _FEWEST_BINS
+    counts, edges = np.histogram(values, min(max(bins, _FEWEST_BINS), _MOST_BINS), (low, high))
+    return Histogram(edges, counts, int((values < low).sum()), int((values > high).sum()))
+
+
+def _outliers(sample: _Sample, rows: NDArray[np.intp], group: int) -> list[Outlier]:
+    values, none = sample.values, np.zeros(sample.values.size, dtype=bool)
+    median = float(np.median(values))
+    spread = _TO_SD * float(np.median(np.abs(values - median)))
+    distance = np.abs(values - median) / spread if spread > 0 else np.zeros(values.size)
+    apart = distance > outlier_limit(values.size) if values.size >= FEWEST else none
+    outside = none if sample.limit is None else ~sample.limit.inside(values)
+    return [
+        Outlier(
+            row=int(rows[i]),
+            group=group,
+            parameter=sample.parameter,
+            unit=sample.unit,
+            value=float(values[i]),
+            u=float(sample.u[i]) if np.isfinite(sample.u[i]) else None,
+            distance=float(distance[i]),
+            outside=bool(outside[i]),
+        )
+        for i in np.flatnonzero(apart | outside)
+    ]
+
+
+def _yields(
+    types: _Codes, identified: NDArray[np.bool_], conforming: NDArray[np.bool_], certain: NDArray[np.bool_]
+) -> list[Yield]:
+    numbers, of_type = np.unique(types.numbers, return_inverse=True)
+    counts = [np.bincount(of_type, weights=one, minlength=numbers.size) for one in (identified, conforming, certain)]
+    total = np.bincount(of_type, minlength=numbers.size)
+    found = [
+        Yield(types.name(int(number)), int(total[i]), *(int(one[i]) for one in counts))
+        for i, number in enumerate(numbers)
+    ]
+    return sorted(found, key=lambda one: -one.calibrations)
+
+
+@dataclass(frozen=True, eq=False)
+class _Codes:
+    """A column of texts as numbers; shape (rows,)."""
+
+    numbers: NDArray[np.int64]
+    texts: Sequence[str]
+
+    def name(self, number: int) -> str | None:
+        return self.texts[number] if number >= 0 else None
+
+
+class _Columns:
+    """Columns of the table, each read when it is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow.parquet as pq
+
+        self._file = pq.ParquetFile(path)
+        names = self._file.schema_arrow.names
+        self.parameters = [name for name in names if f"{name}_u" in names]
+
+    def _column(self, name: str) -> Any:
+        return self._file.read(columns=[name]).column(0)
+
+    def numbers(self, name: str) -> FloatArray:
+        return np.asarray(self._column(name).to_numpy(), dtype=float)  # null as NaN
+
+    def boolean(self, name: str) -> NDArray[np.bool_]:
+        return np.asarray(self._column(name).fill_null(False).to_numpy(), dtype=bool)
+
+    def lengths(self, name: str) -> NDArray[np.int64]:
+        import pyarrow.compute as pc
+
+        return np.asarray(pc.call_function("list_value_length", [self._column(name)]).fill_null(0).to_numpy())
+
+    def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
+        codes = self.codes(name)
+        wanted = [number for number, one in enumerate(codes.texts) if one == text]
+        return np.isin(codes.numbers, wanted)
+
+    def codes(self, name: str) -> _Codes:
+        found = self._column(name).combine_chunks().dictionary_encode()
+        found = found.combine_chunks() if hasattr(found, "combine_chunks") else found
+        numbers = np.asarray(found.indices.fill_null(-1).to_numpy(), dtype=np.int64)
+        return _Codes(numbers, found.dictionary.to_pylist())

@@ -1,0 +1,48 @@
+"""What the terminal shows of a fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from vibrident.fleet.coordinator import Outcome
+from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
+from vibrident.fleet.table import Tally
+from vibrident.report import words
+from vibrident.terminal import written_lines
+from vibrident.terminal.tables import titled
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+
+def summary(outcome: Outcome) -> Group:
+    """Rows by status and warning, how fast it went, and the files."""
+    from rich.console import Group
+    from rich.text import Text
+
+    table = titled("Fleet", "")
+    for header in ("calibrations", "share"):
+        table.add_column(header, justify="right", no_wrap=True)
+    for what, count in _lines(outcome.tally):
+        table.add_row(what, str(count), f"{100 * count / max(outcome.tally.rows, 1):.4g} %")
+    return Group(table, Text(_rate(outcome)), written_lines(outcome.files))
+
+
+def _lines(tally: Tally) -> Iterator[tuple[str, int]]:
+    yield "identified", tally.statuses[IDENTIFIED]
+    if tally.doubtful:
+        yield "  with a doubt", tally.doubtful
+    for code, count in tally.warnings.most_common():
+        yield f"    {code}: {words.explain(code).title}", count
+    yield "refused", tally.statuses[REFUSED]
+    yield "failed", tally.statuses[FAILED]
+
+
+def _rate(outcome: Outcome) -> str:
+    there = outcome.tally.rows - outcome.computed
+    kept = f"; {there} were there, or are the same as others" if there > 0 else ""
+    if not outcome.computed:
+        return "Nothing was left to compute."
+    rate = outcome.computed / max(outcome.seconds, 1e-9)
+    return f"Computed {outcome.computed} in {outcome.seconds:.3g} s, {rate:.3g} a second{kept}."

@@ -1,0 +1,238 @@
+"""``fleet.parquet``: a row a calibration of this run, in their order, put together from the parts block by block."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.errors import InputError
+from vibrident.fleet import parts
+from vibrident.fleet.orders import Orders, memory_limit
+from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED, Row
+from vibrident.naming import PARAMETERS
+
+#: Rows that are in memory at once.
+_BLOCK = 4096
+_BEFORE = ("calibration", "key", "status", "message", "serial_number", "type", "model", "estimator")
+_AFTER = ("adequate", "chi2_reduced", "warnings", "seconds")
+#: Of the file's metadata: parameter → its units, one in most cases.
+UNITS = b"vibrident.units"
+
+
+@dataclass(eq=False)
+class Tally:
+    """What the table holds, counted.
+
+    Attributes:
+        statuses: rows by status.
+        warnings: identified rows by code of warning.
+        doubtful: identified rows that carry a warning, or whose model is not adequate.
+        units: each set of units that occurs, parameter → unit.
+        units_of: number of its set, for each row; shape (rows,).
+        finished: when, in seconds since 1970, for each row; shape (rows,).
+        identified_keys: of the identified rows, as hexadecimal digits.
+    """
+
+    statuses: Counter[str] = field(default_factory=Counter)
+    warnings: Counter[str] = field(default_factory=Counter)
+    doubtful: int = 0
+    units: list[dict[str, str]] = field(default_factory=list)
+    units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    identified_keys: NDArray[np.bytes_] = field(default_factory=lambda: np.zeros(0, dtype="S64"))
+
+    @property
+    def rows(self) -> int:
+        """How many calibrations."""
+        return self.statuses.total()
+
+    @property
+    def doubts(self) -> int:
+        """Rows that ``--strict`` does not let pass."""
+        return self.statuses[REFUSED] + self.statuses[FAILED] + self.doubtful
+
+    @property
+    def units_of_parameters(self) -> dict[str, list[str]]:
+        """Parameter → the units that it has in one row or another."""
+        found: dict[str, dict[str, None]] = {}
+        for units in self.units:
+            for name, unit in units.items():
+                found.setdefault(name, {})[unit] = None
+        return {name: list(units) for name, units in found.items()}
+
+
+def index_of(orders: Orders) -> parts.Index:
+    """All rows that are on the disk."""
+    results = orders.results_folder if orders.results else None
+    return parts.index(orders.parts_folder, results, orders.time_limit_s, memory_limit(orders))
+
+
+def write_table(
+    path: Path, calibrations: Sequence[tuple[str, bytes]], orders: Orders, passing: Sequence[Row] = ()
+) -> Tally:
+    """Write the table, whole or not at all.
+
+    Args:
+        path: of the file.
+        calibrations: name and key of each row, in order.
+        orders: of the run.
+        passing: rows that are in no part.
+
+    Raises:
+        InputError: the row of a calibration has gone from the parts.
+    """
+    import pyarrow.parquet as pq
+
+    rows = _Rows(orders, passing)
+    keys = np.array([key.hex() for _, key in calibrations], dtype="S64")
+    places = rows.index.places(keys)
+    rows.require_all(keys, places)
+    schema = _schema(rows.parameters(keys, places))
+    partial = path.with_name(f".{uuid.uuid4().hex}.part")
+    count = _Count()
+    try:
+        with pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+            for start in range(0, len(calibrations), _BLOCK):
+                stop = start + _BLOCK
+                block = rows.block(keys[start:stop], places[start:stop], schema)
+                count.add(block)
+                names = [_printable(name) for name, _ in calibrations[start:stop]]
+                writer.write_table(_with_names(block, names, schema))
+            tally = count.tally()
+            writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return tally
+
+
+class _Rows:
+    """Rows by key: from the parts, and those that are in none."""
+
+    def __init__(self, orders: Orders, passing: Sequence[Row]) -> None:
+        self.folder = orders.parts_folder
+        self.index = index_of(orders)
+        self.passing = {row["key"].encode(): number for number, row in enumerate(passing)}
+        self.extra = parts.as_table(passing, orders.time_limit_s, None) if passing else None
+
+    def require_all(self, keys: NDArray[np.bytes_], places: NDArray[np.intp]) -> None:
+        missing = [key for key in keys[places < 0].tolist() if key not in self.passing]
+        if missing:
+            raise InputError(
+                "Rows have gone while the run went on.",
+                expected="parts that stay where they are",
+                found=f"{len(missing)} rows that were written, and are not there",
+                where=str(self.folder),
+                remedy="do not use --fresh while another run works in this folder; then give the same command again",
+            )
+
+    def parameters(self, keys: NDArray[np.bytes_], places: NDArray[np.intp]) -> list[str]:
+        """All that the rows have, the estimated ones first, in the order of the documentation."""
+        used = np.unique(self.index.part[places[places >= 0]]).tolist()
+        found = dict.fromkeys(name for part in used for name in self.index.parameters[part])
+        if self.extra is not None:
+            found |= dict.fromkeys(parts.parameters_of(self.extra.column_names))
+        known = [name for name in PARAMETERS if name in found]
+        return [*known, *sorted(name for name in found if name not in PARAMETERS)]
+
+    def block(self, keys: NDArray[np.bytes_], places: NDArray[np.intp], schema: Any) -> Any:
+        """Rows in the order of the keys, with all columns, those for the tally among them."""
+        import pyarrow as pa
+
+        pieces, where = [], []
+        for table, rows, positions in self._pieces(keys, places):
+            pieces.append(_completed(table.take(pa.array(rows)), schema))
+            where.append(positions)
+        order = np.argsort(np.concatenate(where), kind="stable")
+        return pa.concat_tables(pieces).take(pa.array(order))
+
+    def _pieces(
+        self, keys: NDArray[np.bytes_], places: NDArray[np.intp]
+    ) -> Iterator[tuple[Any, NDArray[np.integer[Any]], NDArray[np.intp]]]:
+        """Table, its rows that are wanted, and their positions in the block."""
+        import pyarrow.parquet as pq
+
+        part = np.where(places >= 0, self.index.part[places] if self.index.part.size else -1, -1)
+        for number in np.unique(part).tolist():
+            positions = np.flatnonzero(part == number)
+            if number < 0:
+                assert self.extra is not None
+                yield self.extra, np.array([self.passing[key] for key in keys[positions].tolist()]), positions
+            else:
+                with pq.ParquetFile(self.folder / self.index.parts[number]) as file:
+                    table = file.read()
+                yield table, self.index.row[places[positions]], positions
+
+
+class _Count:
+    """A tally in the making."""
+
+    def __init__(self) -> None:
+        self._tally = Tally()
+        self._sets: dict[str, int] = {}
+        self._units_of: list[NDArray[np.int32]] = []
+        self._finished: list[NDArray[np.float64]] = []
+        self._keys: list[NDArray[np.bytes_]] = []
+
+    def add(self, block: Any) -> None:
+        found = {name: block[name].to_pylist() for name in ("key", "status", "adequate", "warnings", "units")}
+        tally = self._tally
+        tally.statuses.update(found["status"])
+        identified = np.array([status == IDENTIFIED for status in found["status"]])
+        rows = zip(found["adequate"], found["warnings"], identified.tolist(), strict=True)
+        tally.doubtful += sum(one and (not adequate or bool(codes)) for adequate, codes, one in rows)
+        tally.warnings.update(code for codes in found["warnings"] for code in set(codes))
+        numbers = [self._sets.setdefault(units, len(self._sets)) for units in found["units"]]
+        self._units_of.append(np.array(numbers, dtype=np.int32))
+        self._finished.append(np.asarray(block["finished"].to_numpy(), dtype=float))
+        self._keys.append(np.array(found["key"], dtype="S64")[identified])
+
+    def tally(self) -> Tally:
+        tally = self._tally
+        tally.units = [json.loads(units) for units in self._sets]
+        if self._keys:
+            tally.units_of, tally.finished = np.concatenate(self._units_of), np.concatenate(self._finished)
+            tally.identified_keys = np.concatenate(self._keys)
+        return tally
+
+
+def _schema(parameters: Sequence[str]) -> Any:
+    import pyarrow as pa
+
+    texts = [(name, pa.string()) for name in _BEFORE]
+    numbers = [(f"{name}{ending}", pa.float64()) for name in parameters for ending in ("", "_u")]
+    kinds = (pa.bool_(), pa.float64(), pa.list_(pa.string()), pa.float64())
+    return pa.schema([*texts, *numbers, *zip(_AFTER, kinds, strict=True)])
+
+
+def _completed(table: Any, schema: Any) -> Any:
+    """A part's columns in the order of the schema, null where it has none, and those that the tally needs."""
+    import pyarrow as pa
+
+    wanted = [*((one.name, one.type) for one in schema if one.name != "calibration")]
+    wanted += [("units", pa.string()), ("finished", pa.float64())]
+    arrays = [
+        table[name].cast(kind) if name in table.column_names else pa.nulls(table.num_rows, kind)
+        for name, kind in wanted
+    ]
+    return pa.table(arrays, names=[name for name, _ in wanted])
+
+
+def _with_names(block: Any, names: list[str], schema: Any) -> Any:
+    import pyarrow as pa
+
+    found = {**{name: block[name] for name in block.column_names}, "calibration": pa.array(names, pa.string())}
+    return pa.table([found[one.name] for one in schema], schema=schema)
+
+
+def _printable(name: str) -> str:
+    """A file's name as UTF-8, whatever its bytes are."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
