@@ -22,11 +22,16 @@ from vibrident.report.page import Page, folded, paragraphs, text
 #: Kinds of messages that are shown, and names of calibrations beside each.
 MOST_KINDS, MOST_NAMES = 40, 5
 _STYLE = """<style>
-.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(300px, 1fr)); gap: 10px 22px; }
+.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(245px, 1fr)); gap: 10px 22px; }
 .charts figure { margin: 0.3rem 0; } .charts svg { width: 100%; height: auto; display: block; }
 td.bar { padding-top: 0.5rem; } pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.85rem; }
 td code { overflow-wrap: anywhere; }
 </style>"""
+_LEGEND = (
+    "Bars: calibrations. Red lines: limits, with what lies outside shaded; green: nominal. ◂ and ▸ count what lies "
+    "beyond the ends. Undecided: values within U (k = 2) of a limit, inside or outside. Cpk: distance of the mean from "
+    "the nearer limit over 3 sd."
+)
 _DERIVED = ("natural_angular_frequency", "conversion_coefficient", "resonance_frequency")
 
 
@@ -158,7 +163,7 @@ def _yields(found: Statistics) -> str:
 
 
 def _distributions(found: Statistics, specification: Specification) -> list[str]:
-    parts = []
+    parts = [paragraphs([_LEGEND])] if found.groups else []
     for group in found.groups:
         title = " · ".join(part for part in (group.type or "type not stated", group.model) if part)
         parts.append(f"<h3>{text(title)}: {group.count}</h3>")
@@ -192,7 +197,7 @@ def _charts(found: Sequence[Distribution]) -> str:
 
 def _numbers(group: Group) -> str:
     def row(one: Distribution) -> list[str]:
-        scale = scaled(one.unit, one.median)
+        scale = scaled(one.unit, max(abs(one.least), abs(one.greatest)))
         values = (one.median, one.mean, one.sd, one.least, one.greatest)
         shown = [f"{value * scale.factor:.5g}" for value in values]
         u = "–" if one.median_u is None else f"{one.median_u * scale.factor:.2g}"
@@ -211,7 +216,7 @@ def _numbers(group: Group) -> str:
         ]
 
     header = ("parameter", "unit", "n", "median", "mean", "sd", "least", "greatest", "median u", "limits")
-    header += ("outside", "within U of a limit", "Cpk")
+    header += ("outside", "undecided", "Cpk")
     return _rows(header, [row(one) for one in group.distributions], (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12))
 
 

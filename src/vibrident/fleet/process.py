@@ -61,6 +61,7 @@ class Process:
         self._process: subprocess.Popen[str] | None = None
         self._errors: IO[bytes] | None = None
         self._done = 0
+        self._lock = threading.Lock()
         self.ended = False
 
     def identify(self, path: str, key: str) -> Row:
@@ -71,6 +72,14 @@ class Process:
             Ended: another thread has ended it for good.
             InputError: the outcome cannot be written, or no process can be started.
         """
+        with self._lock:
+            try:
+                return self._identify(path, key)
+            finally:
+                if self.ended:
+                    self.close()
+
+    def _identify(self, path: str, key: str) -> Row:
         if self.ended:
             raise Ended
         if self._process is None or self._process.poll() is not None:
@@ -91,6 +100,11 @@ class Process:
         self.ended = True
         if (process := self._process) is not None:
             process.kill()
+        if self._lock.acquire(blocking=False):  # else whoever is at work closes it
+            try:
+                self.close()
+            finally:
+                self._lock.release()
 
     def close(self) -> None:
         """End the process; the next calibration starts another."""

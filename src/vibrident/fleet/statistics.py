@@ -24,6 +24,8 @@ _TO_SD = 1.482602218505602
 _SMALL = 12.0
 #: Groups that are shown, and rows that are listed.
 MOST_GROUPS, MOST_OUTLIERS = 12, 200
+#: Drawn beyond a limit, of the width between the limits.
+_MARGIN = 0.06
 _FEWEST_BINS, _MOST_BINS = 8, 48
 FloatArray = NDArray[np.float64]
 
@@ -273,8 +275,9 @@ def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
     if spread > 0:
         low, high = max(low, first - 4 * spread), min(high, third + 4 * spread)
     if limit is not None and spread > 0:  # a limit that is far off is not drawn
-        low = min(low, max(limit.lower, first - 12 * spread))
-        high = max(high, min(limit.upper, third + 12 * spread))
+        margin = _MARGIN * (limit.upper - limit.lower)
+        low = min(low, max(limit.lower - margin, first - 12 * spread))
+        high = max(high, min(limit.upper + margin, third + 12 * spread))
     if not high > low:
         margin = 0.01 * abs(low) or 1.0
         low, high = low - margin, high + margin

@@ -13,8 +13,11 @@ from vibrident.cli.options import choice
 from vibrident.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from vibrident.fleet import Outcome, Scheduler
     from vibrident.fleet.coordinator import Progress
+    from vibrident.result import Result
 
 DOUBTFUL = 3
 #: Seconds between lines about the progress where stderr is no terminal.
@@ -69,6 +72,10 @@ def fleet(
         typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type (TOML), for the page."),
     ] = None,
     results: Annotated[bool, typer.Option("--results/--no-results", help="Keep whole results in DIR/results.")] = True,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", metavar="URL", help="Add the results to this history too; see `vibrident history`."),
+    ] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 3 where a calibration is refused, failed or doubtful.")
     ] = False,
@@ -93,9 +100,13 @@ def fleet(
         results,
     )
     asked = Asked(patterns, orders, _specification(limits), fresh=not resume)
+    if store is not None:
+        _require_store(store, results=results)
     outcome = _run(asked, workers, scheduler, quiet=quiet)
     if not quiet:
         _show(outcome)
+    if store is not None:
+        _add(store, outcome, quiet=quiet)
     if strict and outcome.tally.doubts:
         note(f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, failed or doubtful.")
         raise typer.Exit(DOUBTFUL)
@@ -136,6 +147,47 @@ def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool)
     with Busy("Identifying") as progress:
         told = _Told(progress, quiet=quiet)
         return run(asked, chosen, told)
+
+
+def _require_store(store: str, *, results: bool) -> None:
+    """Refuse a store that cannot be used before the work that would go into it."""
+    if not results:
+        raise InputError(
+            "A history keeps whole results.",
+            expected="--store with whole results in DIR/results",
+            found="--store with --no-results",
+            where="command line",
+            remedy="leave one of the two out",
+        )
+    from vibrident.history.store import Store
+
+    with Store(store) as checked, checked.writing():
+        pass
+
+
+def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
+    """Add each result with a serial number; those that are in the store already stay as they are."""
+    from vibrident import history
+    from vibrident.cli.progress import Busy
+    from vibrident.cli.results import load_result
+
+    nameless = 0
+
+    def named() -> Iterator[Result]:
+        nonlocal nameless
+        for path in outcome.results():
+            result = load_result(path)
+            if result.sensor.get("serial_number", "").strip():
+                yield result
+            else:
+                nameless += 1
+
+    with Busy("Adding to the history"):
+        new = history.add(store, named())
+    if not quiet:
+        out().print(f"Added to the history: {new} results that were not in it.", soft_wrap=True)
+    if nameless:
+        note(f"{nameless} results state no serial number and have no place in a history.")
 
 
 def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:

@@ -1,0 +1,246 @@
+"""What a fleet costs and whether it loses anything: ``python -m bench.fleet speed | memory | study``.
+
+Figures are ratios of one run, so that a busy machine does not matter more than it must; docs/fleet.md has them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from tests.support.fleets import BROKEN, DEADLY, broken
+
+import vibrident
+from vibrident.fleet import Asked, Local, Orders, run
+from vibrident.fleet.batch import Done, look_at
+from vibrident.fleet.key import Look
+from vibrident.fleet.parts import write_part
+from vibrident.fleet.row import IDENTIFIED, Row, _row
+from vibrident.fleet.schedulers import Answer
+from vibrident.io import write_calibration
+from vibrident.simulation import simulate, with_noise
+
+RECORDS, SAMPLES = 21, 2000
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the figures of one part as JSON."""
+    parser = argparse.ArgumentParser(prog="python -m bench.fleet", description=__doc__)
+    parser.add_argument("part", choices=("speed", "memory", "study", "coordinator"))
+    parser.add_argument("--count", type=int, default=0, help="calibrations")
+    given = parser.parse_args(arguments)
+    parts: dict[str, Callable[[int], dict[str, Any]]] = {
+        "speed": speed,
+        "memory": memory,
+        "study": study,
+        "coordinator": coordinator,
+    }
+    print(json.dumps(parts[given.part](given.count), indent=1))
+    return 0
+
+
+def calibrations(folder: Path, count: int) -> list[Path]:
+    """Simulated accelerometers of two types, their gains and frequencies scattered; all 21 × 2000 samples."""
+    rng = np.random.default_rng(12)
+    frequencies = np.geomspace(160.0, 5000.0, RECORDS).tolist()
+    clean = simulate("paper", frequencies_hz=frequencies, samples=SAMPLES, start="steady", seed=1)
+    files = []
+    for number in range(count):
+        gain = 1 + 0.01 * rng.standard_normal()
+        noisy = with_noise(clean, response_noise=0.01, seed=number)
+        records = tuple(dataclasses.replace(one, response=gain * one.response) for one in noisy.records)
+        sensor = {"type": "A-100" if number % 2 else "B-200", "serial_number": f"SN{number:05d}"}
+        made = dataclasses.replace(noisy, records=records, sensor=sensor)
+        files.append(write_calibration(folder / f"s{number:05d}", made))
+    return files
+
+
+def speed(count: int) -> dict[str, Any]:
+    """Sensors a second: of identify_many, of one worker and of two; from the first that is done to the last."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = calibrations(folder / "data", count or 24)
+        many = [time.time() for _ in vibrident.identify_many(vibrident.read(file) for file in files)]
+        plain = _rate(many)
+        rates = {}
+        for workers, results in ((1, False), (2, False), (1, True)):
+            out = folder / f"out{workers}{results}"
+            run(Asked([str(folder / "data")], Orders(str(out), results=results)), Local(workers))
+            rates[workers, results] = _rate(_finished(out))
+    return {
+        "calibrations": len(files),
+        "identify_many_a_second": plain,
+        "one_worker_over_identify_many": rates[1, False] / plain,
+        "one_worker_with_results_over_identify_many": rates[1, True] / plain,
+        "two_workers_over_one": rates[2, False] / rates[1, False],
+    }
+
+
+def _rate(times: list[float]) -> float:
+    ordered = sorted(times)
+    return (len(ordered) - 1) / (ordered[-1] - ordered[0])
+
+
+def _finished(out: Path) -> list[float]:
+    return [
+        time_ for part in (out / "parts").glob("*.parquet") for time_ in pq.read_table(part)["finished"].to_pylist()
+    ]
+
+
+def memory(count: int) -> dict[str, Any]:
+    """Most memory of the coordinator, in a process of its own, with 1 000 and with 100 000 simulated rows."""
+    found = {}
+    for rows in (1000, count or 100_000):
+        command = [sys.executable, "-m", "bench.fleet", "coordinator", "--count", str(rows)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        found[rows] = json.loads(done.stdout)
+    few, many = found.values()
+    return {
+        "rows": found,
+        "memory_ratio": many["most_mb"] / few["most_mb"],
+        "bytes_a_row": 1e6 * (many["most_mb"] - few["most_mb"]) / (many["rows"] - few["rows"]),
+    }
+
+
+def coordinator(count: int) -> dict[str, Any]:
+    """A run whose workers do nothing but write rows; the folder walk, the batches, table and page are the real ones."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number in range(count):
+            if number % 1000 == 0:
+                (folder / "data" / f"{number // 1000:04d}").mkdir(parents=True)
+            (folder / "data" / f"{number // 1000:04d}" / f"calibration-of-sensor-{number:07d}.toml").touch()
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        outcome = run(Asked([str(folder / "data")], Orders(str(folder / "out"), results=False)), _Simulated())
+        cpu, elapsed = time.process_time() - begin_cpu, time.perf_counter() - begin
+        sizes = {path.name: path.stat().st_size for path in outcome.files}
+        parts = sum(path.stat().st_size for path in (folder / "out/parts").iterdir())
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1024 if sys.platform != "darwin" else 1)
+    return {
+        "rows": outcome.tally.rows,
+        "most_mb": most / 1e6,
+        "seconds": elapsed,
+        "milliseconds_a_row": 1e3 * cpu / outcome.tally.rows,
+        "bytes_a_row_in_parts": parts / outcome.tally.rows,
+        "files_bytes": sizes,
+    }
+
+
+class _Simulated:
+    """A scheduler whose work is simulated on the spot: a quarter of a second a calibration, in name."""
+
+    def __init__(self) -> None:
+        self._answers: list[Answer] = []
+        self._calls = 0
+
+    def workers(self) -> int:
+        return 64
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        self._calls += 1
+        value = self._looked(args[0]) if function is look_at else self._worked(*args)
+        self._answers.append(Answer(self._calls, value))
+        return self._calls
+
+    def next_answer(self, seconds: float) -> Answer | None:
+        return self._answers.pop(0)
+
+    def close(self, run_: str) -> None:
+        pass
+
+    @staticmethod
+    def _looked(paths: list[str]) -> list[Look]:
+        return [Look(hashlib.sha256(path.encode()).hexdigest(), "sine .csv 21 21") for path in paths]
+
+    @staticmethod
+    def _worked(tasks: list[tuple[str, str]], orders: Orders) -> Done:
+        rows = [_simulated_row(key) for _, key in tasks]
+        part = write_part(orders.parts_folder, rows, orders.time_limit_s, None)
+        return Done(part, {IDENTIFIED: len(rows)}, 0.25 * len(rows), {}, [])
+
+
+def _simulated_row(key: str) -> Row:
+    rng = np.random.default_rng(int(key[:12], 16))
+    gain, natural, damping, delay = 1 + 0.01 * rng.standard_normal(4)
+    parameters = {
+        "sensitivity": [0.01 * gain, 1e-5, "V/(m/s^2)"],
+        "natural_frequency": [5000 * natural, 1.0, "Hz"],
+        "damping_ratio": [0.02 * damping, 1e-4, "1"],
+        "delay": [1e-6 * delay, 1e-8, "s"],
+        "natural_angular_frequency": [31416 * natural, 6.0, "rad/s"],
+        "resonance_frequency": [5000 * natural, 1.0, "Hz"],
+        "conversion_coefficient": [1e7 * gain, 1e4, "1"],
+    }
+    made = _row(key, IDENTIFIED, "", {"type": f"A-{int(key[:2], 16) % 4}", "serial_number": key[:10]}, 0.25)
+    more = {"model": "accelerometer+delay", "estimator": "ml", "parameters": parameters, "adequate": True}
+    return {**made, **more, "chi2_reduced": 1.0, "warnings": ["lack_of_fit"] if key[2] == "0" else []}
+
+
+def study(count: int) -> dict[str, Any]:
+    """Calibrations of which one in twenty is broken and two kill their process; the command is killed three times."""
+    wanted, rng = count or 200, random.Random(3)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        spoilt = _spoilt(folder / "data", wanted)
+        calibrations(folder / "data" / "good", wanted - spoilt)
+        (folder / "site").mkdir()
+        (folder / "site/sitecustomize.py").write_text(DEADLY)
+        paths = os.pathsep.join([str(folder / "site"), os.environ.get("PYTHONPATH", "")])
+        command = [sys.executable, "-c", "from vibrident.cli import main; main()", "fleet", str(folder / "data")]
+        command += ["--out", str(folder / "out"), "--workers", "2", "-q"]
+        environment = {**os.environ, "PYTHONPATH": paths}
+        there = []
+        for _ in range(3):
+            process = subprocess.Popen(command, env=environment)
+            time.sleep(rng.uniform(6.0, 6.0 + wanted / 20))
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            there.append(sum(1 for _ in _rows(folder / "out/parts")))
+        code = subprocess.run(command, env=environment, check=False).returncode
+        rows = pq.read_table(folder / "out/fleet.parquet").to_pylist()
+        computed = list(_rows(folder / "out/parts"))
+    statuses = {status: sum(row["status"] == status for row in rows) for status in ("identified", "refused", "failed")}
+    return {
+        "calibrations": wanted,
+        "exit_code": code,
+        "rows": len(rows),
+        "names_that_differ": len({row["calibration"] for row in rows}),
+        "rows_after_each_kill": there,
+        "computed_twice": len(computed) - len(set(computed)),
+        **statuses,
+    }
+
+
+def _spoilt(folder: Path, wanted: int) -> int:
+    """Broken ones in each way, again and again until they are one in twenty, and two that kill their process."""
+    count = max(wanted // 20 - 2, len(BROKEN)) // len(BROKEN)
+    for number in range(count):
+        broken(folder / f"broken{number}")
+    for way in ("segfault", "exits"):
+        file = calibrations(folder / way, 1)[0]
+        (file.parent / way).touch()
+    return count * len(BROKEN) + 2
+
+
+def _rows(parts: Path) -> Iterator[str]:
+    for path in parts.glob("*.parquet"):
+        yield from pq.read_table(path, columns=["key"])["key"].to_pylist()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

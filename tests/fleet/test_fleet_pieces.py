@@ -1,0 +1,134 @@
+"""The pieces of a fleet: keys, batches, parts, limits, and what is called an outlier."""
+
+import numpy as np
+import pytest
+from tests.support.fleets import good
+
+from vibrident.errors import InputError
+from vibrident.fleet import parts, row
+from vibrident.fleet.batching import BATCH_S, Batches
+from vibrident.fleet.key import look
+from vibrident.fleet.limits import Specification, read_limits
+from vibrident.fleet.orders import Orders, memory_limit
+from vibrident.fleet.statistics import FEWEST, outlier_limit, statistics
+from vibrident.fleet.table import write_table
+
+
+def test_a_key_follows_content_and_settings_and_not_the_place(tmp_path):
+    orders = Orders(str(tmp_path))
+    first = look(str(good(tmp_path / "a", 1)), orders)
+    assert look(str(good(tmp_path / "other" / "place", 1)), Orders("elsewhere", run="x")) == first
+    keys = {first.key, look(str(good(tmp_path / "b", 2)), orders).key}
+    keys |= {look(str(tmp_path / "a/c.toml"), Orders("", **other)).key for other in _OTHERS}
+    (tmp_path / "a/frf.csv").unlink()
+    keys.add(look(str(tmp_path / "a/c.toml"), orders).key)
+    assert len(keys) == 3 + len(_OTHERS)
+
+
+_OTHERS = ({"model": "accelerometer+delay"}, {"estimator": "ml"}, {"version": "0"})
+
+
+def test_batches_are_of_one_shape_and_about_ten_seconds_and_small_at_the_end():
+    batches = Batches()
+    for number in range(2000):
+        batches.add("long" if number % 2 else "short", (f"{number}", f"{number}"))
+    assert len(batches.take(4)[1]) == 1  # nothing is known of this shape
+    for shape, each in (("long", 1.0), ("short", 0.05)):
+        batches.measured(shape, each, 1)
+    sizes: dict[str, list[int]] = {"long": [], "short": []}
+    while batches:
+        shape, tasks = batches.take(4)
+        sizes[shape].append(len(tasks))
+    assert max(sizes["long"]) == BATCH_S
+    assert max(sizes["short"]) == BATCH_S / 0.05
+    assert sum(map(sum, sizes.values())) == 1999
+    assert sizes["long"][-1] <= 2
+
+
+def simulated(count: int, seed: int = 1, status: str = row.IDENTIFIED, unit: str = "V/(m/s^2)"):
+    """Rows as a worker would give them."""
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        gain = 0.01 * (1 + 0.01 * rng.standard_normal())
+        made = row._row(f"{number:064x}", status, "", {"type": "A", "serial_number": f"SN{number}"}, 0.2)
+        parameters = {"sensitivity": [gain, 1e-5, unit], "natural_frequency": [5000.0 + number % 7, 1.0, "Hz"]}
+        yield {**made, "model": "accelerometer", "estimator": "ml", "parameters": parameters, "adequate": True}
+
+
+def test_of_two_rows_of_a_key_one_counts(tmp_path):
+    (identified,) = simulated(1)
+    failed = {**identified, "status": row.FAILED, "parameters": {}}
+    other = {**identified, "key": "f" * 64}
+    parts.write_part(tmp_path, [failed, other], 5.0, None)
+    parts.write_part(tmp_path, [identified], 1.0, None)
+    (tmp_path / "damaged.parquet").write_bytes(b"PAR1 and no more")
+    (tmp_path / "empty.parquet").touch()
+    index = parts.index(tmp_path, None, 5.0, None)
+    assert index.keys.tolist() == [identified["key"].encode(), b"f" * 64]
+    assert index.stands.all()
+    assert index.parameters[index.part[0]] == ("sensitivity", "natural_frequency")
+
+
+def test_statistics_know_limits_and_their_unit(tmp_path):
+    orders = Orders(str(tmp_path), results=False)
+    orders.parts_folder.mkdir()
+    found = [*simulated(200), *simulated(1, status=row.REFUSED)]
+    found[-1].update(key="e" * 64, parameters={}, adequate=None)
+    found[7]["parameters"]["sensitivity"][0] = 0.012
+    parts.write_part(orders.parts_folder, found[:90], 1.0, None)
+    parts.write_part(orders.parts_folder, found[90:], 1.0, None)
+    order = [*range(200, -1, -1)]
+    calibrations = [(f"{number}.toml", bytes.fromhex(found[number]["key"])) for number in order]
+    tally = write_table(tmp_path / "fleet.parquet", calibrations, orders)
+    assert (tally.rows, tally.doubts) == (201, 1)
+    limit = {"type": "A", "parameter": "sensitivity", "nominal": 0.01, "tolerance_percent": 10.0}
+    made = statistics(tmp_path / "fleet.parquet", tally, Specification.model_validate({"limits": [limit]}))
+    (outlier,) = made.outliers
+    assert (order[outlier.row], outlier.parameter, outlier.outside) == (7, "sensitivity", True)
+    (one,) = made.yields
+    assert (one.calibrations, one.identified, one.conforming) == (201, 200, 199)
+    gains = made.groups[0].distributions[0]
+    values = [row["parameters"]["sensitivity"][0] for row in found[:200]]
+    assert gains.mean == pytest.approx(np.mean(values), rel=1e-12)
+    assert gains.histogram.counts.sum() + gains.histogram.below + gains.histogram.above == 200
+    other = Specification.model_validate({"limits": [{**limit, "unit": "mV/(m/s^2)"}]})
+    assert not statistics(tmp_path / "fleet.parquet", tally, other).limited
+
+
+@pytest.mark.parametrize("count", [FEWEST, 50, 300])
+def test_normal_values_show_an_outlier_in_one_group_of_a_hundred(count):
+    values = np.random.default_rng(count).standard_normal((4000, count))
+    distance = np.abs(values - np.median(values, axis=1, keepdims=True))
+    spread = 1.482602218505602 * np.median(distance, axis=1)
+    alarms = float(np.mean(distance.max(axis=1) / spread > outlier_limit(count)))
+    assert 0.002 < alarms < 0.015
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[[limits]]\nparameter='sensitivity'\nnominal=1\ntolerance=1\ntolerance_percent=2", "both"),
+        ("[[limits]]\nparameter='sensitivity'\nnominal=1", "neither"),
+        ("[[limits]]\nparameter='sensitvity'\nnominal=1\ntolerance=1", "did you mean 'sensitivity'"),
+        ("[[limits]]\nparameter='sensitivity'\nnominal='1'\ntolerance=1", "limits file"),
+        ("[[limits]]\nparameter='sensitivity'\nnominal=1\ntollerance=1", "did you mean 'tolerance'"),
+        ("[[limits]]\nparameter='sensitivity'\nnominal=nan\ntolerance=1", "finite"),
+        ("[[limits]]\nparameter='sensitivity'\nnominal=0\ntolerance_percent=1", "zero"),
+        ("[[limits]]\nparameter='delay'\nnominal=0\ntolerance=1\n" * 2, "Two limits"),
+        ("", "no limit"),
+        ("limits", "TOML"),
+    ],
+)
+def test_a_limits_file_that_is_wrong_says_where(tmp_path, text, said):
+    file = tmp_path / "limits.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_limits(file)
+    assert said in str(refused.value)
+    assert "limits.toml" in refused.value.where
+
+
+def test_a_process_may_hold_at_least_four_gigabytes_or_the_machine():
+    assert memory_limit(Orders("", memory_limit_bytes=7)) == 7
+    found = memory_limit(Orders(""))
+    assert found is None or found > 1e9
