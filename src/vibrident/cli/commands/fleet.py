@@ -24,6 +24,22 @@ DOUBTFUL = 3
 _LINE_S = 30.0
 
 
+_TimeLimit = Annotated[float, typer.Option("--time-limit", metavar="S", help="Most seconds of one calibration.")]
+_MemoryLimit = Annotated[
+    float | None,
+    typer.Option(
+        "--memory-limit",
+        metavar="MB",
+        help="Most memory of one process.",
+        show_default="its share of the machine's, at least 4 GB",
+    ),
+]
+_Limits = Annotated[
+    Path | None,
+    typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type (TOML), for the page."),
+]
+
+
 def fleet(
     patterns: Annotated[
         list[str],
@@ -55,22 +71,9 @@ def fleet(
         str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data of each.")
     ] = "auto",
     resume: Annotated[bool, typer.Option("--resume/--fresh", help="Go on with what is in DIR, or do all anew.")] = True,
-    time_limit_s: Annotated[
-        float, typer.Option("--time-limit", metavar="S", help="Most seconds of one calibration.")
-    ] = 300.0,
-    memory_limit_mb: Annotated[
-        float | None,
-        typer.Option(
-            "--memory-limit",
-            metavar="MB",
-            help="Most memory of one process.",
-            show_default="its share of the machine's, at least 4 GB",
-        ),
-    ] = None,
-    limits: Annotated[
-        Path | None,
-        typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type (TOML), for the page."),
-    ] = None,
+    time_limit_s: _TimeLimit = 300.0,
+    memory_limit_mb: _MemoryLimit = None,
+    limits: _Limits = None,
     results: Annotated[bool, typer.Option("--results/--no-results", help="Keep whole results in DIR/results.")] = True,
     store: Annotated[
         str | None,
