@@ -63,7 +63,6 @@ def sensor_text(path: str) -> dict[str, str]:
 def _key(file: Path, names: list[str], orders: Orders) -> str:
     content = {
         "schema": SCHEMA,
-        "version": orders.version,
         "settings": orders.settings,
         "calibration": _digest(file),
         "data": [[name, _digest(file.parent / name)] for name in names],

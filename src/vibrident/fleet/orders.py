@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 from vibrident import __version__
 
 #: Seconds that one calibration may take.
 TIME_LIMIT_S = 300.0
+_GROUPS = ("vibrident.models", "vibrident.estimators", "vibrident.readers")
 _LEAST_BYTES = 4_000_000_000
 _SHARE = 0.8
+
+
+def plug_ins() -> tuple[str, ...]:
+    """Packages, with their versions, that add models, estimators or readers here."""
+    points = (point for group in _GROUPS for point in entry_points(group=group))
+    return tuple(sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist}))
 
 
 @dataclass(frozen=True)
@@ -27,6 +37,7 @@ class Orders:
         memory_limit_bytes: most memory of one process; None: a share of the machine's, see ``memory_limit``.
         results: whether whole results are written.
         version: of this package, which a worker elsewhere must have too.
+        plug_ins: that an outcome may depend on.
         run: a name of this run, by which its processes are told from those of another.
     """
 
@@ -37,12 +48,14 @@ class Orders:
     memory_limit_bytes: int | None = None
     results: bool = True
     version: str = __version__
+    plug_ins: Sequence[str] = field(default_factory=plug_ins)
     run: str = ""
 
     @property
-    def settings(self) -> dict[str, str | None]:
+    def settings(self) -> dict[str, Any]:
         """What the numbers of an outcome depend on, beside the files."""
-        return {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
+        chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
+        return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
 
     @property
     def parts_folder(self) -> Path:

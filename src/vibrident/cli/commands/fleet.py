@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vibrident.cli import options
 from vibrident.cli.console import note, out
 from vibrident.cli.options import choice
 from vibrident.errors import InputError
+from vibrident.workflow.estimators import AUTO, estimator_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,8 +68,9 @@ def fleet(
         str | None, typer.Option("--model", metavar="NAME", help="Sensor model for all, in place of each file's.")
     ] = None,
     estimator: Annotated[
-        str, choice("--estimator", options.ESTIMATORS, "How to fit; auto chooses by the data of each.")
-    ] = "auto",
+        str,
+        choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", "{estimators}"),
+    ] = AUTO,
     resume: Annotated[bool, typer.Option("--resume/--fresh", help="Go on with what is in DIR, or do all anew.")] = True,
     time_limit_s: _TimeLimit = 300.0,
     memory_limit_mb: _MemoryLimit = None,
