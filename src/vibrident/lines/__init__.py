@@ -12,10 +12,10 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 
 from __future__ import annotations
 
-from vibrident.lines.normal import Batch, LineNormal, columns_of, normal_equations
+from vibrident.lines.normal import Batch, LineNormal, RunNormals, add_batch, columns_of
 from vibrident.lines.record import RecordLines
 from vibrident.lines.runs import Run, run_of, seen_by_network, unbroken
-from vibrident.lines.series import RunSeries, series_of, with_series
+from vibrident.lines.series import RunSeries, add_series, series_of
 from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
 
 __all__ = [
@@ -23,15 +23,16 @@ __all__ = [
     "LineNormal",
     "RecordLines",
     "Run",
+    "RunNormals",
     "RunSeries",
     "StepTransfer",
     "Trained",
+    "add_batch",
+    "add_series",
     "columns_of",
-    "normal_equations",
     "run_of",
     "seen_by_network",
     "series_of",
     "transfer_of",
     "unbroken",
-    "with_series",
 ]

@@ -43,6 +43,38 @@ class LineNormal:
 
 
 @dataclass(frozen=True, eq=False)
+class RunNormals:
+    """The least-squares problems of R runs, each by itself, of residuals that are not weighted by noise.
+
+    Attributes:
+        matrix: JᵀJ, shape (R, P, P).
+        gradient: Jᵀr, shape (R, P).
+        squares: rᵀr, shape (R,).
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    squares: FloatArray
+
+    @classmethod
+    def of(cls, runs: int, p: int, value: float = 0.0) -> RunNormals:
+        """Nothing yet of so many runs."""
+        return cls(np.zeros((runs, p, p)), np.zeros((runs, p)), np.full(runs, value))
+
+    def weighed(self, noise: FloatArray, turn: FloatArray) -> LineNormal:
+        """The sum, each run weighed by one over its noise's variance.
+
+        Args:
+            noise: standard deviation of each run's noise, shape (R,).
+            turn: derivative of each parameter with its coordinate, shape (P,).
+        """
+        weight = 1.0 / noise**2
+        matrix, gradient = np.tensordot(weight, self.matrix, 1), weight @ self.gradient
+        squares = weight * self.squares
+        return LineNormal(matrix * np.outer(turn, turn), gradient * turn, float(np.sum(squares)), squares)
+
+
+@dataclass(frozen=True, eq=False)
 class Batch:
     """Runs of one sampling interval and length, side by side.
 
@@ -72,31 +104,22 @@ def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:
     return arrays[0][None]
 
 
-def normal_equations(
-    batches: Sequence[Batch],
-    transfers: Sequence[StepTransfer],
-    slopes: Sequence[StepTransfer],
-    weights: Sequence[FloatArray],
-    count: int,
-    p: int,
-) -> LineNormal:
-    """Normal equations of all runs in batches.
+def add_batch(
+    normals: RunNormals, batch: Batch, transfer: StepTransfer, slope: StepTransfer, counts: FloatArray
+) -> None:
+    """Write the normal equations of a batch's runs into those of all.
 
     Args:
-        batches: the runs.
-        transfers: transfer function of a step of each batch.
-        slopes: its derivatives with each parameter, in a leading axis of P.
-        weights: one over the variance of each line of the residual, of each batch; shape (R, L).
-        count: number of all runs, in batches or not.
-        p: number of parameters P.
+        normals: of all runs.
+        batch: the runs.
+        transfer: transfer function of a step.
+        slope: its derivatives with each parameter, in a leading axis of P.
+        counts: how each line counts, shape (1, L).
     """
-    matrix, gradient, squares = np.zeros((p, p)), np.zeros(p), np.zeros(count)
-    for batch, transfer, slope, weight in zip(batches, transfers, slopes, weights, strict=True):
-        own_matrix, own_gradient, own_squares = _of_batch(batch, transfer, slope, np.sqrt(weight))
-        matrix += own_matrix
-        gradient += own_gradient
-        squares[batch.runs] = own_squares
-    return LineNormal(matrix, gradient, float(np.sum(squares)), squares)
+    runs = batch.runs
+    normals.matrix[runs], normals.gradient[runs], normals.squares[runs] = _of_batch(
+        batch, transfer, slope, np.broadcast_to(np.sqrt(counts), batch.response.shape)
+    )
 
 
 class _Block(NamedTuple):
@@ -118,7 +141,7 @@ class _Block(NamedTuple):
 def _of_batch(
     batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """JᵀJ, Jᵀr, and rᵀr of every run; ``root``: one over the standard deviation of the lines, shape (R, L)."""
+    """JᵀJ, Jᵀr and rᵀr of every run; ``root``: of how the lines count, shape (R, L)."""
     runs, lines = batch.response.shape
     blocks = [_forced(batch, transfer, root, slice(i, i + AT_ONCE)) for i in range(0, lines, AT_ONCE)]
     inverse = _inverse(np.sum([_products(b.free, b.free) for b in blocks], axis=0))
@@ -132,8 +155,7 @@ def _of_batch(
     # What initial states could imitate is taken out of the slopes; of the residual only rounding is left to take.
     shared = sums[:, p + 1 :]
     freed = sums[:, : p + 1] - np.swapaxes(shared, -1, -2) @ inverse @ shared
-    whole = np.sum(freed, axis=0)
-    return whole[:p, :p], whole[:p, p], freed[:, p, p]
+    return freed[:, :p, :p], freed[:, :p, p], freed[:, p, p]
 
 
 def columns_of(
@@ -144,25 +166,33 @@ def columns_of(
     What other states could imitate is taken out of the slopes.
     """
     runs, lines = batch.response.shape
-    n, p = len(transfer.denominator) - 1, len(slope.denominator)
+    n, p, one = len(transfer.denominator) - 1, len(slope.denominator), np.ones_like(root)
     parts = [slice(i, i + AT_ONCE) for i in range(0, lines, AT_ONCE)]
+    # Of a long run the blocks are made anew each time: together they would be most of the memory.
+    kept = [_forced(batch, transfer, one, part) for part in parts[:1]]
+
+    def block_of(number: int) -> _Block:
+        return kept[0] if len(parts) == 1 else _forced(batch, transfer, one, parts[number])
+
     gram, right, shared = np.zeros((runs, n, n)), np.zeros((runs, n, 1)), np.zeros((runs, n, p))
-    for part in parts:
-        block = _forced(batch, transfer, root, part)
-        gram += _products(block.free, block.free)
-        right += _products(block.free, block.residual[:, None])
+    for number, part in enumerate(parts):
+        block = block_of(number)
+        free = block.free * root[:, None, part] ** 2
+        gram += _products(free, block.free)
+        right += _products(free, block.residual[:, None])
     inverse = _inverse(gram)
     states = (inverse @ right)[..., 0]
-    residual, slopes, one = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex), np.ones_like(root)
-    for part in parts:
-        block = _forced(batch, transfer, one, part)
+    residual, slopes = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex)
+    for number, part in enumerate(parts):
+        block = block_of(number)
         block.residual[:] -= np.einsum("rn,rnl->rl", states, block.free)
-        columns = _slopes(batch, slope, block, one)
-        residual[:, part], slopes[:, :, part] = block.residual, columns[:, :-1]
-        shared += _products(block.free * root[:, None, part] ** 2, columns[:, :-1])
+        residual[:, part] = block.residual
+        if p:
+            slopes[:, :, part] = _slopes(batch, slope, block, one)[:, :-1]
+            shared += _products(block.free * root[:, None, part] ** 2, slopes[:, :, part])
     share = inverse @ shared
-    for part in parts if p else ():
-        slopes[:, :, part] -= np.einsum("rnp,rnl->rpl", share, _forced(batch, transfer, one, part).free)
+    for number, part in enumerate(parts if p else ()):
+        slopes[:, :, part] -= np.einsum("rnp,rnl->rpl", share, block_of(number).free)
     return residual, slopes
 
 

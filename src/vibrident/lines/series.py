@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from vibrident.lines.normal import LineNormal, horner, modelled_slopes
+from vibrident.lines.normal import RunNormals, horner, modelled_slopes
 from vibrident.lines.runs import Run, shifted_lines
 from vibrident.lines.transfer import StepTransfer
 from vibrident.measure.response import ComplexArray
@@ -43,13 +43,11 @@ class RunSeries:
         return self.slopes - share.T @ self.free
 
 
-def with_series(normal: LineNormal, number: int, series: RunSeries, noise: float) -> LineNormal:
-    """Normal equations with run ``number``, not yet in them, summed over its samples; ``noise``: their deviation."""
-    slopes, variance = series.freed_slopes(), noise**2
-    squares = normal.squares.copy()
-    squares[number] = float(series.residual @ series.residual) / variance
-    matrix = normal.matrix + slopes @ slopes.T / variance
-    return LineNormal(matrix, normal.gradient + slopes @ series.residual / variance, float(np.sum(squares)), squares)
+def add_series(normals: RunNormals, number: int, series: RunSeries) -> None:
+    """Write the normal equations of run ``number``, summed over its samples, into those of all."""
+    slopes = series.freed_slopes()
+    normals.matrix[number], normals.gradient[number] = slopes @ slopes.T, slopes @ series.residual
+    normals.squares[number] = series.residual @ series.residual
 
 
 def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSeries:

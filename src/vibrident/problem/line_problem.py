@@ -22,16 +22,17 @@ from vibrident.lines import (
     LineNormal,
     RecordLines,
     Run,
+    RunNormals,
     RunSeries,
     StepTransfer,
     Trained,
+    add_batch,
+    add_series,
     columns_of,
-    normal_equations,
     run_of,
     seen_by_network,
     series_of,
     unbroken,
-    with_series,
 )
 from vibrident.lines.record import counted, free_of_pieces, free_of_run
 from vibrident.measure.lines import line_frequencies
@@ -162,29 +163,40 @@ class LineProblem:
         return self.trained.transfer(*at), self.trained.slopes(*at)
 
     def _all_steps(self, values: dict[str, float]) -> dict[tuple[float, float], tuple[StepTransfer, StepTransfer]]:
-        return {key: self.steps(values, *key) for key in {self._step_of(run) for run in self.runs}}
+        return {key: self.steps(values, *key) for key in self._all_kinds}
+
+    @functools.cached_property
+    def _all_kinds(self) -> set[tuple[float, float]]:
+        return {self._step_of(run) for run in self.runs}
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> LineNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
         values = coordinates.values(z)
+        normals = self._normals(values)
+        return normals.weighed(noise[[run.record for run in self.runs]], coordinates.slopes(z))
+
+    def _normals(self, values: dict[str, float]) -> RunNormals:
+        """Normal equations of each run; the last are kept, because other noise asks for the same once more."""
+        key = tuple(values.items())
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._made_normals(values)
+        return self._last[key]
+
+    @functools.cached_property
+    def _last(self) -> dict[tuple[tuple[str, float], ...], RunNormals]:
+        return {}
+
+    def _made_normals(self, values: dict[str, float]) -> RunNormals:
         if not self._stable(values):
-            nothing = np.zeros((len(z), len(z)))
-            return LineNormal(nothing, nothing[0], np.inf, np.full(len(self.runs), np.inf))
-        steps = self._all_steps(values)
-        owners = np.array([run.record for run in self.runs])
-        found = normal_equations(
-            [batch for batch, *_ in self._batches],
-            [steps[i, f][0] for *_, i, f in self._batches],
-            [steps[i, f][1] for *_, i, f in self._batches],
-            [counts / noise[owners[batch.runs]][:, None] ** 2 for batch, counts, *_ in self._batches],
-            len(self.runs),
-            len(z),
-        )
+            return RunNormals.of(len(self.runs), len(values), np.inf)
+        steps, normals = self._all_steps(values), RunNormals.of(len(self.runs), len(values))
+        for batch, counts, *step in self._batches:
+            add_batch(normals, batch, *steps[step[0], step[1]], counts)
         for number, run in enumerate(self.runs):
             if run.used is not None:
-                found = with_series(found, number, series_of(run, *steps[self._step_of(run)]), noise[run.record])
-        turn = coordinates.slopes(z)
-        return LineNormal(found.matrix * np.outer(turn, turn), found.gradient * turn, found.cost, found.squares)
+                add_series(normals, number, series_of(run, *steps[self._step_of(run)]))
+        return normals
 
     def _stable(self, values: dict[str, float]) -> bool:
         """Whether no state grows beyond all numbers over its run, as Euler's may."""
@@ -208,8 +220,9 @@ class LineProblem:
         """Response of every record with the best initial states and offsets, NaN where the network gives none."""
         values = coordinates.values(z)
         found = [np.full(record.samples, np.nan) for record in self.records]
+        made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
         for run in self.runs:
-            transfer = self.trained.transfer(values, *self._step_of(run), self.frame.delay_s)
+            transfer = made[self._step_of(run)]
             nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
             if run.used is not None:
                 found[run.record][run.span] = series_of(run, transfer, nothing).predicted
