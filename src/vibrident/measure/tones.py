@@ -149,9 +149,11 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
     mask, rate = record.mask, record.sampling_rate_hz
     times, place = record.time_s, _span(mask)
-    channels = np.stack([np.asarray(record.reference), record.response])[:, place] * _kept(mask, place)
     tone, extra = _design(times, frequency, rate), _free_response(times, poles, rate)
-    whole = np.concatenate([tone, *([] if extra is None else [extra])])[:, place] * _kept(mask, place)
+    channels = np.stack([np.asarray(record.reference)[place], record.response[place]])
+    whole = np.concatenate([rows[:, place] for rows in (tone, extra) if rows is not None])
+    if not mask[place].all():
+        channels, whole = channels * mask[place], whole * mask[place]
     count, own = float(mask.sum()), np.arange(len(tone))
     gram = whole @ whole.T
     if not mask.all():
@@ -189,11 +191,6 @@ def _span(mask: NDArray[np.bool_]) -> slice:
     """From the first sample that is used to the last."""
     used = np.flatnonzero(mask)
     return slice(int(used[0]), int(used[-1]) + 1) if used.size else slice(0, 0)
-
-
-def _kept(mask: NDArray[np.bool_], place: slice) -> NDArray[np.bool_] | float:
-    """One for samples of the span that are used, zero for others."""
-    return 1.0 if mask[place].all() else mask[place]
 
 
 def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
