@@ -9,7 +9,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import DEADLY
+from typer.testing import CliRunner, Result
 
+from vibrident.cli import app
 from vibrident.fleet import Asked, Local, Orders, Outcome, run
 
 Run = Callable[..., Outcome]
@@ -17,10 +19,10 @@ Run = Callable[..., Outcome]
 
 @pytest.fixture(scope="session")
 def run_fleet() -> Run:
-    """Run a fleet with two processes."""
+    """Run a fleet, with one process unless it is asked for more."""
 
-    def run_(patterns: list[Path], out: Path, *, fresh: bool = False, **orders: object) -> Outcome:
-        return run(Asked([str(one) for one in patterns], Orders(str(out), **orders), fresh=fresh), Local(2))  # type: ignore[arg-type]
+    def run_(patterns: list[Path], out: Path, *, workers: int = 1, fresh: bool = False, **orders: object) -> Outcome:
+        return run(Asked([str(one) for one in patterns], Orders(str(out), **orders), fresh=fresh), Local(workers))  # type: ignore[arg-type]
 
     return run_
 
@@ -39,3 +41,9 @@ def deadly_site(tmp_path_factory) -> str:
     sys.path.insert(0, str(folder))
     yield str(folder)
     sys.path.remove(str(folder))
+
+
+@pytest.fixture(scope="session")
+def run_command() -> Callable[..., Result]:
+    """Run ``vibrident`` with these arguments, in this process."""
+    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])

@@ -36,7 +36,7 @@ def data(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def outcome(data, deadly_site, run_fleet):
-    return run_fleet([data], data.parent / "out", time_limit_s=6.0)
+    return run_fleet([data], data.parent / "out", workers=2, time_limit_s=6.0)
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +166,7 @@ def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, deadly_site, run_fl
 
     thread = threading.Thread(target=kill)
     thread.start()
-    outcome = run_fleet([tmp_path / "data"], tmp_path / "out")
+    outcome = run_fleet([tmp_path / "data"], tmp_path / "out", workers=2)
     thread.join()
     assert len(killed) == 2
     assert outcome.tally.statuses == {"identified": 8}

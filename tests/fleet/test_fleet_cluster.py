@@ -84,6 +84,7 @@ def test_a_cluster_that_loses_and_gains_a_worker_gives_the_same_table(
     assert data.is_dir()
 
 
+@pytest.mark.slow
 @needs_dask
 @pytest.mark.filterwarnings("default")
 def test_a_scheduler_that_is_killed_is_said_and_nothing_is_lost(tmp_path, cluster, deadly_site, run_fleet, monkeypatch):

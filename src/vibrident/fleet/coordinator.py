@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vibrident import memory
 from vibrident.fleet import parts, patterns
 from vibrident.fleet.batch import Done, look_at, lost, work_off
 from vibrident.fleet.batching import BATCH_S, Batches, Task
@@ -117,15 +118,18 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None]
             work.do()
         finally:
             scheduler.close(orders.run)
-        calibrations = [(one.path, key) for one, key in zip(named, work.keys, strict=True) if key is not None]
-        seconds = time.monotonic() - begin
-        table = Path(orders.folder) / "fleet.parquet"
-        tally = write_table(table, calibrations, orders, work.passing)
+        calibrations = [(path, key) for path, key in zip(named.paths, work.keys, strict=True) if key is not None]
+        seconds, computed = time.monotonic() - begin, work.computed
+        left_out = len(named.paths) - len(calibrations)
+        table, passing = Path(orders.folder) / "fleet.parquet", work.passing
+        del work, named
+        memory.give_back()
+        tally = write_table(table, calibrations, orders, passing)
+        memory.give_back()
         page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
     except OSError as error:
         raise unwritable(f"{type(error).__name__}: {error}", orders.folder) from error
-    left_out = len(named) - len(calibrations)
-    return Outcome(tally, [table, page], work.computed, left_out, seconds, orders.results_folder)
+    return Outcome(tally, [table, page], computed, left_out, seconds, orders.results_folder)
 
 
 def _prepare(orders: Orders, *, fresh: bool) -> None:
@@ -154,14 +158,14 @@ class _Work:
 
     def __init__(
         self,
-        named: list[patterns.Named],
+        named: patterns.Found,
         orders: Orders,
         there: set[bytes],
         scheduler: Scheduler,
         progress: Callable[[Progress], None],
     ) -> None:
         self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
-        self.keys: list[bytes | None] = [None] * len(named)  # None: not looked at, or no calibration
+        self.keys: list[bytes | None] = [None] * len(named.paths)  # None: not looked at, or no calibration
         self.passing: list[Row] = []
         self.computed = 0
         self._lost: Counter[str] = Counter()
@@ -176,7 +180,7 @@ class _Work:
     def do(self) -> None:
         """Until every calibration has a row."""
         told = 0.0
-        while self._next < len(self.named) or self._looks or self._batches or self._work:
+        while self._next < len(self.named.paths) or self._looks or self._batches or self._work:
             self._send()
             if (answer := self.scheduler.next_answer(_TURN_S)) is not None:
                 self._take(answer)
@@ -189,7 +193,7 @@ class _Work:
         workers = self.scheduler.workers()
         while len(self._looks) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
-            if self._next < len(self.named) and not ahead and len(self._looks) <= workers // 2:
+            if self._next < len(self.named.paths) and not ahead and len(self._looks) <= workers // 2:
                 self._send_look()
             elif self._batches:
                 shape, tasks = self._batches.take(workers)
@@ -199,12 +203,12 @@ class _Work:
 
     def _send_look(self) -> None:
         size = _FIRST_LOOKS if self._seen < WINDOW * _MOST_LOOKS else _MOST_LOOKS
-        places = list(range(self._next, min(self._next + size, len(self.named))))
+        places = list(range(self._next, min(self._next + size, len(self.named.paths))))
         self._next = places[-1] + 1
         self._look(places)
 
     def _look(self, places: list[int]) -> None:
-        paths = [os.path.abspath(self.named[place].path) for place in places]
+        paths = [os.path.abspath(self.named.paths[place]) for place in places]
         self._looks[self.scheduler.submit(look_at, paths, self.orders)] = places
 
     def _take(self, answer: Answer) -> None:
@@ -230,14 +234,13 @@ class _Work:
     def _seen_are(self, places: list[int], looks: list[Look]) -> None:
         for place, one in zip(places, looks, strict=True):
             self._seen += 1
-            named = self.named[place]
-            if named.in_folder and not one.calibration:
+            if self.named.in_folder[place] and not one.calibration:
                 continue
             key = self.keys[place] = bytes.fromhex(one.key)
             if key not in self._there:
                 self._there.add(key)
                 self._waiting_for += 1
-                self._batches.add(one.shape, (os.path.abspath(named.path), one.key))
+                self._batches.add(one.shape, (os.path.abspath(self.named.paths[place]), one.key))
 
     def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
         self.computed += len(tasks)
@@ -263,7 +266,7 @@ class _Work:
     def _tell(self) -> None:
         elapsed = time.monotonic() - self._begin
         rate = self.computed / elapsed if elapsed > 0 else 0.0
-        left = len(self.named) - self._seen + self._waiting_for
+        left = len(self.named.paths) - self._seen + self._waiting_for
         left_s = left / rate if rate > 0 else None
         workers = self.scheduler.workers()
-        self.progress(Progress(len(self.named) - left, len(self.named), rate, left_s, workers))
+        self.progress(Progress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers))

@@ -21,6 +21,8 @@ from vibrident.report.page import Page, folded, paragraphs, text
 
 #: Kinds of messages that are shown, and names of calibrations beside each.
 MOST_KINDS, MOST_NAMES = 40, 5
+#: Rows that are in memory at once.
+_ROWS = 4096
 _STYLE = """<style>
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(245px, 1fr)); gap: 10px 22px; }
 .charts figure { margin: 0.3rem 0; } .charts svg { width: 100%; height: auto; display: block; }
@@ -71,7 +73,7 @@ class _Names:
         wanted, start, seconds = set(rows), 0, []
         with pq.ParquetFile(table) as file:
             columns = ["calibration", "key", "status", "message", "serial_number", "seconds"]
-            for batch in file.iter_batches(columns=columns):
+            for batch in file.iter_batches(_ROWS, columns=columns):
                 self._add(batch.to_pydict(), start, wanted)
                 seconds.append(np.asarray(batch["seconds"].to_numpy(zero_copy_only=False), dtype=float))
                 start += batch.num_rows

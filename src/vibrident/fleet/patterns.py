@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,20 +14,21 @@ from vibrident.errors import InputError
 _ENDING = ".toml"
 
 
-@dataclass(frozen=True, slots=True)
-class Named:
-    """A file to be identified.
+@dataclass(frozen=True)
+class Found:
+    """Files to be identified, in order; two columns, because there may be millions.
 
     Attributes:
-        path: as it was found from the pattern.
-        in_folder: it stands in a folder that was named; where it is no calibration file at all, it is left out.
+        paths: as they were found from the patterns.
+        in_folder: 1 for one that stands in a folder that was named, not itself: where it is no calibration file at
+            all, it is left out.
     """
 
-    path: str
-    in_folder: bool
+    paths: list[str]
+    in_folder: bytearray
 
 
-def found(patterns: Sequence[str]) -> list[Named]:
+def found(patterns: Sequence[str]) -> Found:
     """The calibration files that the patterns name, each once, pattern by pattern and then by name.
 
     A file stands for itself, a folder for every ``.toml`` file in it and below it, and a glob for the files and
@@ -35,19 +37,22 @@ def found(patterns: Sequence[str]) -> list[Named]:
     Raises:
         InputError: a pattern names nothing.
     """
-    files: dict[str, Named] = {}
+    files, seen = Found([], bytearray()), set()
     for pattern in patterns:
-        before = len(files)
         named = False
-        for one in _named(pattern):
-            files.setdefault(os.path.abspath(one.path), one)
+        for path, in_folder in _named(pattern):
             named = True
-        if len(files) == before and not named:
+            mark = hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=16).digest()
+            if mark not in seen:
+                seen.add(mark)
+                files.paths.append(path)
+                files.in_folder.append(in_folder)
+        if not named:
             raise _nothing(pattern)
-    return list(files.values())
+    return files
 
 
-def _named(pattern: str) -> Iterator[Named]:
+def _named(pattern: str) -> Iterator[tuple[str, bool]]:
     if os.path.lexists(pattern):
         yield from _of(pattern)
         return
@@ -55,15 +60,15 @@ def _named(pattern: str) -> Iterator[Named]:
         yield from _of(match)
 
 
-def _of(path: str) -> Iterator[Named]:
+def _of(path: str) -> Iterator[tuple[str, bool]]:
     if not os.path.isdir(path):
-        yield Named(path, in_folder=False)
+        yield path, False
         return
     for folder, below, files in os.walk(path):
         below[:] = sorted(name for name in below if not name.startswith("."))
         for name in sorted(files):
             if name.lower().endswith(_ENDING) and not name.startswith("."):
-                yield Named(os.path.join(folder, name), in_folder=True)
+                yield os.path.join(folder, name), True
 
 
 def _nothing(pattern: str) -> InputError:

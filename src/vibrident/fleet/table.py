@@ -92,7 +92,7 @@ def write_table(
     import pyarrow.parquet as pq
 
     rows = _Rows(orders, passing)
-    keys = np.array([key.hex() for _, key in calibrations], dtype="S64")
+    keys = np.frombuffer(b"".join(key for _, key in calibrations).hex().encode(), dtype="S64")
     places = rows.index.places(keys)
     rows.require_all(keys, places)
     schema = _schema(rows.parameters(keys, places))

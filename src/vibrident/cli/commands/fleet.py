@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -147,6 +148,7 @@ def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool)
     from vibrident.cli.progress import Busy
     from vibrident.fleet import run
 
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own one keeps what it was given
     chosen = _scheduler(workers, scheduler)
     with Busy("Identifying") as progress:
         told = _Told(progress, quiet=quiet)
@@ -165,8 +167,10 @@ def _require_store(store: str, *, results: bool) -> None:
         )
     from vibrident.history.store import Store
 
-    with Store(store) as checked, checked.writing():
-        pass
+    with Store(store) as opened:
+        opened.begin()
+        with opened.reading():
+            pass
 
 
 def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:

@@ -1,0 +1,104 @@
+"""``vibrident fleet`` in a shell: killed at any moment, beside itself, into a history; its exit codes."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from tests.support.fleets import broken, deadly, fleet, good
+
+COMMAND = [sys.executable, "-c", "from vibrident.cli import main; main()", "fleet"]
+
+
+def start(site: str, *arguments: object) -> subprocess.Popen[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([site, *filter(None, sys.path)])}
+    command = [*COMMAND, *(str(one) for one in arguments)]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def end(process: subprocess.Popen[str], code: int) -> tuple[str, str]:
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == code, err
+    return out, err
+
+
+def keys(parts: Path) -> list[str]:
+    return [key for part in parts.glob("*.parquet") for key in pq.read_table(part, columns=["key"])["key"].to_pylist()]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+def test_killed_three_times_it_goes_on_and_two_at_once_do_no_harm(tmp_path, deadly_site):
+    fleet(tmp_path / "data/good", 6)
+    broken(tmp_path / "data/broken")
+    deadly(tmp_path / "data/deadly", "segfault", "exits", *(f"{number}-slow" for number in range(16)))
+    arguments = (tmp_path / "data", "--out", tmp_path / "out", "--workers", 2)
+    when, there = random.Random(7), []
+    for _ in range(3):
+        process = start(deadly_site, *arguments)
+        begun, until = len(there and keys(tmp_path / "out/parts")), time.monotonic() + 60
+        while len(keys(tmp_path / "out/parts")) == begun and process.poll() is None and time.monotonic() < until:
+            time.sleep(0.05)
+        time.sleep(when.uniform(0.0, 0.5))
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        there.append(len(keys(tmp_path / "out/parts")))
+    first, second = start(deadly_site, *arguments, "-q"), start(deadly_site, *arguments, "-q")
+    end(first, 0)
+    end(second, 0)
+    rows = pq.read_table(tmp_path / "out/fleet.parquet").to_pylist()
+    assert there == sorted(there)
+    assert 0 < there[0] < there[-1] < len(rows) == 34
+    assert len({row["calibration"] for row in rows}) == len({row["key"] for row in rows}) == 34
+    status = {row["calibration"].split(os.sep)[-2]: row["status"] for row in rows}
+    assert list(status.values()).count("refused") == 10
+    assert {name for name, one in status.items() if one == "failed"} == {"segfault", "exits"}
+    assert not list((tmp_path / "out").rglob("*.json.part"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
+def test_an_interrupt_ends_with_130_and_leaves_no_process(tmp_path, deadly_site):
+    deadly(tmp_path / "data", "hangs")
+    process = start(deadly_site, tmp_path / "data", "--out", tmp_path / "out", "--workers", 1)
+    time.sleep(2.5)
+    process.send_signal(signal.SIGINT)
+    end(process, 130)
+    time.sleep(0.5)
+    told = subprocess.run(["ps", "-eo", "ppid,args"], capture_output=True, text=True, check=False).stdout
+    assert f" {process.pid} " not in told
+
+
+def test_strict_and_store_and_bad_options(tmp_path, run_command):
+    good(tmp_path / "data/a", 1)
+    nameless = good(tmp_path / "data/b", 2)
+    nameless.write_text(
+        nameless.read_text(encoding="utf-8").replace('serial_number = "SN0002"\n', ""), encoding="utf-8"
+    )
+    arguments = ("fleet", tmp_path / "data", "--out", tmp_path / "out", "--workers", "1")
+    done = run_command(*arguments, "--store", tmp_path / "history.db", "--strict")
+    assert done.exit_code == 0, done.output
+    assert "1 results that were not in it" in done.output
+    assert "1 results state no serial number" in done.output
+    listed = run_command("history", "list", "--store", tmp_path / "history.db", "--format", "json")
+    assert "SN0001" in json.dumps(json.loads(listed.stdout))
+    again = run_command(*arguments, "--store", tmp_path / "history.db")
+    assert "0 results that were not in it" in again.output
+    assert "Nothing was left to compute" in again.output
+    (tmp_path / "data/a/frf.csv").write_text("")
+    strict = run_command(*arguments, "--strict")
+    assert (strict.exit_code, "1 of 2 calibrations" in strict.output) == (3, True)
+    for wrong, said in (
+        (("--model", "akzelerometer"), "did you mean"),
+        (("--estimator", "mll"), "did you mean"),
+        (("--scheduler", "tcp://x:1"), "two ways"),
+        (("--time-limit", "0"), "above 0"),
+        (("--limits", tmp_path / "none.toml"), "no file of that name"),
+        (("--store", tmp_path / "history.db", "--no-results"), "whole results"),
+    ):
+        refused = run_command(*arguments, *wrong)
+        assert (refused.exit_code, said in refused.output) == (2, True), refused.output
