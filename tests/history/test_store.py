@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import datetime
 import json
-import os
 import signal
 import sqlite3
-import subprocess
 import sys
 import time
 import zlib
@@ -15,6 +13,7 @@ from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
+from tests.support.databases import count, writers
 from tests.support.lives import at_reference, calibrated
 
 from vibrident import history
@@ -22,32 +21,6 @@ from vibrident.errors import InputError
 from vibrident.history import location, schema
 from vibrident.history.store import Store
 from vibrident.result import Result
-
-WRITER = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from tests.support.lives import calibrated
-from vibrident import history
-numbers = range(*map(int, sys.argv[3:5]))
-lives = (calibrated(0.1 + i / 1e5, f"20{10 + i % 10}-01-01", serial=f"{i // 10}") for i in numbers)
-print(history.add(sys.argv[2], lives))
-"""
-
-
-def writers(url, *ranges):
-    """Processes that add calibrations at once, each its range of numbers."""
-    root = os.path.dirname(os.path.dirname(os.path.dirname(__file__)))
-    return [
-        subprocess.Popen(
-            [sys.executable, "-c", WRITER, root, url, *map(str, numbers)], stdout=subprocess.PIPE, text=True
-        )
-        for numbers in ranges
-    ]
-
-
-def count(url, table=schema.calibration):
-    with Store(url) as store, store.reading() as connection:
-        return connection.execute(sa.select(sa.func.count()).select_from(table)).scalar_one()
 
 
 def test_a_result_is_kept_whole_and_once(tmp_path):

@@ -22,6 +22,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from vibrident.history.mixture import Mixture
 from vibrident.records import FloatArray
@@ -30,6 +31,8 @@ from vibrident.records import FloatArray
 NODES = 13
 _LOG_RANGE = (-6.0, 14.0)
 _TAIL = 1.25
+#: Weight below which a node adds nothing to a probability that is printed.
+_LEAST_WEIGHT = 1e-9
 HYPOTHESES = ("line", "random walk", "line and random walk")
 
 
@@ -120,8 +123,8 @@ class Drift:
         back = np.linalg.inv(normal)
         gain = weighed @ back
         projector = inverse - gain @ np.swapaxes(weighed, 1, 2)
-        misfit = np.einsum("i,mij,j->m", self.value, projector, self.value)
-        volume = np.linalg.slogdet(sigma)[1] + np.linalg.slogdet(normal)[1]
+        misfit = projector @ self.value @ self.value
+        volume = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(inverse)[1]
         return _Solved(gain, np.asarray(back, dtype=float), projector, -0.5 * (misfit + volume))
 
     @cached_property
@@ -142,7 +145,7 @@ class Drift:
 
     def sensitivity(self, time: float) -> Mixture:
         """The value of the sensor itself at a time, in its present series."""
-        return self._predicted(time, np.zeros(self.time.size), 0.0)
+        return self._mixture(time, np.zeros(self.time.size), 0.0)
 
     def reading(self, time: float, shared: FloatArray, u: float) -> Mixture:
         """What a calibration at a time will give.
@@ -152,20 +155,39 @@ class Drift:
             shared: covariance of its error with those of the calibrations before, shape (n,).
             u: its standard uncertainty.
         """
-        return self._predicted(time, shared, u**2)
+        return self._mixture(time, shared, u**2)
 
-    def _predicted(self, time: float, shared: FloatArray, variance: float) -> Mixture:
-        solved, at = self._solved, np.array([time])
+    def outside(self, time: FloatArray, low: float, high: float) -> FloatArray:
+        """Probability that the sensor is outside limits, at each of the times, shape (len(time),)."""
+        mean, deviation = self._predicted(time, np.zeros(self.time.size), 0.0)
+        beyond = ndtr((low - mean) / deviation) + ndtr((mean - high) / deviation)
+        return self.weight[self._heard] @ beyond
+
+    def _mixture(self, time: float, shared: FloatArray, variance: float) -> Mixture:
+        mean, deviation = self._predicted(np.array([time]), shared, variance)
+        weight = self.weight[self._heard]
+        return Mixture(weight / weight.sum(), mean[:, 0], deviation[:, 0])
+
+    @cached_property
+    def _heard(self) -> NDArray[np.int_]:
+        """Nodes that have any weight."""
+        return np.flatnonzero(self.weight > _LEAST_WEIGHT)
+
+    def _predicted(self, time: FloatArray, shared: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation at each node and time, each of shape (nodes heard, len(time))."""
+        solved, heard = self._solved, self._heard
+        line, walk = (kind[heard, None] for kind in self._variances[:2])
+        gain, back, projector = solved.gain[heard], solved.back[heard], solved.projector[heard]
         present = self.group == self.group[-1]
-        k = self._process(self.time, at, present[:, None])[:, :, 0] + shared
-        own = self._process(at, at, np.array([[True]]))[:, 0, 0] + variance
+        k = self._process(self.time, time, present[:, None])[heard] + shared[:, None]
+        elapsed = time - self.time[0]
+        own = line * elapsed**2 + walk * elapsed + variance
         level = self._levels[-1]  # of the present series
-        weights = np.einsum("mij,mj->mi", solved.projector, k) + solved.gain @ level
-        spread = own - np.einsum("mi,mij,mj->m", k, solved.projector, k)
-        spread += np.einsum("i,mij,j->m", level, solved.back, level) - 2 * np.einsum(
-            "mi,mij,j->m", k, solved.gain, level
-        )
-        return Mixture(self.weight, weights @ self.value, np.sqrt(np.maximum(spread, 0.0)))
+        explained = projector @ k
+        carried = (gain @ level)[:, None, :]
+        mean = self.value @ explained + carried @ self.value
+        spread = own - np.sum(k * explained, axis=1) + (back @ level @ level)[:, None] - 2 * (carried @ k)[:, 0]
+        return mean, np.sqrt(np.maximum(spread, _LEAST_WEIGHT * self.noise))
 
     def rate(self) -> Mixture:
         """The steady drift b a year of the present series, if there is one: the hypotheses with a line."""
@@ -177,7 +199,8 @@ class Drift:
         spread = line - np.einsum("mi,mij,mj->m", k, projector, k)
         steady = kind != HYPOTHESES.index("random walk")
         weight = self.weight[steady] / self.weight[steady].sum()
-        return Mixture(weight, mean[steady], np.sqrt(np.maximum(spread[steady], 0.0)))
+        least = _LEAST_WEIGHT * self.noise / self._span**2
+        return Mixture(weight, mean[steady], np.sqrt(np.maximum(spread[steady], least)))
 
     def wandering(self) -> float:
         """Square root of q, by the largest likelihood of the random walk alone: the change to expect in a year."""
@@ -191,5 +214,5 @@ class Drift:
         step = (np.arange(self.time.size) >= after).astype(float)
         design = np.column_stack([self._levels, step])
         solved = self._solve(design)
-        spread = np.sqrt(np.maximum(solved.back[:, -1, -1], 0.0))
+        spread = np.sqrt(np.maximum(solved.back[:, -1, -1], _LEAST_WEIGHT * self.noise))
         return Mixture(self._weighed(solved), solved.gain[:, :, -1] @ self.value, spread)

@@ -90,29 +90,22 @@ def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: d
 def risk(life: Life, tolerance: Tolerance, date: datetime.date) -> float:
     """Probability that the sensor is outside the tolerance at a date."""
     assert life.drift is not None
-    return _risk(life, tolerance, float(life.years[-1]) + (date - life.entries[-1].date).days / DAYS_A_YEAR)
-
-
-def _risk(life: Life, tolerance: Tolerance, years: float) -> float:
-    assert life.drift is not None
-    return life.drift.sensitivity(years).outside(*tolerance.limits(life))
+    at = np.array([life.years[-1] + (date - life.entries[-1].date).days / DAYS_A_YEAR])
+    return float(life.drift.outside(at, *tolerance.limits(life))[0])
 
 
 def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
     """First date at which the risk reaches its limit: the day of the calibration where it is there already."""
-    start = float(life.years[-1])
-    before, looks = 0.0, [0.0, *np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)]
-    for after in looks:
-        if _risk(life, tolerance, start + after) >= RISK:
-            break
-        before = after
-    else:
-        return None
-    while after - before > 0.5 / DAYS_A_YEAR:
-        middle = (before + after) / 2
-        reached = _risk(life, tolerance, start + middle) >= RISK
-        before, after = (before, middle) if reached else (middle, after)
-    return later(life.entries[-1].date, after)
+    assert life.drift is not None
+    looks, limits = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)]), tolerance.limits(life)
+    while True:
+        reached = life.drift.outside(life.years[-1] + looks, *limits) >= RISK
+        if not reached.any():
+            return None
+        first = int(np.argmax(reached))
+        if first == 0 or looks[first] - looks[first - 1] < 0.5 / DAYS_A_YEAR:
+            return later(life.entries[-1].date, float(looks[first]))
+        looks = np.linspace(looks[first - 1], looks[first], _LOOKS)
 
 
 def interval_in_force(life: Life) -> float:

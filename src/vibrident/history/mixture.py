@@ -20,7 +20,7 @@ class Mixture:
     Attributes:
         weight: shape (m,), their sum is one.
         mean: shape (m,).
-        deviation: standard deviations, shape (m,).
+        deviation: standard deviations, all above zero, shape (m,).
     """
 
     weight: FloatArray
@@ -29,13 +29,7 @@ class Mixture:
 
     def below(self, value: float) -> float:
         """Probability of a value below ``value``."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z = np.nan_to_num((value - self.mean) / self.deviation, nan=0.0)
-        return float(self.weight @ ndtr(z))
-
-    def outside(self, low: float, high: float) -> float:
-        """Probability of a value outside the limits."""
-        return self.below(low) + 1.0 - self.below(high)
+        return float(self.weight @ ndtr((value - self.mean) / self.deviation))
 
     def quantile(self, probability: float) -> float:
         """The value that is exceeded with 1 − ``probability``."""

@@ -7,6 +7,7 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import sqlalchemy as sa
@@ -106,35 +107,42 @@ def _sensor(row: Any) -> Sensor:
 def entries(
     store: Store, sensor_id: int | None = None, quantity: str = REFERENCE_SENSITIVITY
 ) -> dict[int, list[Entry]]:
-    """The calibrations of a sensor, or of all, as far as a quantity is concerned; by sensor."""
+    """The calibrations of a sensor with all that is told of them, or of all sensors without that; by sensor.
+
+    Args:
+        store: the store.
+        sensor_id: of one sensor.
+        quantity: name of a parameter; value and uncertainty are its.
+    """
     c, p = calibration.c, parameter.c
     joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
-    kept = [column for column in c if column.name != "document"]
-    asked = sa.select(*kept, p.value, p.standard_uncertainty, p.unit, p.frequency_hz, p.shared).select_from(joined)
+    kept = [c.sensor_id, c.id, c.date, c.data_files, p.value, p.standard_uncertainty, p.unit, p.frequency_hz, p.shared]
+    kept += [] if sensor_id is None else [c[name] for name in _TOLD]
+    asked = sa.select(*kept).select_from(joined)
     asked = asked if sensor_id is None else asked.where(c.sensor_id == sensor_id)
     standings = _standings(store, sensor_id)
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
-        for row in connection.execute(asked).mappings():
-            found.setdefault(row["sensor_id"], []).append(_entry(row, standings.get(row["id"], "")))
+        for sensor_key, key, date, files, value, u, unit, frequency, shared, *told in connection.execute(asked):
+            facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
+            if told:
+                facts["warnings"] = json.loads(told[-1])
+            standing, said = standings.get(key, ""), (_files(files), _shared(shared or "{}"))
+            entry = Entry(key, date, value, u, unit or "", frequency, said[1], said[0], standing, facts)
+            found.setdefault(sensor_key, []).append(entry)
     return found
 
 
-def _entry(row: Mapping[Any, Any], standing: str) -> Entry:
-    told = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number")
-    facts = {key: row[key] for key in told} | {"warnings": json.loads(row["warnings"])}
-    return Entry(
-        id=row["id"],
-        date=row["date"],
-        value=row["value"],
-        u=row["standard_uncertainty"],
-        unit=row["unit"] or "",
-        frequency_hz=row["frequency_hz"],
-        shared=json.loads(row["shared"] or "{}"),
-        data_files=frozenset(json.loads(row["data_files"])),
-        standing=standing,
-        facts=facts,
-    )
+_TOLD = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number", "warnings")
+
+
+def _files(text: str) -> frozenset[str]:
+    return frozenset(text[2:-2].split('", "')) if len(text) > 2 else frozenset()
+
+
+@lru_cache(maxsize=10_000)
+def _shared(text: str) -> Mapping[str, float]:
+    return json.loads(text)
 
 
 def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:

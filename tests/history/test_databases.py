@@ -1,0 +1,142 @@
+"""What must hold in SQLite and in a real PostgreSQL alike: speed, writers at once, a kill, append-only, upgrades."""
+
+from __future__ import annotations
+
+import signal
+import time
+from functools import partial
+
+import pytest
+import sqlalchemy as sa
+from tests.support.databases import count, filled, postgresql, writers
+from tests.support.lives import calibrated
+
+from vibrident import history
+from vibrident.errors import InputError
+from vibrident.history import document, query, schema
+from vibrident.history.due import Tolerance
+from vibrident.history.entry import rows_of
+from vibrident.history.store import Store
+
+
+@pytest.fixture(scope="module")
+def server():
+    """A PostgreSQL."""
+    with postgresql() as url:
+        yield url
+
+
+@pytest.fixture
+def database(server, request):
+    """A database of its own on the server."""
+    name = request.node.name.partition("[")[0][:60]
+    engine = sa.create_engine(server.replace("postgresql:", "postgresql+psycopg:"), isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        connection.execute(sa.text(f'CREATE DATABASE "{name}"'))
+    engine.dispose()
+    return server.replace("/postgres?", f"/{name}?")
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def large(request, tmp_path_factory):
+    """URL of a store with 1000 sensors of 10 calibrations each."""
+    if request.param == "sqlite":
+        url = str(tmp_path_factory.mktemp("large") / "h.db")
+    else:
+        url = request.getfixturevalue("database")
+    filled(url, 1000, 10)
+    return url
+
+
+def test_every_query_of_ten_thousand_calibrations_takes_less_than_100_ms(large):
+    with Store(large) as store:
+        sensor = query.find(store, "00500")
+        asked = {
+            "list": partial(query.overviews, store),
+            "find": partial(query.find, store, "00500"),
+            "calibrations of one": partial(query.entries, store, sensor.id),
+            "calibrations of all": partial(query.entries, store),
+            "events of one": partial(query.events, store, sensor.id),
+            "events of all": partial(query.events, store),
+            "quantities": partial(query.quantities, store, sensor.id),
+            "result": partial(query.result, store, 500),
+            "show": partial(document.shown, store, sensor, document.Question(tolerance=Tolerance(0.01))),
+        }
+        assert len(asked["list"]()) == 1000
+        assert sum(len(found) for found in asked["calibrations of all"]().values()) == 10_000
+        taken = {name: min(_seconds(ask) for _ in range(5)) for name, ask in asked.items()}
+    assert {name: taken_s for name, taken_s in taken.items() if taken_s > 0.1} == {}
+
+
+def _seconds(act):
+    begun = time.perf_counter()
+    act()
+    return time.perf_counter() - begun
+
+
+def test_postgresql_four_writers_and_a_kill(database):
+    running = writers(database, (0, 60), (40, 100), (80, 140), (120, 160))
+    added = [int(process.communicate(timeout=120)[0]) for process in running]
+    assert sum(added) == count(database) == 160
+    killed = writers(database, (1000, 100000))[0]
+    while count(database) < 180:
+        time.sleep(0.02)
+    killed.send_signal(signal.SIGKILL)
+    killed.communicate(timeout=30)
+    halves = (
+        "SELECT count(*) FROM calibration c WHERE (SELECT count(*) FROM parameter WHERE calibration_id = c.id) != 3"
+        " OR NOT EXISTS (SELECT 1 FROM event WHERE calibration_id = c.id)"
+    )
+    with Store(database) as store, store.reading() as connection:
+        assert connection.execute(sa.text(halves)).scalar_one() == 0
+
+
+def test_postgresql_keeps_its_rows_as_they_are(database):
+    history.add(database, [calibrated()])
+    for table in schema.TABLES:
+        column = list(table.columns)[-1].name
+        for order in (
+            f'UPDATE {table.name} SET "{column}" = "{column}"',
+            f"DELETE FROM {table.name}",
+            f"TRUNCATE {table.name} CASCADE",
+        ):
+            with pytest.raises(InputError, match="cannot be changed"):
+                _execute(database, order)
+    assert count(database) == 1
+
+
+def _execute(url, order):
+    with Store(url) as store, store.writing() as connection:
+        connection.execute(sa.text(order))
+
+
+def test_postgresql_is_upgraded_with_its_data(database):
+    rows = rows_of(calibrated(data="records"))
+    with Store(database) as store:
+        store.upgrade("0001")
+        with pytest.raises(InputError, match="history upgrade"):
+            history.add(database, [calibrated()])
+        old = {name: value for name, value in rows.calibration.items() if name != "data_files"}
+        with store._engine.begin() as connection:
+            connection.execute(sa.text("INSERT INTO sensor VALUES (1, 'maker', 'type A', '4711', '')"))
+            names = ", ".join(old)
+            values = ", ".join(f":{name}" for name in old)
+            order = f"INSERT INTO calibration (id, sensor_id, {names}) VALUES (1, 1, {values})"
+            connection.execute(sa.text(order), old)
+        assert store.upgrade() == ("0001", schema.REVISION)
+        (entry,) = query.entries(store, 1)[1]
+        assert entry.shared
+        assert query.result(store, 1) == calibrated(data="records")
+
+
+def test_postgresql_keeps_the_same_as_sqlite(database, tmp_path):
+    results = [calibrated(0.1 + i / 1e4, f"{2010 + i}-01-01", data=str(i)) for i in range(4)]
+    shown = []
+    for url in (database, str(tmp_path / "h.db")):
+        history.add(url, results)
+        with Store(url) as store:
+            told = document.shown(store, query.find(store, "4711"))
+            shown.append(
+                {key: told[key] for key in ("sensor", "quantity", "calibrations", "series", "drift", "control")}
+            )
+    assert shown[0] == shown[1]
