@@ -123,7 +123,7 @@ def entries(
     standings = _standings(store, sensor_id)
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
-        for sensor_key, key, date, files, value, u, unit, frequency, shared, *told in connection.execute(asked):
+        for sensor_key, key, date, files, value, u, unit, frequency, shared, *told in map(tuple, connection.execute(asked)):
             facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
             if told:
                 facts["warnings"] = json.loads(told[-1])

@@ -1,0 +1,185 @@
+"""Do the statistics of a sensor's history hold? Simulated lives, with drift, jumps and noise.
+
+python -m bench.history                 500 lives a row; writes the table into docs/history.md
+python -m bench.history --lives 50      a trial; prints the table alone
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.history import control
+from vibrident.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
+
+DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
+BEGIN, END = "<!-- study:begin -->", "<!-- study:end -->"
+LIVES = 500
+WIDTH = "width"
+#: Relative standard uncertainty of a calibration's noise, and of the reference that calibrations share.
+NOISE, REFERENCE = 0.002, 0.005
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A population of sensors; sizes in units of the noise of one calibration.
+
+    Attributes:
+        name: in the table.
+        line: standard deviation of the steady drift, a year.
+        walk: standard deviation of the random walk after a year.
+        jump: standard deviation of a jump at a repair; zero for none.
+        untold: the same of a jump that nobody entered.
+        calibrations: fewest and most before the one that is predicted.
+    """
+
+    name: str
+    line: float = 0.0
+    walk: float = 0.0
+    jump: float = 0.0
+    untold: float = 0.0
+    calibrations: tuple[int, int] = (3, 10)
+
+
+KINDS = (
+    Kind("drift, random walk, jump at a repair, and noise", 0.5, 0.5, 5.0),
+    Kind("still"),
+    Kind("steady drift, as large as the noise in a year", 1.0),
+    Kind("steady drift, five times that", 5.0),
+    Kind("random walk, as large as the noise in a year", 0.0, 1.0),
+    Kind("random walk, five times that", 0.0, 5.0),
+    Kind("steady drift and random walk", 1.0, 1.0),
+    Kind("still, jump at a repair", jump=5.0),
+    Kind("still, jump that nobody entered", untold=20.0),
+    Kind("drift and random walk, two calibrations", 0.5, 0.5, calibrations=(2, 2)),
+    Kind("drift and random walk, ten calibrations", 0.5, 0.5, calibrations=(10, 10)),
+)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A life without its last calibration, which is predicted.
+
+    Attributes:
+        entries: the calibrations before.
+        events: entered.
+        truth: of the sensor at the date of the last one.
+        last: that calibration.
+    """
+
+    entries: list[Entry]
+    events: list[Event]
+    truth: float
+    last: Entry
+
+
+def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
+    """One life; in half of all lives the reference is calibrated anew halfway, and has another error from then on."""
+    count = int(rng.integers(kind.calibrations[0], kind.calibrations[1] + 1)) + 1
+    gaps = rng.uniform(0.7, 2.2, count - 1)
+    years = np.concatenate([[0.0], np.cumsum(gaps)])
+    steps = rng.normal(size=count - 1) * np.sqrt(gaps) * kind.walk
+    truth = kind.line * rng.normal() * years + np.concatenate([[0.0], np.cumsum(steps)])
+    events = []
+    dates = [datetime.date(2000, 1, 1) + datetime.timedelta(days=round(DAYS_A_YEAR * year)) for year in years]
+    if (kind.jump or kind.untold) and count > 3:
+        at = int(rng.integers(1, count - 1))
+        truth[at:] += rng.normal() * (kind.jump or kind.untold)
+        if kind.jump:
+            events.append(Event(1, "repaired", dates[at] - datetime.timedelta(days=30)))
+    values = 1.0 + NOISE * truth
+    anew = count // 2 if rng.random() < 0.5 else count
+    errors = REFERENCE * rng.normal(size=2)
+    entries = []
+    for i in range(count):
+        second = i >= anew
+        read = values[i] * (1 + errors[int(second)]) + NOISE * rng.normal()
+        shared = {f"reference {1 + second}": REFERENCE * read}
+        entries.append(
+            Entry(i, dates[i], read, float(np.hypot(NOISE, REFERENCE * read)), "V", None, shared, frozenset({str(i)}))
+        )
+    return Simulated(entries[:-1], events, float(values[-1]), entries[-1])
+
+
+def measured(kind: Kind, lives: int, seed: int) -> dict[str, float]:
+    """What came of so many lives."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(lives):
+        one = simulated(kind, rng)
+        lived = life(one.entries, one.events)
+        if lived.drift is not None:
+            found.append((*_covered(lived, one), len(lived.breaks), *_agreeing(lived), _alarms(lived)))
+    columns = np.array(found, dtype=float).T
+    names = ("sensor", "reading", WIDTH, "breaks", "en", "ordinary", "alarm")
+    means = dict(zip(names, np.nanmean(columns, axis=1), strict=True))
+    return means | {WIDTH: float(np.median(columns[2]))}
+
+
+def _covered(lived: Life, one: Simulated) -> Iterator[float]:
+    """Whether the sensor and its next calibration lie within their 95 %; U of the latter in units of its noise."""
+    assert lived.drift is not None
+    at = years_between(one.entries[0].date, one.last.date)
+    low, high = lived.drift.sensitivity(at).interval_95
+    yield low <= one.truth <= high
+    shared = np.array([sum(u * e.shared.get(key, 0.0) for key, u in one.last.shared.items()) for e in lived.entries])
+    low, high = lived.drift.reading(at, shared, float(one.last.u or 0.0)).interval_95
+    yield low <= float(one.last.value or 0.0) <= high
+    yield (high - low) / 2 / (2 * NOISE)
+
+
+def _agreeing(lived: Life) -> tuple[float, float]:
+    """Share of neighbours that agree, by E_n with and without what they share."""
+    found = [lived.agreement(i) for i in range(1, len(lived.entries))]
+    if not found:
+        return np.nan, np.nan
+    return tuple(float(np.mean([abs(getattr(a, n) or 0.0) <= 1 for a in found])) for n in ("correlated", "ordinary"))
+
+
+def _alarms(lived: Life) -> float:
+    if len(lived.entries) < 2 or lived.breaks:
+        return np.nan
+    residuals = control.recursive_residuals(lived.value, lived.covariance)
+    return float(any(chart.alarm for chart in control.charts(residuals, np.arange(residuals.size) == 0)))
+
+
+def table(lives: int) -> str:
+    """The study as a Markdown table."""
+    lines = [
+        f"{lives} lives a row; noise {100 * NOISE:g} %, reference {100 * REFERENCE:g} % (in half of the lives "
+        "calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, unless said otherwise.",
+        "",
+        "| sensors | next calibration within its 95 % | sensor within its 95 % | median U of the next calibration, "
+        "in U of its noise | E_n within ±1 | ordinary E_n within ±1 | new series a life | EWMA or CUSUM alarm |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for number, kind in enumerate(KINDS):
+        found = measured(kind, lives, number)
+        shares = (f"{100 * found[name]:.1f} %" for name in ("reading", "sensor"))
+        agreeing = (f"{100 * found[name]:.0f} %" for name in ("en", "ordinary"))
+        rest = (f"{found['breaks']:.3f}", f"{100 * found['alarm']:.1f} %")
+        lines.append(f"| {' | '.join([kind.name, *shares, f'{found[WIDTH]:.1f}', *agreeing, *rest])} |")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study; write it into the documentation where it is a whole one."""
+    parser = argparse.ArgumentParser(prog="python -m bench.history", description="Statistics of simulated lives.")
+    parser.add_argument("--lives", type=int, default=LIVES, help="lives a row; the page is written from the default on")
+    lives = parser.parse_args(arguments).lives
+    made = table(lives)
+    print(made)
+    if lives >= LIVES:
+        text = DOCUMENT.read_text(encoding="utf-8")
+        before, after = text.partition(BEGIN)[0], text.partition(END)[2]
+        DOCUMENT.write_text(f"{before}{BEGIN}\n{made}\n{END}{after}", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
