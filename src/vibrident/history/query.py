@@ -123,7 +123,8 @@ def entries(
     standings = _standings(store, sensor_id)
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
-        for sensor_key, key, date, files, value, u, unit, frequency, shared, *told in map(tuple, connection.execute(asked)):
+        for row in map(tuple, connection.execute(asked)):
+            sensor_key, key, date, files, value, u, unit, frequency, shared, *told = row
             facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
             if told:
                 facts["warnings"] = json.loads(told[-1])
