@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,9 @@ class Motion:
         own: power of the prediction as far as it is more than a line's chance, shape (samples // 2 + 1,).
         moved: lines of the bins of the prediction under a window: the ends of a record leak motion to where is none.
         typical: power of that around each line.
+        columns: what residual and prediction may have in common there: noise of the reference, white and 1/f, and an
+            error of the model, with a slope with f²; shape (4, lines).
+        ordinary: where the prediction does not stand out of the lines around.
         seen: |H|² in bins, shape (bins,).
     """
 
@@ -91,6 +95,8 @@ class Motion:
     own: FloatArray
     moved: ComplexArray
     typical: FloatArray
+    columns: FloatArray
+    ordinary: BoolArray
     seen: FloatArray
 
     @classmethod
@@ -100,14 +106,17 @@ class Motion:
         alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
         if through is None:
             nothing = np.zeros(0)
-            return cls(count, None, alone, nothing, nothing.astype(complex), nothing, nothing)
+            return cls(count, None, alone, nothing, nothing.astype(complex), nothing, nothing, alone, nothing)
         expected /= count
         own = _typical(expected, around)
         own = np.where(expected > OUTSTANDING * own, expected, own)
-        edges = _bins(2 * (len(predicted) - 1))
-        moved = _windowed(predicted)[1 : int(edges[-1])]
-        typical = _typical(_power(moved) / count, around)
-        return cls(count, through, alone, own, moved, typical, _means(through, edges))
+        edges = _bins_of(len(predicted)).edges
+        last = int(edges[-1])
+        moved, share, order = _windowed(predicted)[1:last], through[1:last], np.arange(1, last) / last
+        power = _power(moved) / count
+        typical = _typical(power, around)
+        columns = np.stack([share, share * order[0] / order, typical, typical * order**2])
+        return cls(count, through, alone, own, moved, typical, columns, power < FAR * typical, _means(through, edges))
 
 
 def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
@@ -127,12 +136,8 @@ def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSp
     if through is None:
         shape = np.ones_like(power)
     else:
-        edges = _bins(2 * (len(power) - 1))
-        wide = np.diff(edges).astype(float)
-        # Geometric means: a tone that is not quite fitted, or hum, is not the noise looked for. That of n exponentially
-        # distributed powers has the mean Γ(1 + 1/n)ⁿ times theirs.
-        level = _means(power, edges) * np.exp(-wide * gammaln(1.0 + 1.0 / wide))
-        order, seen = _means(np.arange(len(power), dtype=float), edges), motion.seen
+        edges, wide, order, geometric = _bins_of(len(power))
+        level, seen = _means(power, edges) * geometric, motion.seen
         shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
         amounts, spread = _levels(shapes, level, wide)
         scale = float(np.max(seen))
@@ -208,21 +213,18 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     |H|² σx². Lines without excitation say it best, and each line is weighed by what the motion adds to its scatter. An
     error of the model gives a share of |Ŷ|², which is let have a slope with f². White and 1/f noise are told apart.
     """
-    kept = _windowed(rest)[1:last]
-    moved, own = motion.moved, motion.typical
-    expected, power = _power(moved) / motion.count, _power(kept) / motion.count
+    kept, moved, own = _windowed(rest)[1:last], motion.moved, motion.typical
     common = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
-    left = _typical(power, _around(through))
-    order = np.arange(1, last) / last
-    share = through[1:last]
-    columns = np.stack([share, share * order[0] / order, own, own * order**2])
-    variance = 0.5 * own * left
+    left = _typical(_power(kept) / motion.count, _around(through))
+    columns, order = motion.columns, np.arange(1, last) / last
+    scatter = 0.5 * own * left
+    variance = scatter
     for _ in range(2):
-        ordinary = expected < FAR * own
-        weight = np.where(ordinary, 1.0 / np.maximum(variance, 1e-300), 0.0)
-        found, covariance, whole = _amounts(columns, common, weight / ALIKE)
+        weight = motion.ordinary / np.maximum(variance, 1e-300)
+        found, covariance, normal = _amounts(columns, common, weight / ALIKE)
         noise = found[:2] @ columns[:2]
-        variance = 0.5 * own * left + 0.5 * noise**2
+        variance = scatter + 0.5 * noise**2
+    whole = inverse_normal(normal)
     mean = np.array([1.0, float(np.mean(order[0] / order))])
     total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
     free = bool(np.sum(own < QUIET * left) >= FEWEST_QUIET)
@@ -246,7 +248,7 @@ def _typical(values: FloatArray, around: int) -> FloatArray:
 
 
 def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weighted least squares, the covariance, and that with all columns.
+    """Weighted least squares, the covariance, and the normal matrix of all columns.
 
     The first two are no amounts below zero; the second is left out where it is not seen beyond doubt.
     """
@@ -263,7 +265,7 @@ def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tup
             break
     amounts[:2] = np.maximum(amounts[:2], 0.0)
     size = np.outer(scale, scale)
-    return amounts / scale, covariance / size, inverse_normal(normal) / size
+    return amounts / scale, covariance / size, normal * size
 
 
 def _windowed(lines: ComplexArray) -> ComplexArray:
@@ -308,11 +310,30 @@ def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
     return found
 
 
+class _Bins(NamedTuple):
+    """Bins of the lines of a real transform.
+
+    Attributes:
+        edges: first lines of the bins, and the line behind the last, shape (bins + 1,).
+        wide: number of lines of each, shape (bins,).
+        order: mean number of its lines.
+        geometric: mean of so many exponentially distributed powers over their geometric mean, Γ(1 + 1/n)⁻ⁿ. The latter
+            is what is taken: a tone that is not quite fitted, or hum, is not the noise looked for.
+    """
+
+    edges: NDArray[np.int_]
+    wide: FloatArray
+    order: FloatArray
+    geometric: FloatArray
+
+
 @functools.lru_cache(maxsize=8)
-def _bins(samples: int) -> NDArray[np.int_]:
-    """First lines of the bins, and the line behind the last."""
-    last = max(int(HIGHEST * samples), 8)
-    return np.unique(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
+def _bins_of(lines: int) -> _Bins:
+    last = max(int(HIGHEST * 2 * (lines - 1)), 8)
+    edges = np.unique(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
+    wide = np.diff(edges).astype(float)
+    order = _means(np.arange(lines, dtype=float), edges)
+    return _Bins(edges, wide, order, np.exp(-wide * gammaln(1.0 + 1.0 / wide)))
 
 
 def _means(values: FloatArray, edges: NDArray[np.int_]) -> FloatArray:
@@ -330,14 +351,14 @@ def _levels(shapes: FloatArray, level: FloatArray, count: FloatArray) -> tuple[F
     size = float(np.average(level, weights=count))
     level = np.maximum(level / size, LEAST_LEVEL)
     amounts = np.full(3, 1.0 / 3.0)
-    fitted, both = amounts @ shapes, np.empty((2, len(level)))
+    fitted, (up, down), across = amounts @ shapes, (both := np.empty((2, len(level)))), np.ascontiguousarray(shapes.T)
     for _ in range(ROUNDS):
-        np.divide(count, fitted, out=both[1])
-        np.multiply(both[1], level, out=both[0])
-        both[0] /= fitted
-        up, down = both @ shapes.T
-        amounts *= up / down
-        np.matmul(amounts, shapes, out=fitted)
+        np.divide(count, fitted, out=down)
+        np.multiply(down, level, out=up)
+        up /= fitted
+        more, less = both.dot(across)
+        amounts *= more / less
+        np.dot(amounts, shapes, out=fitted)
     information = (shapes * (count / fitted**2)) @ shapes.T
     # 1/f noise at its bound is no unknown: it cannot hide the others. White noise of the response can.
     free = amounts > 1e-6 * np.max(amounts)
