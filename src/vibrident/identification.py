@@ -337,6 +337,7 @@ def _training(estimate: Estimate) -> Training:
         iterations=len(before) + len(trace.costs),
         loss=tuple(cost for cost, _ in (*before, *own)),
         parameters={name: tuple(float(point[name]) for _, point in (*before, *own)) for name in names},
+        weighting_changes=(len(before),) if before else (),
     )
 
 

@@ -145,13 +145,18 @@ class Signal:
 
 @dataclass(frozen=True)
 class Training:
-    """How the estimator went: mean squared weighted residual and parameters at each iteration of its optimiser."""
+    """How the estimator went: mean squared weighted residual and parameters at each iteration of its optimiser.
+
+    ``weighting_changes`` are the iterations from which on the residual has other weights: losses on both sides of one
+    are not alike.
+    """
 
     optimiser: str
     status: str
     iterations: int
     loss: tuple[float, ...]
     parameters: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    weighting_changes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ from vibrident.cli.files import record_files
 from vibrident.errors import InputError
 from vibrident.export import Options, export, sensor_of
 from vibrident.export.formats.fmu import slave
-from vibrident.report import content, page
+from vibrident.present import html
+from vibrident.report import content
 
 XML_BANNED = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 ALL = "\n".join(STRINGS)
@@ -192,7 +193,7 @@ def strings_of(value):
 
 
 def test_the_page_and_its_charts_have_the_same_structure_whatever_the_text(monkeypatch):
-    monkeypatch.setattr(page, "_plotly", lambda: "")
+    monkeypatch.setattr(html, "_plotly", lambda: "")
     harmless = Tags(content(made_of("harmless"), "html").decode())
     for text in TEXTS[::2]:
         made = content(made_of(text), "html").decode()

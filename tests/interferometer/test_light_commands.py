@@ -7,8 +7,8 @@ import json
 import pytest
 
 from vibrident.cli import main
-from vibrident.report import light as light_table
-from vibrident.report.markdown import render
+from vibrident.present import light as light_table
+from vibrident.report import render
 from vibrident.result import Result
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests.support.sample_results import CALIBRATIONS, SAMPLES, table2, table_only, troubled
 
 from vibrident import plots
-from vibrident.plots import inspection
+from vibrident.present import drawing
 from vibrident.result import Result
 
 
@@ -47,13 +47,13 @@ def test_every_picture_of_every_result(sample, picture):
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
 def test_every_inspection(name):
-    figure = drawn(inspection.figure(CALIBRATIONS[name]()))
+    figure = drawn(drawing.picture(plots.inspection(CALIBRATIONS[name]())))
     check_labels(figure)
     check_inside(figure)
 
 
 def test_labels_carry_the_units_of_the_result():
-    upper, lower = plots.sensitivity.figure(table2()).axes
+    upper, lower = plots.draw("sensitivity", table2()).axes
     assert "mV/(m/s²)" in upper.get_ylabel()
     assert "acceleration" in upper.get_ylabel()
     assert "°" in lower.get_ylabel()
@@ -62,7 +62,7 @@ def test_labels_carry_the_units_of_the_result():
 
 
 def test_sensitivity_names_sensor_model_and_warnings():
-    figure = plots.sensitivity.figure(troubled())
+    figure = plots.draw("sensitivity", troubled())
     text = " ".join([*(t.get_text() for t in figure.texts), figure.get_supxlabel()])
     for word in ("accelerometer+delay", "MSV 3000", "4711", "k = 2"):
         assert word in text
@@ -72,7 +72,7 @@ def test_sensitivity_names_sensor_model_and_warnings():
 
 def test_bars_and_band_are_two_standard_uncertainties():
     result = table2()
-    axes = plots.sensitivity.figure(result).axes[0]
+    axes = plots.draw("sensitivity", result).axes[0]
     band = axes.collections[0].get_paths()[0].get_extents()
     top = max(
         1e3 * (m + 2 * u) for m, u in zip(result.response.magnitude, result.response.magnitude_uncertainty, strict=True)
@@ -84,9 +84,9 @@ def test_bars_and_band_are_two_standard_uncertainties():
 
 
 def test_measured_phase_lies_on_the_turn_of_the_model():
-    lower = plots.sensitivity.figure(SAMPLES["single_point"]()).axes[1]
+    lower = plots.draw("sensitivity", SAMPLES["single_point"]()).axes[1]
     model, measured = (
-        next(float(line.get_ydata()[0]) for line in lower.lines if line.get_marker() == marker) for marker in ("_", "o")
+        next(float(line.get_ydata()[0]) for line in lower.lines if line.get_marker() == marker) for marker in ("s", "o")
     )
     assert model == pytest.approx(-178.0)
     assert measured == pytest.approx(-181.0)
@@ -105,7 +105,7 @@ def test_only_pictures_with_content_are_saved(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf", "png"])
 def test_same_result_same_file(tmp_path, suffix):
-    files = [plots.save(plots.deviation.figure(table2()), tmp_path / f"{i}.{suffix}").read_bytes() for i in range(2)]
+    files = [plots.save(plots.draw("deviation", table2()), tmp_path / f"{i}.{suffix}").read_bytes() for i in range(2)]
     assert files[0] == files[1]
 
 
@@ -120,7 +120,7 @@ def test_no_pyplot_and_no_change_of_settings():
         "import sys\n"
         "import matplotlib; before = dict(matplotlib.rcParams.copy())\n"
         "from tests.support.sample_results import table_only\n"
-        "from vibrident import plots; plots.sensitivity.figure(table_only()).canvas.draw()\n"
+        "from vibrident import plots; plots.draw('sensitivity', table_only()).canvas.draw()\n"
         "assert dict(matplotlib.rcParams.copy()) == before\n"
         "assert 'matplotlib.pyplot' not in sys.modules and 'jax' not in sys.modules\n"
     )

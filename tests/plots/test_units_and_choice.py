@@ -5,8 +5,9 @@ import pytest
 from tests.support.sample_results import calibration_mixed, calibration_records
 
 from vibrident.naming import pretty, scaled
-from vibrident.plots import choose, style, units
-from vibrident.plots.curves import continuous
+from vibrident.present import curves, data_figures, drawing
+from vibrident.present import numbers as units
+from vibrident.present.curves import continuous
 
 
 @pytest.mark.parametrize(
@@ -58,25 +59,25 @@ def test_nominal_names_are_iso_266():
 
 
 def test_spread_has_both_ends():
-    assert choose.spread(3) == [0, 1, 2]
-    assert choose.spread(21) == [0, 4, 8, 12, 16, 20]
-    assert choose.spread(0) == []
+    assert curves.spread(3, 6) == [0, 1, 2]
+    assert curves.spread(21, 6) == [0, 4, 8, 12, 16, 20]
+    assert curves.spread(0, 6) == []
 
 
 def test_excerpt_shows_what_is_left_out():
     records = calibration_records().records
     for record in records:
-        part = choose.excerpt(record)
+        part = data_figures.excerpt(record)
         shown = record.time_s[part]
         assert shown.size >= 8
         if not record.mask.all():
             assert not record.mask[part].all()
-    assert choose.sine_frequency(records[2]) == pytest.approx(80.0, abs=5.0)
+    assert data_figures.sine_frequency(records[2]) == pytest.approx(80.0, abs=5.0)
 
 
 def test_excerpt_of_a_shock_is_the_shock():
     shock = calibration_mixed().records[0]
-    part = choose.excerpt(shock)
+    part = data_figures.excerpt(shock)
     assert part.start <= np.argmax(shock.reference) < part.stop
     assert part.stop - part.start < shock.samples / 4
 
@@ -84,7 +85,7 @@ def test_excerpt_of_a_shock_is_the_shock():
 def test_envelope_keeps_the_peaks():
     rng = np.random.default_rng(0)
     time, values = np.arange(100_003.0), rng.normal(size=100_003)
-    thin_time, thin = choose.envelope(time, values, bins=500)
+    thin_time, thin = curves.envelope(time, values, bins=500)
     assert thin.size <= 2 * 500 + 500
     assert (thin.min(), thin.max()) == (values.min(), values.max())
     assert np.all(np.diff(thin_time) >= 0)
@@ -97,5 +98,5 @@ def test_continuous_phase_starts_in_the_principal_range():
 
 
 def test_unknown_characters_become_boxes():
-    assert style.printable("Brüel\n µ²") == "Brüel µ²"
-    assert style.printable("a\U000e0041b") == "a□b"
+    assert drawing.printable("Brüel\n µ²") == "Brüel µ²"
+    assert drawing.printable("a\U000e0041b") == "a□b"

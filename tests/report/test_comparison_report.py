@@ -15,8 +15,8 @@ from tests.support.sample_results import pickup, table2, table_only
 from vibrident import report
 from vibrident.comparison import normalized_error, not_comparable
 from vibrident.naming import Scale
-from vibrident.report.history import date_of, drift_table, histories
-from vibrident.report.side_by_side import Quantity, Value, comparison_tables, difference, quantities
+from vibrident.present.comparison import Quantity, Value, comparison_tables, difference, quantities
+from vibrident.present.history import date_of, drift_table, histories
 
 FACTORS = (1.0, 1.0012, 1.0031, 0.9990)
 DATES = ("2021-03-01", "2022-04-11", "2023-03-02", "2025-03-31")

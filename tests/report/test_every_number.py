@@ -14,10 +14,10 @@ from tests.support.sample_results import accelerometer, pickup, table2
 from vibrident import report
 from vibrident.naming import parameter_name
 from vibrident.nominal import Nominal
-from vibrident.report import words
-from vibrident.report.certificate import certificate
-from vibrident.report.points import sensitivity_at
-from vibrident.report.tables import parameters
+from vibrident.present import words
+from vibrident.present.certificate import certificate
+from vibrident.present.points import sensitivity_at
+from vibrident.present.tables import parameters
 from vibrident.result import Curve
 
 

@@ -16,10 +16,10 @@ from tests.support.sample_results import SAMPLES, dense_points, pickup, table2, 
 from vibrident import report
 from vibrident.errors import InputError
 from vibrident.naming import parameter_name
-from vibrident.plots.units import frequency_text
-from vibrident.report import words
-from vibrident.report.figures import MOST_POINTS
-from vibrident.report.residual_tests import residual_tests
+from vibrident.present import words
+from vibrident.present.charts import MOST_POINTS
+from vibrident.present.numbers import frequency_text
+from vibrident.present.residual_tests import residual_tests
 from vibrident.result import Fit, Result
 
 LIMIT = 6_000_000
@@ -167,7 +167,7 @@ def test_warnings_settings_and_budget_are_said():
         assert warning.message in text
         assert words.explain(warning.code).meaning in text
     assert page.table("contribution", "u percent", "share") == [["reference", "0.1", "0.4"], ["noise", "0.2", "0.6"]]
-    assert "two: 1.5, –" in text
+    assert "deep · one · two1.5, –" in text.replace(" deep", "deep")
 
 
 def test_a_page_from_json_is_the_same():
@@ -230,18 +230,21 @@ def test_several_results_in_one_page():
     change = found.figures["drift1"]["data"][0]
     assert change["x"] == ["2021-03-01", "2023-03-01", "2025-03-01"]
     np.testing.assert_allclose(change["y"], [0.0, 0.1, 1.0], atol=1e-6)
-    curves = [t for t in found.figures["curves"]["data"] if t.get("yaxis") == "y2"]
-    np.testing.assert_allclose(curves[2]["y"], 1.0, atol=1e-6)
+    drawn = {axis: [t for t in found.figures["curves"]["data"] if t["yaxis"] == axis] for axis in ("y2", "y3", "y4")}
+    np.testing.assert_allclose(drawn["y3"][2]["y"], 1.0, atol=1e-6)
+    turned = np.subtract(drawn["y2"][2]["y"], results[2].response.phase_deg)
+    np.testing.assert_allclose((turned + 180.0) % 360.0, 180.0, atol=1e-6)
+    np.testing.assert_allclose(drawn["y4"][2]["y"], 0.0, atol=1e-6)
 
 
 def test_without_plotly_the_remedy_is_named(monkeypatch):
-    from vibrident.report import page
+    from vibrident.present import html
 
-    page._plotly.cache_clear()
+    html._plotly.cache_clear()
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"vibrident\[report\]"):
         report.content(table2(), "html")
-    page._plotly.cache_clear()
+    html._plotly.cache_clear()
 
 
 def test_the_budget_states_what_each_source_adds():

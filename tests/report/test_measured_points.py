@@ -10,9 +10,10 @@ from rich.console import Console
 from tests.support.sample_results import table2
 
 from vibrident import terminal
-from vibrident.report import content, tables
-from vibrident.report.certificate import certificate
-from vibrident.report.residual_tests import residual_tests
+from vibrident.present import tables
+from vibrident.present.certificate import certificate
+from vibrident.present.residual_tests import residual_tests
+from vibrident.report import content
 
 
 def apart(gain=3e-3):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibrident.report.numbers import concise, pair, percent, place, plain, stated
+from vibrident.present.numbers import concise, pair, percent, place, plain, stated
 from vibrident.result import Parameter
 
 

@@ -8,7 +8,7 @@ from tests.support.sample_results import SAMPLES, pickup, table2, table_only, tr
 from vibrident import report
 from vibrident.naming import parameter_name
 from vibrident.plots import PICTURES
-from vibrident.report import words
+from vibrident.present import words
 from vibrident.result import WARNING_CODES, Result
 from vibrident.warning_kinds import WARNINGS
 
@@ -60,7 +60,7 @@ def test_every_code_is_explained_and_none_else():
 def test_report_states_conventions_and_g():
     text = report.render(table2())
     assert "lag is negative" in text
-    assert "S0 = 1.0203 V/g" in text
+    assert "S<sub>0</sub> = 1.0203 V/g" in text
     assert "Phase" not in report.render(table_only())
     assert "V/g" not in report.render(pickup())
 
@@ -76,7 +76,7 @@ def test_write_report_links_what_it_drew(tmp_path):
     path = report.write_report(table_only(), tmp_path)
     text = path.read_text(encoding="utf-8")
     assert path.name == "report.md"
-    assert re.findall(r"\(<(.*?)>\)", text) == ["sensitivity.png", "residuals.png", "deviation.png"]
+    assert re.findall(r"\(<(.*?)>\)", text) == ["sensitivity.png", "deviation.png", "residuals.png"]
     assert all((tmp_path / link).is_file() for link in re.findall(r"\(<(.*?)>\)", text))
 
 

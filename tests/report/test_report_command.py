@@ -13,7 +13,7 @@ from vibrident.cli import app
 from vibrident.io import read
 from vibrident.io.writer import write_calibration
 from vibrident.nominal import series
-from vibrident.report.certificate import certificate
+from vibrident.present.certificate import certificate
 from vibrident.result import Result
 
 

@@ -5,7 +5,7 @@ from rich.console import Console
 from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only, troubled
 
 from vibrident import terminal
-from vibrident.report import words
+from vibrident.present import words
 
 
 def printed(renderable, width=100):

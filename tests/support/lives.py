@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.nominal import Nominal
-from vibrident.report.points import sensitivity_at
+from vibrident.present.points import sensitivity_at
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result
 
 FREQUENCIES_HZ = tuple(10 ** (n / 10) for n in (13, 16, 19, 22, 25))

@@ -13,7 +13,7 @@ from vibrident.cli.console import out, printable, wrote
 from vibrident.cli.folder import written_whole
 
 if TYPE_CHECKING:
-    from vibrident.report.tables import Table
+    from vibrident.present.views import Table
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -55,7 +55,7 @@ def print_pairs(title: str, rows: Sequence[tuple[str, str]]) -> None:
 def print_history(document: Mapping[str, Any]) -> None:
     """All that is known of one sensor."""
     from vibrident.history import tables
-    from vibrident.plots.units import sensor_name
+    from vibrident.present.numbers import sensor_name
 
     title = f"{sensor_name(document['sensor'])}: {tables.quantity_name(document)}"
     print_table(tables.calibrations(document), title)
@@ -82,9 +82,9 @@ def write(document: Mapping[str, Any], target: Path) -> None:
         file = output.path / target.name
         if target.suffix.lower() in PICTURES:
             from vibrident import plots
-            from vibrident.history.picture import figure
+            from vibrident.history.figures import picture
 
-            plots.save(figure(document), file)
+            plots.save(picture(document), file)
         elif target.suffix.lower() == ".html":
             from vibrident.history.page import history_html
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.export.dcc_tree import Tree, cleaned, identified, numeral
 from vibrident.export.dcc_units import d_si
-from vibrident.report.coverage import coverage
+from vibrident.present.coverage import coverage
 from vibrident.result import Curve, Parameter, Result
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vibrident.escaping import svg as escaped
 from vibrident.fleet.statistics import Distribution, Histogram
 from vibrident.naming import parameter_name, scaled
-from vibrident.plots.style import BLUE, GREEN, GREY, VERMILION
+from vibrident.present.views import BLUE, GREEN, GREY, VERMILION
 
 WIDTH, HEIGHT = 360.0, 190.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 38.0, 12.0, 12.0, 36.0

@@ -15,9 +15,9 @@ from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.fleet.statistics import Distribution, Group, Outlier, Statistics, Yield, statistics
 from vibrident.fleet.table import Tally
 from vibrident.naming import parameter_name, scaled
-from vibrident.plots.style import BLUE, GREEN, VERMILION
-from vibrident.report import words
-from vibrident.report.page import Page, folded, paragraphs, text
+from vibrident.present import words
+from vibrident.present.page import Page, folded, paragraphs, text
+from vibrident.present.views import BLUE, GREEN, VERMILION
 
 #: Kinds of messages that are shown, and names of calibrations beside each.
 MOST_KINDS, MOST_NAMES = 40, 5

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from vibrident.fleet.coordinator import Outcome
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.fleet.table import Tally
-from vibrident.report import words
+from vibrident.present import words
 from vibrident.terminal import written_lines
 from vibrident.terminal.tables import titled
 

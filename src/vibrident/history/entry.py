@@ -19,9 +19,9 @@ from vibrident.comparison import shared_sources
 from vibrident.errors import InputError
 from vibrident.history import schema
 from vibrident.history.store import Store
-from vibrident.plots.units import reference_unit, sensitivity_unit
-from vibrident.report.history import date_of
-from vibrident.report.points import nominal_points, reference_point
+from vibrident.present.history import date_of
+from vibrident.present.numbers import reference_unit, sensitivity_unit
+from vibrident.present.points import nominal_points, reference_point
 from vibrident.result import Result
 
 #: Results a transaction: few enough that other writers wait for milliseconds only.

@@ -1,115 +1,110 @@
-"""The charts of a history as plotly figures: values over the years with what is to be expected, and control charts."""
+"""The pictures of a history: values over the years with what is to be expected, and control charts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import datetime
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from vibrident.escaping import plotly
 from vibrident.history.tables import quantity_name, scale_of, unit_of
-from vibrident.plots.style import BLUE, GREEN, GREY, VERMILION
-from vibrident.report.figures import Figure, axis, bars, figure, listed
+from vibrident.present import axes
+from vibrident.present.numbers import sensor_name
+from vibrident.present.views import BLUE, GREEN, GREY, VERMILION, Axis, Figure, FloatArray, Look, Panel, Series, Stack
 
-_BAND = "rgba(86, 180, 233, 0.40)"
+CAPTION = (
+    "Each calibration with U (k = 2), thick the part that it does not share with others; and in the band, with 95 % "
+    "probability, the sensor itself from the last calibration on. Green: tolerance; grey upright: repaired."
+)
+_LIMIT, _TOLERANCE = Look(GREY, "dashed", 1.2), Look(GREEN, "dashed", 1.2)
+
+
+def picture(document: Mapping[str, Any]) -> Figure:
+    """Values and control charts in one, for a history that has at least one calibration that counts."""
+    charts = document["control"]["charts"] if document["control"] else ()
+    panels = (_values(document), *(_control(chart, document) for chart in charts))
+    title = f"History: {quantity_name(document)}"
+    return Figure("history", title, (Stack(panels),), sensor_name(document["sensor"]), CAPTION)
 
 
 def values(document: Mapping[str, Any]) -> Figure | None:
     """Each calibration with U, its series, the band to be expected, tolerance and events."""
-    counted = [row for row in document["calibrations"] if row["counts"]]
-    if not counted:
+    if not any(row["counts"] for row in document["calibrations"]):
         return None
-    factor = scale_of(document).factor
-    data: list[Any] = _expected(document, factor)
-    data += _own(counted, factor)
-    for number in sorted({row["series"] for row in counted}):
-        rows = [row for row in counted if row["series"] == number]
-        data.append(
-            {
-                "x": [row["date"] for row in rows],
-                "y": listed(np.array([row["value"] for row in rows]) * factor),
-                "error_y": bars(np.array([row["U"] for row in rows]) * factor),
-                "text": [plotly(f"calibration {row['id']}, {row['date']}") for row in rows],
-                "hovertemplate": "%{text}: %{y:.6g}<extra></extra>",
-                "mode": "lines+markers",
-                "line": {"color": GREY, "width": 1, "dash": "dot"},
-                "marker": {"color": VERMILION, "size": 8},
-                "name": f"series {number}, U (k = 2)" if len(document["series"]) > 1 else "calibrations, U (k = 2)",
-            }
-        )
-    shapes = [*_tolerance(document, factor), *_repairs(document)]
-    layout = {
-        "xaxis": axis("date", type="date"),
-        "yaxis": axis(f"{plotly(quantity_name(document))}<br>in {plotly(unit_of(document))}"),
-        "shapes": shapes,
-    }
-    return figure(data, 420, **layout)
-
-
-def _expected(document: Mapping[str, Any], factor: float) -> list[Any]:
-    curve = document["drift"].get("curve")
-    if not curve:
-        return []
-    dates = [point["date"] for point in curve]
-    low, middle, high = (
-        listed(np.array(column) * factor)
-        for column in zip(*((p["interval_95"][0], p["value"], p["interval_95"][1]) for p in curve), strict=True)
-    )
-    hidden = {"x": dates, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-    return [
-        {**hidden, "y": high, "showlegend": False},
-        {**hidden, "y": low, "fill": "tonexty", "fillcolor": _BAND, "name": "sensor, 95 %"},
-        {"x": dates, "y": middle, "mode": "lines", "line": {"color": BLUE, "width": 1.5}, "name": "to be expected"},
-    ]
-
-
-def _own(rows: list[Mapping[str, Any]], factor: float) -> list[Any]:
-    """Thick bars: the part of U that a calibration does not share with others."""
-    y, half = (np.array([row[key] for row in rows]) * factor for key in ("value", "u_own"))
-    bar = {**bars(2 * half), "thickness": 4, "width": 0, "color": VERMILION}
-    hidden = {"mode": "markers", "marker": {"size": 1}, "showlegend": False, "hoverinfo": "skip"}
-    return [{"x": [row["date"] for row in rows], "y": listed(y), "error_y": bar, **hidden}]
-
-
-def _tolerance(document: Mapping[str, Any], factor: float) -> list[Any]:
-    limits = (document["due"] or {}).get("limits", ())
-    look = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": GREEN, "width": 1.5, "dash": "dash"}}
-    return [{**look, "y0": limit * factor, "y1": limit * factor} for limit in limits]
-
-
-def _repairs(document: Mapping[str, Any]) -> list[Any]:
-    days = [event["date"] for event in document["events"] if event["kind"] == "repaired"]
-    look = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "line": {"color": GREY, "width": 1, "dash": "dash"}}
-    return [{**look, "x0": day, "x1": day} for day in days]
+    return Figure("values", f"History: {quantity_name(document)}", (Stack((_values(document),)),), "", CAPTION)
 
 
 def control(document: Mapping[str, Any]) -> Figure | None:
     """EWMA and CUSUM with their limits, in standard deviations."""
-    found = document["control"]
-    if found is None:
+    if document["control"] is None:
         return None
-    dates = found["dates"]
-    data: list[Any] = []
-    layout: dict[str, Any] = {"xaxis": axis("date", type="date", anchor="y2", mirror="all")}
-    for i, chart in enumerate(found["charts"]):
-        place = "y2" if i else "y"
-        top = 1.0 - 0.53 * i
-        layout[f"yaxis{'2' if i else ''}"] = axis(
-            f"{chart['name']}<br>in standard deviations", domain=[top - 0.47, top], zeroline=True
-        )
-        sides = [chart["upper"]] if chart["upper"] == chart["lower"] else [chart["upper"], chart["lower"]]
-        for side in sides:
-            marks = [VERMILION if n in chart["alarm"] else BLUE for n in range(len(side))]
-            line = {
-                "mode": "lines+markers",
-                "line": {"color": BLUE, "width": 1.2},
-                "marker": {"color": marks, "size": 8},
-            }
-            hover = f"%{{x}}: %{{y:.3g}}<extra>{chart['name']}</extra>"
-            data.append({"x": dates, "y": listed(np.array(side)), "yaxis": place, "hovertemplate": hover, **line})
-        for sign in (1, -1):
-            limit = listed(sign * np.array(chart["limit"]))
-            look = {"mode": "lines", "line": {"color": GREY, "width": 1.2, "dash": "dash"}, "hoverinfo": "skip"}
-            data.append({"x": dates, "y": limit, "yaxis": place, **look})
-    return figure(data, 460, showlegend=False, **layout)
+    panels = tuple(_control(chart, document) for chart in document["control"]["charts"])
+    caption = "A stable sensor stays within the dashed limits; red: alarm."
+    return Figure("control", "Control charts", (Stack(panels),), "", caption)
+
+
+def _values(document: Mapping[str, Any]) -> Panel:
+    factor = scale_of(document).factor
+    x = _dates(document)
+    series = _expected(document, factor)
+    counted = [row for row in document["calibrations"] if row["counts"]]
+    own = 2 * factor * _column(counted, "u_own")
+    series.append(
+        Series(_days(counted), factor * _column(counted, "value"), "", Look(VERMILION, width=4.0), "points", own)
+    )
+    for number in sorted({row["series"] for row in counted}):
+        rows = [row for row in counted if row["series"] == number]
+        y = factor * _column(rows, "value")
+        name = f"series {number}, U (k = 2)" if len(document["series"]) > 1 else "calibrations, U (k = 2)"
+        texts = tuple(f"calibration {row['id']}, {row['date']}: {v:.6g}" for row, v in zip(rows, y, strict=True))
+        series.append(Series(_days(rows), y, "", Look(GREY, "dotted", 1.0)))
+        look = Look(VERMILION, marker="o")
+        series.append(Series(_days(rows), y, name, look, "points", factor * _column(rows, "U"), texts=texts))
+    for limit in (document["due"] or {}).get("limits", ()):
+        series.append(Series(np.array([x.low, x.high]), np.full(2, limit * factor), "", _TOLERANCE))
+    ends = [one.y + sign * (0.0 if one.half is None else one.half) for one in series for sign in (-1, 1)]
+    y_axis = axes.linear(f"{quantity_name(document)}\nin {unit_of(document)}", np.concatenate(ends))
+    repaired = [event for event in document["events"] if event["kind"] == "repaired"]
+    marks = tuple((float(day), "repaired") for day in _days(repaired))
+    return Panel(x, y_axis, tuple(series), 2.4, marks=marks)
+
+
+def _expected(document: Mapping[str, Any], factor: float) -> list[Series]:
+    curve = document["drift"].get("curve")
+    if not curve:
+        return []
+    low, high = (factor * np.array([point["interval_95"][side] for point in curve]) for side in (0, 1))
+    days = _days(curve)
+    band = Series(days, (low + high) / 2, "", Look(BLUE, width=0.0), half=(high - low) / 2, band="sensor, 95 %")
+    return [band, Series(days, factor * _column(curve, "value"), "to be expected", Look(BLUE, width=1.2))]
+
+
+def _control(chart: Mapping[str, Any], document: Mapping[str, Any]) -> Panel:
+    days = np.array([_day(date) for date in document["control"]["dates"]])
+    alarm = list(chart["alarm"])
+    series, limit = [], np.array(chart["limit"], dtype=float)
+    for side in dict.fromkeys((tuple(chart["upper"]), tuple(chart["lower"]))):
+        y = np.array(side, dtype=float)
+        series.append(Series(days, y, "", Look(BLUE, width=1.0, marker="o")))
+        series.append(Series(days[alarm], y[alarm], "", Look(VERMILION, marker="D"), "points"))
+    series += [Series(days, sign * limit, "", _LIMIT) for sign in (1, -1)]
+    y_axis = axes.linear("in standard\ndeviations", np.concatenate([np.zeros(1), *(one.y for one in series)]), most=4)
+    return Panel(_dates(document), y_axis, tuple(series), 1.2, chart["name"], rules=(0.0,))
+
+
+def _dates(document: Mapping[str, Any]) -> Axis:
+    rows = [*document["calibrations"], *(document["drift"].get("curve") or ())]
+    return axes.of_dates("Date", [datetime.date.fromisoformat(row["date"][:10]) for row in rows])
+
+
+def _day(date: str) -> float:
+    return float(datetime.date.fromisoformat(date[:10]).toordinal())
+
+
+def _days(rows: Sequence[Mapping[str, Any]]) -> FloatArray:
+    return np.array([_day(row["date"]) for row in rows], dtype=float)
+
+
+def _column(rows: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
+    return np.array([row[name] for row in rows], dtype=float)

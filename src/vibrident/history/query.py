@@ -16,7 +16,7 @@ from vibrident.errors import InputError, did_you_mean
 from vibrident.history.life import Entry, Event
 from vibrident.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, sensor
 from vibrident.history.store import Store
-from vibrident.plots.units import sensor_name
+from vibrident.present.numbers import sensor_name
 from vibrident.result import Result
 
 _STANDINGS = ("approved", "superseded", "recalled")

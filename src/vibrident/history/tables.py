@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from vibrident.naming import Scale, in_words, pretty, scaled
-from vibrident.plots.units import frequency_text
-from vibrident.report.numbers import NONE, pair, plain
-from vibrident.report.tables import Table
+from vibrident.present.numbers import NONE, frequency_text, pair, plain
+from vibrident.present.views import Column, Table, columns
 
 Document = Mapping[str, Any]
 
@@ -48,14 +47,19 @@ def calibrations(document: Document) -> Table:
                 ", ".join(row["warnings"]) or "none",
             )
         )
-    unit = "" if scale.unit == "1" else f" / ({scale.unit})"
-    header = ("id", "date", f"value{unit}", "U", "series", "E_n", "ordinary E_n", "left out", "standing", "warnings")
+    heads = (
+        Column("id", "number"),
+        Column("date"),
+        Column("value", "number", "" if scale.unit == "1" else scale.unit),
+        *columns("U", "series", "E_n", "ordinary E_n", kind="number"),
+        *columns("left out", "standing", "warnings"),
+    )
     notes = (
         "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same reference, "
         "the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too small where they "
         "are not. |E_n| > 1 is a change that the uncertainties do not explain.",
     )
-    return _without_empty(Table(header, tuple(rows), (0, 2, 3, 4, 5, 6), notes=notes))
+    return Table(heads, tuple(rows), notes=notes).telling()
 
 
 def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
@@ -63,14 +67,6 @@ def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
     own = row["u_own"] or row["u"]
     value, _ = pair(row["value"] * scale.factor, 2 * own * scale.factor)
     return value, pair(row["value"] * scale.factor, row["U"] * scale.factor)[1]
-
-
-def _without_empty(table: Table) -> Table:
-    """Without columns that say nothing in any row."""
-    kept = [j for j in range(len(table.header)) if any(row[j] for row in table.rows)]
-    rows = tuple(tuple(row[j] for j in kept) for row in table.rows)
-    right = tuple(i for i, j in enumerate(kept) if j in table.right)
-    return Table(tuple(table.header[j] for j in kept), rows, right, table.lead, table.notes)
 
 
 def _en(value: float | None) -> str:
@@ -149,20 +145,15 @@ def events(document: Document) -> Table | None:
         for event in document["events"]
         if event["kind"] != "added"
     )
-    return Table(("date", "event", "calibration", "by", "note"), rows) if rows else None
+    return Table(columns("date", "event", "calibration", "by", "note"), rows) if rows else None
 
 
 def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The due dates of many sensors."""
-    header = (
-        "serial number",
-        "type",
-        "calibrations",
-        "last",
-        "due by risk",
-        "by interval",
-        "by staircase",
-        "risk today",
+    heads = (
+        *columns("serial number", "type"),
+        Column("calibrations", "number"),
+        *columns("last", "due by risk", "by interval", "by staircase", "risk today"),
     )
     body = tuple(
         (
@@ -177,12 +168,16 @@ def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
         )
         for row in rows
     )
-    return Table(header, body, (2,))
+    return Table(heads, body)
 
 
 def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The sensors of a store."""
-    header = ("serial number", "type", "manufacturer", "calibrations", "first", "last")
+    heads = (
+        *columns("serial number", "type", "manufacturer"),
+        Column("calibrations", "number"),
+        *columns("first", "last"),
+    )
     body = tuple(
         (
             _named(row),
@@ -194,7 +189,7 @@ def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
         )
         for row in rows
     )
-    return Table(header, body, (3,))
+    return Table(heads, body)
 
 
 def _named(row: Mapping[str, Any]) -> str:

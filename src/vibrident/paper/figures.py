@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import BAND_HZ, Section
 from vibrident.paper.studies import NOISE_METHODS, PARAMETERS
 from vibrident.paper.unrolled import plain_model
-from vibrident.plots import style
+from vibrident.present import axes, drawing
+from vibrident.present.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, Series, Stack
 from vibrident.records import FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+Stacks = tuple[Stack, ...]
 
 #: Of figure 5.
 TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)
@@ -39,64 +39,57 @@ class Picture:
 
     name: str
     caption: str
-    draw: Callable[[Reproduction], Figure]
+    draw: Callable[[Reproduction], Stacks]
 
 
 def draw_all(run: Reproduction, folder: Path) -> list[Picture]:
     """Draw every picture that the run has numbers for into ``folder`` as PNG; return them in order."""
     wanted = [p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")]
     for picture in wanted:
-        figure = picture.draw(run)
-        figure.set_dpi(110)
-        with style.styled():
-            figure.savefig(folder / f"{picture.name}.png", dpi=110)
+        drawing.save(Figure(picture.name, "", picture.draw(run)), folder / f"{picture.name}.png")
     return wanted
 
 
-def signals(run: Reproduction) -> Figure:
+def signals(run: Reproduction) -> Stacks:
     """Figure 5: excitation and response at typical frequencies, from the start."""
     section = run.simulation
     records = section.published.calibration.records
-    with style.styled():
-        figure = style.new_figure(6.7, 5.2)
-        for place, frequency in enumerate(TYPICAL_HZ):
-            record = min(records, key=lambda r: abs(np.log((r.frequency_hz or 1.0) / frequency)))
-            axes = figure.add_subplot(2, 2, place + 1)
-            shown = slice(0, min(record.samples, round(6.0 * record.sampling_rate_hz / frequency)))
-            time = 1e3 * record.time_s[shown]
-            reference = np.asarray(record.reference)[shown] / section.published.reference.unit
-            axes.plot(time, reference, color="#9a9a9a", lw=0.5, label="excitation")
-            response = record.response[shown] / section.published.response.unit
-            axes.plot(time, response, color=style.BLUE, lw=1.2, label="response")
-            axes.set_title(f"({'abcd'[place]}) {record.name}", loc="left")
-            axes.set_xlabel("Time in ms")
-            axes.set_ylim(-1.08, 1.08)
-            if place % 2 == 0:
-                axes.set_ylabel("Normalised, one scale a channel")
-            if place == 0:
-                axes.legend(loc="upper right")
-        return figure
+    stacks = []
+    for place, frequency in enumerate(TYPICAL_HZ):
+        record = min(records, key=lambda r: abs(np.log((r.frequency_hz or 1.0) / frequency)))
+        shown = slice(0, min(record.samples, round(6.0 * record.sampling_rate_hz / frequency)))
+        time = 1e3 * record.time_s[shown]
+        reference = np.asarray(record.reference)[shown] / section.published.reference.unit
+        response = record.response[shown] / section.published.response.unit
+        series = (
+            Series(time, reference, "excitation", Look("#9a9a9a", width=0.5)),
+            Series(time, response, "response", Look(BLUE, width=1.2)),
+        )
+        y = axes.linear("Normalised, one scale a channel" if place == 0 else "Normalised", np.array([-1.0, 1.0]))
+        panel = Panel(axes.linear("Time in ms", time, most=5, margin=0.02), y, series, 1.7)
+        stacks.append(Stack((panel,), f"({'abcd'[place]}) {record.name}"))
+    return tuple(stacks)
 
 
-def discrete_sensitivity(run: Reproduction) -> Figure:
+def discrete_sensitivity(run: Reproduction) -> Stacks:
     """Figure 6: the sensitivity of the discrete models with Table 2's parameters against the sensor's own."""
     model, truth = parse(SENSOR.model), dict(SENSOR.parameters)
     frequency = np.geomspace(*BAND_HZ, 301)
     reference = np.abs(model.frequency_response(truth, frequency))
-    with style.styled():
-        figure = style.new_figure(6.7, 4.8)
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
-        upper.plot(frequency, reference, color=style.BLACK, lw=2.2, label="reference (continuous)")
-        for name, (colour, line, _) in zip(("euler", "zoh", "bandlimited"), style.LINES, strict=False):
-            curve = np.abs(discrete_response(name, truth, frequency, run.settings.rate_hz))
-            upper.plot(frequency, curve, color=colour, ls=line, label=name)
-            lower.plot(frequency, 100.0 * (curve / reference - 1.0), color=colour, ls=line)
-        upper.set_ylabel("|S| in V/(m/s²)")
-        lower.set_ylabel("Deviation in %")
-        upper.legend(loc="upper left")
-        style.frequency_axis(upper, frequency, label=False)
-        style.frequency_axis(lower, frequency)
-        return figure
+    upper = [Series(frequency, reference, "reference (continuous)", Look(BLACK, width=2.2))]
+    lower = []
+    for name, look in zip(("euler", "zoh", "bandlimited"), LINES, strict=False):
+        curve, plain = np.abs(discrete_response(name, truth, frequency, run.settings.rate_hz)), replace(look, marker="")
+        upper.append(Series(frequency, curve, name, plain))
+        lower.append(Series(frequency, 100.0 * (curve / reference - 1.0), "", plain))
+    return _two(frequency, axes.size("|S| in V/(m/s²)", reference), upper, "Deviation in %", lower)
+
+
+def _two(frequency: FloatArray, y: Axis, upper: list[Series], label: str, lower: list[Series]) -> Stacks:
+    """Curves, and below them their deviation."""
+    x, deviations = axes.frequency(frequency), np.concatenate([np.zeros(1), *(one.y for one in lower)])
+    below = Panel(x, axes.linear(label, deviations), tuple(lower), 1.7)
+    return (Stack((Panel(x, y, tuple(upper), 2.2), below)),)
 
 
 def discrete_response(name: str, parameters: dict[str, float], frequency_hz: FloatArray, rate_hz: float) -> Any:
@@ -108,45 +101,31 @@ def discrete_response(name: str, parameters: dict[str, float], frequency_hz: Flo
     return network_response(weights, frequency_hz, interval, name)
 
 
-def curves(section: Section) -> Figure:
+def curves(section: Section) -> Stacks:
     """Figures 7 and 9: (a) sensitivity curves, (b) their relative deviation from the reference."""
     model = plain_model(section.published.calibration.model)
     frequency = np.geomspace(*section.band_hz, 401)
-    with style.styled():
-        figure = style.new_figure(6.7, 5.4)
-        upper, lower = figure.subplots(2, 1, sharex=True)
-        if section.points[0].size:
-            order = np.argsort(section.points[0])
-            reference = section.points[1][order]
-            upper.plot(
-                section.points[0][order],
-                reference,
-                "o",
-                color=style.BLACK,
-                mfc="white",
-                ms=4.5,
-                label="laser interferometer",
-                zorder=5,
-            )
-        else:
-            reference = np.abs(model.frequency_response(section.truth or {}, frequency))
-            upper.plot(frequency, reference, color=style.BLACK, lw=2.4, label="theory")
-        for name, (colour, line, mark) in zip(SHOWN, style.LINES, strict=False):
-            found, deviation = section.row(name).parameters, section.deviations.get(name)
-            if found is None or deviation is None:
-                continue
-            upper.plot(frequency, np.abs(model.frequency_response(found, frequency)), color=colour, ls=line, label=name)
-            order = np.argsort(deviation.frequency_hz)
-            where, percent = np.array(deviation.frequency_hz)[order], np.array(deviation.percent)[order]
-            marks = {"marker": mark, "ms": 3.5} if len(where) < 100 else {}
-            lower.plot(where, percent, color=colour, ls=line, label=name, **marks)
-        upper.set_ylabel(f"(a) |S| in {_unit(section)}")
-        style.size_axis(upper, reference)
-        lower.set_ylabel("(b) relative deviation in %")
-        upper.legend(loc="best")
-        style.frequency_axis(upper, frequency, label=False)
-        style.frequency_axis(lower, frequency)
-        return figure
+    upper, lower = [], []
+    if section.points[0].size:
+        order = np.argsort(section.points[0])
+        reference = section.points[1][order]
+        look = Look(BLACK, marker="o")
+        upper.append(Series(section.points[0][order], reference, "laser interferometer", look, "points"))
+    else:
+        reference = np.abs(model.frequency_response(section.truth or {}, frequency))
+        upper.append(Series(frequency, reference, "theory", Look(BLACK, width=2.4)))
+    for name, look in zip(SHOWN, LINES, strict=False):
+        found, deviation = section.row(name).parameters, section.deviations.get(name)
+        if found is None or deviation is None:
+            continue
+        plain = replace(look, marker="")
+        upper.append(Series(frequency, np.abs(model.frequency_response(found, frequency)), name, plain))
+        order = np.argsort(deviation.frequency_hz)
+        where, percent = np.array(deviation.frequency_hz)[order], np.array(deviation.percent)[order]
+        lower.append(Series(where, percent, "", look if len(where) < 100 else plain))
+    return _two(
+        frequency, axes.size(f"(a) |S| in {_unit(section)}", reference), upper, "(b) relative deviation in %", lower
+    )
 
 
 def _unit(section: Section) -> str:
@@ -155,7 +134,7 @@ def _unit(section: Section) -> str:
     return f"{calibration.response_unit}/({below})" if "/" in below else f"{calibration.response_unit}/{below}"
 
 
-def by_rate(run: Reproduction) -> Figure:
+def by_rate(run: Reproduction) -> Stacks:
     """Parameter error against sampling rate for every discretisation."""
     lines: dict[str, list[tuple[str, list[float], list[float]]]] = {panel: [] for panel in _PANELS}
     for discretisation in run.settings.discretisations:
@@ -167,7 +146,7 @@ def by_rate(run: Reproduction) -> Figure:
     return _four(lines, {}, "Sampling rate in Hz")
 
 
-def by_noise(run: Reproduction) -> Figure:
+def by_noise(run: Reproduction) -> Stacks:
     """RMS error against response noise for every method that gives parameters, and the Cramér–Rao bound."""
     study = run.noise
     lines: dict[str, list[tuple[str, list[float], list[float]]]] = {panel: [] for panel in _PANELS}
@@ -192,38 +171,20 @@ def _four(
     bounds: dict[str, list[float]],
     label: str,
     x_of_bounds: Sequence[float] = (),
-) -> Figure:
+) -> Stacks:
     """One panel for each parameter and one for the curve, relative errors on logarithmic axes."""
-    from matplotlib.ticker import FuncFormatter
-
-    with style.styled():
-        figure = style.new_figure(6.7, 6.2)
-        panels = figure.subplots(2, 2, sharex=True).ravel()
-        for axes, (panel, title) in zip(panels, _PANELS.items(), strict=True):
-            shown: list[float] = []
-            if panel in bounds:
-                axes.plot(x_of_bounds, bounds[panel], color=style.BLACK, lw=3, alpha=0.35, label="Cramér–Rao bound")
-                shown += bounds[panel]
-            for (name, x, y), (colour, line, mark) in zip(lines[panel], style.LINES, strict=False):
-                drawn = np.maximum(y, _LEAST)
-                axes.plot(x, drawn, color=colour, ls=line, marker=mark, ms=3.5, label=name)
-                shown += drawn.tolist()
-            axes.set_title(f"{title}, relative", loc="left")
-            style.size_axis(axes, np.array(shown))
-            axes.yaxis.set_major_formatter(FuncFormatter(_power))
-            style.frequency_axis(axes, np.array([value for _, x, _ in lines[panel] for value in x]), label=False)
-        for axes in panels[2:]:
-            axes.set_xlabel(label)
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-        return figure
-
-
-def _power(value: float, _position: int | None) -> str:
-    """A power of ten; nothing at what stands between."""
-    exponent = np.log10(value)
-    if abs(exponent - round(exponent)) > 1e-6:
-        return ""
-    return "10" + str(round(exponent)).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
+    stacks = []
+    for panel, title in _PANELS.items():
+        series = []
+        if panel in bounds:
+            bound = Look("#a6a6a6", width=3.0)
+            series.append(Series(np.array(x_of_bounds), np.array(bounds[panel]), "Cramér–Rao bound", bound))
+        for (name, x, y), look in zip(lines[panel], LINES, strict=False):
+            series.append(Series(np.array(x), np.maximum(y, _LEAST), name, look))
+        across = axes.frequency(np.concatenate([one.x for one in series]), label)
+        errors = axes.size("Relative error", np.concatenate([one.y for one in series]))
+        stacks.append(Stack((Panel(across, errors, tuple(series), 2.0),), f"{title}, relative"))
+    return tuple(stacks)
 
 
 PICTURES = (

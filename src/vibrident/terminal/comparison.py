@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.comparison import criteria, deviations, recommendation
 from vibrident.naming import parameter_name, pretty, scaled
-from vibrident.report import words
-from vibrident.report.numbers import NONE, concise, percent, plain, stated
+from vibrident.present import words
+from vibrident.present.numbers import NONE, concise, percent, plain, stated
 from vibrident.result import Parameter, Result
 from vibrident.terminal.tables import fit_unit, literal, titled
 

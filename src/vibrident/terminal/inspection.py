@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from vibrident.report.numbers import NONE, plain
+from vibrident.present.numbers import NONE, plain
 from vibrident.terminal.tables import literal, titled
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from vibrident.naming import parameter_name, scaled
-from vibrident.report.numbers import NONE, concise, plain
+from vibrident.present.numbers import NONE, concise, plain
 from vibrident.result import Result
 from vibrident.terminal.tables import literal, titled
 

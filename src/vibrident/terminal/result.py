@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.escaping import terminal
 from vibrident.naming import parameter_name, pretty, scaled
-from vibrident.plots.units import sensor_name
-from vibrident.report import words
-from vibrident.report.coverage import interval_text, parameter_factor
-from vibrident.report.numbers import plain, stated
-from vibrident.report.weights import weight_rows
+from vibrident.present import words
+from vibrident.present.coverage import interval_text, parameter_factor
+from vibrident.present.numbers import plain, sensor_name, stated
+from vibrident.present.weights import weight_rows
 from vibrident.result import Result
 from vibrident.terminal.tables import fit_unit, literal, titled
 

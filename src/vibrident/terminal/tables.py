@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vibrident.escaping import terminal
-from vibrident.plots.units import reference_unit, sensitivity_unit
+from vibrident.present.numbers import reference_unit, sensitivity_unit
 
 if TYPE_CHECKING:
     from rich.table import Table

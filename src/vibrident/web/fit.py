@@ -10,9 +10,10 @@ import numpy as np
 from nicegui import ui
 
 from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
-from vibrident.plots.style import BLUE, ORANGE
+from vibrident.present import axes
+from vibrident.present.charts import charts
+from vibrident.present.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
 from vibrident.registry import ESTIMATORS
-from vibrident.report.figures import axis, figure, log_marks, whole_numbers
 from vibrident.web import frame
 from vibrident.web.choices import Choices
 from vibrident.web.description import calibration_text
@@ -179,22 +180,16 @@ class FitStep:
 
 def _curve(starts: list[list[float]]) -> dict[str, Any]:
     """The cost over the iterations, a line for each start."""
-    left, lines = _MOST_DRAWN, []
+    left, series = _MOST_DRAWN, []
     for number, costs in reversed(list(enumerate(starts, 1))):
         points = [(i, cost) for i, cost in enumerate(costs, 1) if np.isfinite(cost) and cost > 0][-max(left, 1) :]
         left -= len(points)
-        last = number == len(starts)
-        look = {"mode": "lines+markers", "line": {"color": BLUE if last else ORANGE}, "marker": {"size": 4}}
-        x, y = [list(side) for side in zip(*points, strict=True)] if points else ([], [])
-        lines.append({"x": x, "y": y, "name": f"start {number}", "opacity": 1.0 if last else 0.6, **look})
+        x, y = np.array(points, dtype=float).reshape(-1, 2).T
+        look = Look(BLUE if number == len(starts) else ORANGE, marker="o")
+        series.append(Series(x, y, f"start {number}" if 1 < len(starts) <= 8 else "", look))
         if left <= 0:
             break
-    every = np.array([cost for line in lines for cost in line["y"]])
-    longest = max((line["x"][-1] for line in lines if line["x"]), default=1)
-    return figure(
-        lines[::-1],
-        HEIGHT,
-        xaxis=whole_numbers("iteration", longest),
-        yaxis=axis("cost", type="log", **log_marks(every)),
-        showlegend=1 < len(lines) <= 8,
-    )
+    x_axis = axes.linear("Iteration", np.concatenate([[0.0, 2.0], *(one.x for one in series)]), whole=True, most=8)
+    y_axis = axes.size("Cost", np.concatenate([one.y for one in series]))
+    ((_, chart),) = charts(Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),)))
+    return chart

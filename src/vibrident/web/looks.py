@@ -15,9 +15,10 @@ from typing import Any
 
 from vibrident.errors import VibridentError
 from vibrident.io.guess import Columns, guess_columns
-from vibrident.report import content, figures, figures_beside, tables, words
-from vibrident.report import page as written
-from vibrident.report.side_by_side import comparison_tables
+from vibrident.present import charts, document, figures, html, tables
+from vibrident.present.comparison import beside, comparison_tables
+from vibrident.present.views import Figure
+from vibrident.report import content
 from vibrident.result import Result
 from vibrident.web.description import Description, described
 from vibrident.web.motion import likely_excitation
@@ -109,21 +110,23 @@ def facts(path: Path) -> tuple[str, str]:
 def outcome(path: Path) -> dict[str, Any]:
     """All that is shown of a result: whether it is fine, its numbers and warnings as HTML, its charts as JSON."""
     result = Result.load(path)
-    drawn = (
-        ("Sensitivity", figures.sensitivity(result)),
-        ("Deviation of the model from the measurement", figures.deviation(result)),
-        ("Training", figures.training(result)),
-    )
-    charts, left = _fitting([(title, figure) for title, figure in drawn if figure is not None], MOST_BYTES)
-    signals, left = _fitting(figures.signals(result), left)
+    verdict = document.verdict(result)
+    drawn = [make(result) for make in (figures.sensitivity, figures.deviation, figures.training)]
+    named = [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
+    shown, left = _fitting(named, MOST_BYTES)
+    signals, left = _fitting(_charts(figures.signals(result)), left)
     return {
-        "verdict": _verdict(result),
-        "parameters": written.table(tables.parameters(result)),
-        "warnings": _warnings(result),
-        "charts": charts,
+        "verdict": ["verdict" if verdict.kind == "fine" else "doubt", verdict.lead.rstrip(";"), verdict.text],
+        "parameters": html.fragment(tables.parameters(result)),
+        "warnings": html.fragment(*document.doubts(result)),
+        "charts": shown,
         "signals": signals,
         "left_out": left < 0,
     }
+
+
+def _charts(figure: Figure | None) -> list[tuple[str, Any]]:
+    return [] if figure is None else charts.charts(figure)
 
 
 def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes, int]], int]:
@@ -139,27 +142,6 @@ def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[st
             break
         found.append((title, text, figure["layout"]["height"]))
     return found, most
-
-
-def _verdict(result: Result) -> list[str]:
-    """Kind, verdict and doubts."""
-    fine = result.fit.adequate and not result.warnings
-    verdict = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
-    doubts = f"{tables.count(len(result.warnings), 'warning')}, below" if result.warnings else "no warnings"
-    return ["verdict" if fine else "doubt", verdict, doubts]
-
-
-def _warnings(result: Result) -> str:
-    parts = []
-    for code in result.warning_codes:
-        explained = words.explain(code)
-        messages = [warning.message for warning in result.warnings if warning.code == code]
-        parts.append(
-            f'<div class="warning"><h3>{written.text(explained.title.capitalize())} <code>({written.text(code)})</code>'
-            f"</h3>{written.paragraphs([*messages, explained.meaning])}<p><b>What to do:</b> "
-            f"{written.text(explained.action).replace('`', '')}</p></div>"
-        )
-    return "".join(parts)
 
 
 def report(paths: Sequence[Path], form: Any, names: Sequence[str]) -> bytes:
@@ -185,10 +167,9 @@ def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tu
 def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
     """Results side by side: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
-    figure = figures_beside.beside(results, names)
-    charts, _ = _fitting([] if figure is None else [("", figure)], MOST_BYTES)
-    tables_beside = [(title, written.table(table)) for title, table in comparison_tables(results, names)]
-    return {"charts": charts, "tables": tables_beside}
+    shown, _ = _fitting(_charts(beside(results, names)), MOST_BYTES)
+    tables_beside = [(title, html.fragment(table)) for title, table in comparison_tables(results, names)]
+    return {"charts": shown, "tables": tables_beside}
 
 
 def _json(tree: Any) -> bytes:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibrident.escaping import plotly
+import numpy as np
+
 from vibrident.io.readers import open_columns
-from vibrident.plots.style import BLUE, VERMILION, shortened
-from vibrident.report.figures import Figure, axis, figure, listed
+from vibrident.present import axes
+from vibrident.present.charts import Chart, charts
+from vibrident.present.numbers import shortened
+from vibrident.present.views import BLUE, VERMILION, Axis, Figure, Look, Panel, Series, Stack
 from vibrident.web.description import Description
 
 #: Of the chart, in pixels.
@@ -17,7 +20,7 @@ HEIGHT = 360
 MOST_SAMPLES = 3000
 
 
-def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
+def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     """A figure of the first file: reference above response, or magnitude over frequency.
 
     Raises:
@@ -32,15 +35,19 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Figure:
     x = values.pop(0) if across is not None else None
     if x is not None and not given.table and x.size:  # a clock that counts from 1970 makes labels nobody can read
         x = x - x[0]
-    names = [plotly(shortened(str(column), 50)) for column in wanted if column != across or column in (first, second)]
-    data = []
-    for place, colour, numbers, name in zip(("y", "y2"), (BLUE, VERMILION), values, names, strict=False):
-        look = {"mode": "lines+markers" if given.table else "lines", "line": {"color": colour, "width": 1.3}}
-        points = list(range(numbers.size)) if x is None else listed(x, 17)
-        data.append({"x": points, "y": listed(numbers), "name": name, "yaxis": place, **look})
-    title = "frequency in Hz" if given.table else "sample" if x is None else "time from the first sample, in s"
-    layout = {"yaxis": axis("", domain=[0.54, 1.0] if len(data) > 1 else [0.0, 1.0])}
-    if len(data) > 1:
-        layout["yaxis2"] = axis("", domain=[0.0, 0.46])
-    below = axis(title, mirror="all", anchor="y2" if len(data) > 1 else "y", type="log" if given.table else "linear")
-    return figure(data, HEIGHT, xaxis=below, showlegend=True, **layout)
+    names = [shortened(str(column), 50) for column in wanted if column != across or column in (first, second)]
+    size = min((column.size for column in values), default=0)
+    places = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
+    title = "Frequency in Hz" if given.table else "Sample" if x is None else "Time from the first sample in s"
+    below = axes.frequency(places, title) if given.table else axes.linear(title, places, margin=0.02)
+    mark = "o" if given.table else ""
+    panels = [
+        Panel(below, _axis(column), (Series(places, column[:size], name, Look(colour, width=1.0, marker=mark)),), 1.0)
+        for colour, column, name in zip((BLUE, VERMILION), values, names, strict=False)
+    ]
+    ((_, chart),) = charts(Figure("preview", "", (Stack(tuple(panels)),)))
+    return chart
+
+
+def _axis(values: np.ndarray) -> Axis:
+    return axes.linear("", np.asarray(values, dtype=float))

@@ -72,9 +72,8 @@ def correct(
             (output.path / "correction.json").write_text(text, encoding="utf-8")
             if not no_plots:
                 from vibrident import plots
-                from vibrident.plots.correction import figure
 
-                plots.save(figure(corrections, dict(known.sensor)), output.path / "correction.png")
+                plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
     for finding in corrections.findings:
         note(f"Warning ({finding.code}): {finding.message}")
     _show(document, folder, corrections.motion, drawn=not no_plots)
@@ -117,7 +116,7 @@ def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -
 
 def _interval(peak: dict[str, Any]) -> str:
     """Both ends to the second digit of u."""
-    from vibrident.report.numbers import pair
+    from vibrident.present.numbers import pair
 
     return " … ".join(pair(end, peak["standard_uncertainty"])[0] for end in peak["interval_95"])
 

@@ -91,7 +91,7 @@ def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "t
     from vibrident.history import query, tables
     from vibrident.history.document import listed
     from vibrident.history.store import Store
-    from vibrident.report.tables import count
+    from vibrident.present.views import count
 
     with Store(store) as opened:
         rows = listed(query.overviews(opened, type_name))
@@ -166,7 +166,7 @@ def due(
     from vibrident.history import query, tables
     from vibrident.history.document import Question, all_due, shown
     from vibrident.history.store import Store
-    from vibrident.report.tables import count
+    from vibrident.present.views import count
 
     asked = Question(quantity, None, given, _interval(interval))
     with Store(store) as opened:

@@ -34,9 +34,9 @@ def inspect(
     with written_whole(folder or Path()) as output:
         from vibrident import plots
 
-        plots.save(plots.inspection.figure(screened), output.path / name)
+        plots.save(plots.inspection(screened), output.path / name)
         if any(record.optical is not None for record in screened.records):
-            plots.save(plots.light.figure(screened), output.path / name.replace("inspect.png", "light.png"))
+            plots.save(plots.light(screened), output.path / name.replace("inspect.png", "light.png"))
     _show(screened, findings, output.files)
 
 
@@ -66,7 +66,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     from rich.text import Text
 
     from vibrident import io, terminal
-    from vibrident.report import words
+    from vibrident.present import words
 
     console = out()
     for label, text in _understood(calibration).items():
@@ -89,7 +89,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
 def _understood(calibration: Calibration) -> dict[str, str]:
     """What the calibration file says, in words."""
     from vibrident.naming import pretty
-    from vibrident.plots.units import sensor_name
+    from vibrident.present.numbers import sensor_name
 
     u = calibration.reference_standard_uncertainty
     reference = f"{calibration.quantity} in {pretty(calibration.reference_unit)}"

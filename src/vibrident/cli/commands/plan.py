@@ -230,10 +230,9 @@ def _show(planned: Plan) -> None:
 def _write(planned: Plan, folder: Path) -> None:
     from vibrident import plots
     from vibrident.planning import summary
-    from vibrident.plots.plan import figure
 
     with written_whole(folder) as output:
         text = json.dumps(summary(planned), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         (output.path / "plan.json").write_text(text, encoding="utf-8")
-        plots.save(figure(planned), output.path / "plan.png")
+        plots.save(plots.plan(planned), output.path / "plan.png")
     wrote(output.files)

@@ -21,8 +21,8 @@ from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, identified
 from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
-from vibrident.report.coverage import coverage, interval_text
-from vibrident.report.words import SMALL_SIGNALS
+from vibrident.present.coverage import coverage, interval_text
+from vibrident.present.words import SMALL_SIGNALS
 from vibrident.result import Result
 
 VERSION = "3.2.1"

@@ -21,7 +21,7 @@ from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
 from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
 from vibrident.export.sensor import Sensor, identity
-from vibrident.report.history import date_of
+from vibrident.present.history import date_of
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:

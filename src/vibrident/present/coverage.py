@@ -1,0 +1,81 @@
+"""What U = k u covers: the coverage probability that belongs to k and the effective degrees of freedom (GUM G.3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.present.numbers import COVERAGE_FACTOR, plain
+from vibrident.result import Result
+
+_KEY = "effective_degrees_of_freedom"
+#: Effective degrees of freedom from which k = 2 covers 95 %.
+_NEARLY_NORMAL = 60.0
+#: Of Simpson's rule; an even number.
+_INTERVALS = 400
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of an expanded uncertainty.
+
+    Attributes:
+        factor: k.
+        degrees_of_freedom: effective ones; infinite where the distribution is normal, None where not stated.
+        probability: of the interval value ± U.
+    """
+
+    factor: float
+    degrees_of_freedom: float | None
+    probability: float
+
+    @property
+    def text(self) -> str:
+        """All of it in a sentence."""
+        percent = f"{100 * self.probability:.1f} %"
+        if self.degrees_of_freedom is None:
+            return f"k = {self.factor:g}: coverage probability {percent} for a normal distribution."
+        if math.isinf(self.degrees_of_freedom):
+            return f"k = {self.factor:g}: coverage probability {percent} (normal distribution, ν_eff = ∞)."
+        freedom = plain(self.degrees_of_freedom, 3)
+        return f"k = {self.factor:g}: coverage probability {percent} (Student's t with ν_eff = {freedom})."
+
+
+def coverage(result: Result) -> Coverage:
+    """Coverage of every U of a result."""
+    k = COVERAGE_FACTOR
+    if _KEY not in result.settings:
+        return Coverage(k, None, math.erf(k / math.sqrt(2.0)))
+    freedom = result.settings[_KEY]
+    if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
+        return Coverage(k, math.inf, math.erf(k / math.sqrt(2.0)))
+    return Coverage(k, float(freedom), _student(k, freedom))
+
+
+def parameter_factor(result: Result) -> float:
+    """K of the parameters' U: 2, and where few degrees of freedom would make that cover less, that of Student's t."""
+    k, freedom = result.settings.get("coverage_factor"), coverage(result).degrees_of_freedom
+    if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
+        return COVERAGE_FACTOR
+    return max(float(k), COVERAGE_FACTOR)
+
+
+def interval_text(result: Result) -> str:
+    """Which k the parameters' U and intervals have, where that is not 2; else empty."""
+    k = parameter_factor(result)
+    if k == COVERAGE_FACTOR:
+        return ""
+    freedom = plain(coverage(result).degrees_of_freedom, 3)
+    return f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
+
+
+def _student(k: float, freedom: float) -> float:
+    """P(|t| ≤ k) of Student's t, the density integrated by Simpson's rule: loading SciPy takes longer than a report."""
+    t = np.linspace(0.0, k, _INTERVALS + 1)
+    weights = np.ones_like(t)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    size = math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2) - math.log(math.pi * freedom) / 2
+    density = np.exp(size - (freedom + 1) / 2 * np.log1p(t**2 / freedom))
+    return float(2.0 * k / (3.0 * _INTERVALS) * weights @ density)

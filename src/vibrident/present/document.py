@@ -1,0 +1,178 @@
+"""The report of one result, and of several beside each other, as documents: what stands in which section."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from vibrident.naming import parameter_name
+from vibrident.present import figures, tables, words
+from vibrident.present.budget import budget
+from vibrident.present.certificate import certificate
+from vibrident.present.comparison import beside, comparison_tables
+from vibrident.present.coverage import parameter_factor
+from vibrident.present.history import drift, drift_table, histories
+from vibrident.present.light import light
+from vibrident.present.numbers import NONE, plain, sensor_name, stated
+from vibrident.present.residual_tests import residual_tests
+from vibrident.present.views import (
+    Block,
+    Card,
+    Cards,
+    Document,
+    Doubt,
+    Facts,
+    Folded,
+    Section,
+    Sentence,
+    Table,
+    columns,
+    count,
+    document,
+    section,
+)
+from vibrident.result import Result
+
+#: Data files listed in a report; the result lists them all.
+MOST_FILES = 100
+
+
+def report(result: Result) -> Document:
+    """The report of one result."""
+    name = sensor_name(result.sensor)
+    sections = [
+        section("warnings", "Warnings", *(doubts(result) or (Sentence("None."),))),
+        section("parameters", "Parameters", tables.parameters(result)),
+        *(_curves(result) if result.has_gain else []),  # free decays alone have neither gain nor curve
+        section("signals", "Signals", figures.signals(result)),
+        section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
+        section("fit", "Fit", tables.fit(result)),
+        section("budget", "Uncertainty budget", *_budget(result)),
+        section("interferometer", "Interferometer", light(result)),
+        section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
+        section("training", "Training", *_training(result)),
+        *([section("certificate", "Certificate", *_certificate(result))] if result.certificate else []),
+        section("settings", "Settings", *_settings(result)),
+        section("provenance", "Provenance", *_provenance(result)),
+    ]
+    return document(f"Calibration of {name}" if name else "Calibration", head(result), sections)
+
+
+def comparison(results: Sequence[Result], names: Sequence[str]) -> Document:
+    """Several results beside each other, and the drift of each sensor that was calibrated more than once."""
+    sections = []
+    for number, history in enumerate(histories(results, names), 1):
+        found = drift(history, f"drift{number}")
+        sections.append(section(f"drift{number}", f"Drift of {history.sensor}", found, drift_table(history)))
+    for number, (title, table) in enumerate(comparison_tables(results, names), 1):
+        folded = title.startswith("Sensitivity of ")
+        body: Block = Folded("Table at nominal frequencies", (table,)) if folded else table
+        sections.append(section(f"table{number}", title, body))
+        if number == 1:
+            sections.append(section("curves", "Sensitivity", beside(results, names)))
+    return document(f"Comparison of {len(results)} calibrations", (), sections)
+
+
+def head(result: Result) -> tuple[Block, ...]:
+    """The verdict, what was calibrated and how, and the numbers that most readers look for."""
+    return (verdict(result), Facts(tables.facts(result)), cards(result))
+
+
+def verdict(result: Result) -> Sentence:
+    """Whether the model describes the data, and how many doubts there are."""
+    fine = result.fit.adequate and not result.warnings
+    said = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
+    doubts = f"{count(len(result.warnings), 'warning')}, explained below" if result.warnings else "no warnings"
+    return Sentence(f"{doubts}.", "fine" if fine else "doubt", f"{said};")
+
+
+def doubts(result: Result) -> tuple[Doubt, ...]:
+    """Every warning in plain words."""
+    found = []
+    for code in result.warning_codes:
+        explained = words.explain(code)
+        messages = tuple(warning.message for warning in result.warnings if warning.code == code)
+        title = explained.title[:1].upper() + explained.title[1:]
+        found.append(Doubt(title, code, messages, explained.meaning, explained.action))
+    return tuple(found)
+
+
+def cards(result: Result) -> Cards:
+    """The sensitivity at the reference frequency, and the estimated parameters."""
+    found = []
+    content = certificate(result).reference if result.has_gain else ()
+    if len(content) > 1 and content[0].text:
+        frequency = content[0].text.split(";")[0]
+        found += [(f"{field.label} at {frequency}", field.text or NONE) for field in content[1:]]
+    k = parameter_factor(result)
+    for name, parameter in result.parameters.items():
+        if not parameter.derived:
+            number = stated(parameter, k)
+            value = f"{number.value} {number.unit}".strip()
+            bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
+            found.append((parameter_name(name).words, f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}"))
+    return Cards(tuple(_card(label, text) for label, text in found))
+
+
+def _card(label: str, text: str) -> Card:
+    value, _, rest = text.partition(", U = ")
+    return Card(label[:1].upper() + label[1:], value, f"U = {rest}" if rest else "U not known")
+
+
+def _curves(result: Result) -> list[Section]:
+    nominal, measured = certificate(result).sensitivity, tables.measured(result)
+    folded = (
+        None if nominal is None else Folded("Table at nominal frequencies", (nominal,)),
+        None if measured is None else Folded("Table of measured points", (measured,)),
+    )
+    return [
+        section("sensitivity", "Sensitivity", figures.sensitivity(result), folded[0]),
+        section("deviation", "Deviation", figures.deviation(result), folded[1]),
+    ]
+
+
+def _budget(result: Result) -> Sequence[Block]:
+    """What each source adds; a budget of another form as it stands."""
+    if (table := budget(result)) is not None:
+        return (table,)
+    return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
+
+
+def _training(result: Result) -> tuple[Block | None, ...]:
+    sentence, weights = tables.training(result), tables.weights(result)
+    folded = None if weights is None else Folded("Weights of the network (the paper's Table 1)", (weights,))
+    return Sentence(sentence) if sentence else None, figures.training(result), folded
+
+
+def _settings(result: Result) -> Sequence[Block]:
+    others = {key: value for key, value in result.settings.items() if "budget" not in key and key != "interferometer"}
+    return tables.values(others)
+
+
+def _certificate(result: Result) -> tuple[Block | None, ...]:
+    """What the certificate says besides the numbers; blanks are left as blanks."""
+    content = certificate(result)
+    rows: list[tuple[str, str | None]] = [
+        ("Number", content.number),
+        ("Laboratory", ", ".join(content.laboratory) or None),
+    ]
+    rows += [(field.label, field.text) for _, group in content.groups for field in group]
+    rows += [("Traceability", content.traceability), *((field.label, field.text) for field in content.signatures)]
+    rows += [("Remark", remark) for remark in content.remarks]
+    return Facts(tuple(rows)), (content.instruments if content.instruments.rows else None)
+
+
+def _provenance(result: Result) -> tuple[Block, ...]:
+    """Versions and times, and the files in a table of their own."""
+    files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
+    others = {key: value for key, value in result.provenance.items() if key != "files" or not files}
+    more = (f"and {len(files) - MOST_FILES} more, listed in result.json",) if len(files) > MOST_FILES else ()
+    rows = tuple(
+        (
+            str(entry.get("file") or NONE),
+            str(entry.get("sha256") or NONE),
+            "; ".join(str(step) for step in entry.get("history") or ()),
+        )
+        for entry in files[:MOST_FILES]
+    )
+    table = Table(columns("data file", "SHA-256", "history"), rows, notes=more)
+    return (*tables.values(others), *((Folded(f"Data files ({len(files)})", (table,)),) if files else ()))

@@ -1,0 +1,43 @@
+"""The few formulas among our words, ``E_n`` or ``e^{jωt}``, and how a medium sets what is below or above the line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from vibrident.naming import PARAMETERS, parameter_name
+
+
+def symbol(name: str) -> str:
+    """Symbol of a parameter: ``f_n``; empty where it has none."""
+    known = parameter_name(name).symbol
+    return f"{known[0]}_{known[1:]}" if len(known) > 1 else known
+
+
+_SYMBOLS = sorted({symbol(name) for name in PARAMETERS if "_" in symbol(name)}, key=len, reverse=True)
+#: As it is written, its base, what is below or above the line, and which of the two.
+FORMULAS: tuple[tuple[str, str, str, str], ...] = (
+    ("e^{jωt}", "e", "jωt", "sup"),
+    *((text, text.partition("_")[0], text.partition("_")[2], "sub") for text in ("ν_eff", "E_n", "U_first", *_SYMBOLS)),
+)
+_WRITTEN = {text: (base, small, kind) for text, base, small, kind in FORMULAS}
+
+
+def typeset(
+    escaped: str, mark: Callable[[str, str, str], str], escape: Callable[[str], str] = lambda text: text
+) -> str:
+    """Set the formulas in a text that is escaped already.
+
+    Args:
+        escaped: for the medium.
+        mark: from base, small text and ``sub`` or ``sup`` to what the medium writes.
+        escape: what the medium made of the formula.
+    """
+    found = {escape(text): parts for text, parts in _WRITTEN.items()}
+    pattern = "|".join(re.escape(text) for text in found)
+    return re.sub(rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])", lambda match: mark(*found[match[0]]), escaped)
+
+
+def in_a_line(text: str) -> str:
+    """Formulas for a medium that has one line: ``En``, ``f0``."""
+    return typeset(text, lambda base, small, kind: f"{base}{small}" if kind == "sub" else f"{base}^{small}")

@@ -1,0 +1,130 @@
+"""Documents as HTML: one file that needs nothing from outside and may not ask for it, or a fragment of a page."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from vibrident import __version__
+from vibrident.errors import InputError
+from vibrident.escaping import html as escaped
+from vibrident.extras import library
+from vibrident.present import charts
+from vibrident.present.formulas import typeset
+from vibrident.present.views import Block, Column, Document, Figure, Folded, Section
+
+_TEMPLATES = Path(__file__).parent / "templates"
+#: The browser itself refuses whatever is not in the file.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; connect-src 'none'"
+)
+
+
+def render(document: Document) -> str:
+    """The whole file.
+
+    Raises:
+        InputError: plotly, whose script the page embeds, or jinja2 is not installed.
+    """
+    return _page(document, {figure.name: _drawn(figure) for figure in _figures(_blocks(document))})
+
+
+def framed(title: str, head: str, sections: Sequence[tuple[str, str, str]]) -> str:
+    """The whole file, of HTML that is made already: name, title and body of each section."""
+    from markupsafe import Markup
+
+    parts = tuple(Section(name, said, (Markup(body),)) for name, said, body in sections)  # type: ignore[arg-type]
+    return _page(Document(title, (Markup(head),), parts), {})  # type: ignore[arg-type]
+
+
+def _page(document: Document, figures: Mapping[str, Any]) -> str:
+    from markupsafe import Markup
+
+    data = json.dumps(figures, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    raw = {
+        "css": (_TEMPLATES / "page.css").read_text(encoding="utf-8"),
+        "data": data.replace("<", "\\u003c"),
+        "plotly": _plotly() if figures else "",
+        "script": (_TEMPLATES / "page.js").read_text(encoding="utf-8") if figures else "",
+        "policy": _POLICY,
+    }
+    return _template().render(
+        document=document, version=__version__, **{name: Markup(text) for name, text in raw.items()}
+    )
+
+
+def fragment(*blocks: Block) -> str:
+    """Tables, sentences and warnings for a page that has its own frame.
+
+    Raises:
+        InputError: jinja2 is not installed.
+    """
+    return _template().render(fragment=blocks)
+
+
+@cache
+def _template() -> Any:
+    jinja2 = library("jinja2", "report", "The HTML report needs jinja2, which is not installed.", "--format html")
+    from markupsafe import Markup
+
+    def text(value: Any) -> Any:
+        """All that is printed passes here: text of others becomes text, our formulas are set."""
+        if isinstance(value, Markup):
+            return value
+        return Markup(typeset(escaped(value), lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
+
+    loader = jinja2.FileSystemLoader(_TEMPLATES)
+    environment = jinja2.Environment(loader=loader, autoescape=True, finalize=text, undefined=jinja2.StrictUndefined)
+    environment.filters["attribute"] = lambda value: Markup(escaped(value))
+    environment.globals |= {
+        "mark": lambda column, cell: Markup(_mark(column, cell)),
+        "choices": lambda figure: [name for name, _ in charts.charts(figure)] if figure.choice else [],
+        "caption": charts.caption,
+    }
+    return environment.get_template("document.html")
+
+
+def _mark(column: Column, cell: str) -> str:
+    """Class of a cell: a number, or a word that browsers would break at its hyphens, such as a date."""
+    if column.kind == "number":
+        return " class=n"
+    return " class=w" if " " not in cell and len(cell) <= 24 else ""
+
+
+def _blocks(document: Document) -> Iterable[Block]:
+    yield from document.head
+    for section in document.sections:
+        yield from section.blocks
+
+
+def _figures(blocks: Iterable[Block]) -> Iterable[Figure]:
+    for block in blocks:
+        if isinstance(block, Figure):
+            yield block
+        elif isinstance(block, Folded):
+            yield from _figures(block.blocks)
+
+
+def _drawn(figure: Figure) -> Any:
+    found = [chart for _, chart in charts.charts(figure)]
+    return found[0] if len(found) == 1 else found
+
+
+@cache
+def _plotly() -> str:
+    spec = importlib.util.find_spec("plotly")
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(
+            "The HTML report needs plotly, which is not installed.",
+            expected="the package plotly",
+            found="none",
+            where="--format html",
+            remedy="pip install 'vibrident[report]'",
+        )
+    # What plotly.offline.get_plotlyjs() reads, without loading plotly for it.
+    folder = Path(next(iter(spec.submodule_search_locations)))
+    return (folder / "package_data" / "plotly.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script")

@@ -1,0 +1,153 @@
+"""Do the deviations from the model look like noise? A few tests of the measured points, said in words.
+
+The deviations are in units of their stated standard uncertainty, in the order of frequency. A test fails below a
+probability of 1 %. The verdict on the model is the result's own; these show where a misfit comes from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.present.curves import bars_of_deviation, fitted, numbers, principal
+from vibrident.present.numbers import COVERAGE_FACTOR, NONE, plain
+from vibrident.present.views import Table, columns
+from vibrident.records import FloatArray
+from vibrident.result import Result
+
+#: Probability below which a test fails.
+LEVEL = 0.01
+#: Fewer points tell nothing of a pattern.
+FEWEST = 8
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One test: what was found, what noise would give, and whether it passes (None: not a test of its own)."""
+
+    name: str
+    found: str
+    usual: str
+    passed: bool | None
+    meaning: str
+
+
+def residual_tests(result: Result) -> Table:
+    """Every test of the magnitude and, where there is one, of the phase."""
+    measured = result.measured
+    like = numbers(measured.magnitude)
+    relative = 100.0 * fitted(numbers(measured.magnitude_noise), like) / like
+    common = (
+        _in_common(measured.deviation_uncertainty_percent, relative),
+        _in_common(measured.deviation_phase_uncertainty_deg, fitted(numbers(measured.phase_deg_noise), like)),
+    )
+    outcomes = [_chi_squared(result), *_pattern_tests("magnitude", _magnitude(result), common[0])]
+    outcomes += _pattern_tests("phase", _phase(result), common[1])
+    verdicts = {True: "passed", False: "failed", None: NONE}
+    rows = tuple((o.name, o.found, o.usual, verdicts[o.passed], o.meaning) for o in outcomes)
+    note = (
+        "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
+        f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
+    )
+    return Table(columns("test", "found", "usual", "outcome", "what a failure means"), rows, notes=(note,))
+
+
+def _in_common(whole: Sequence[float | None], noise: FloatArray) -> bool:
+    """Whether stated systematic effects, which make a pattern, are as large as the noise of the deviations."""
+    ratio = fitted(numbers(whole), noise) / noise
+    return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
+
+
+def _chi_squared(result: Result) -> Outcome:
+    chi2, freedom = result.fit.chi2_reduced, result.fit.degrees_of_freedom
+    usual = "about 1"
+    if chi2 is not None and freedom > 0:
+        from scipy.special import chdtri
+
+        low, high = (float(chdtri(freedom, p)) / freedom for p in (0.975, 0.025))
+        usual = f"{low:.2f} to {high:.2f}"
+    found = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
+    meaning = "the model leaves more than the uncertainties explain; the verdict on the model"
+    return Outcome("χ²/ν of all points", found, usual, result.fit.adequate, meaning)
+
+
+def _magnitude(result: Result) -> FloatArray:
+    measured = result.measured
+    like = numbers(measured.magnitude)
+    half, _ = bars_of_deviation(measured)
+    return _ordered(result, fitted(numbers(measured.deviation_percent), like), half / COVERAGE_FACTOR)
+
+
+def _phase(result: Result) -> FloatArray:
+    measured = result.measured
+    like = numbers(measured.magnitude)
+    turned = principal(fitted(numbers(measured.deviation_phase_deg), like))
+    _, half = bars_of_deviation(measured)
+    return _ordered(result, turned, half / COVERAGE_FACTOR)
+
+
+def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:
+    usable = np.isfinite(deviation) & np.isfinite(u) & (u > 0)
+    order = np.argsort(numbers(result.measured.frequency_hz)[usable], kind="stable")
+    return (deviation[usable] / u[usable])[order]
+
+
+def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
+    if z.size < FEWEST:
+        return []
+    from scipy.special import bdtr, ndtri
+
+    n = z.size
+    inside = int(np.sum(np.abs(z) <= COVERAGE_FACTOR))
+    coverage = math.erf(COVERAGE_FACTOR / math.sqrt(2.0))
+    far = float(ndtri(1.0 - LEVEL / (2.0 * n)))
+    largest = float(np.max(np.abs(z)))
+    lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
+    limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
+    sizes = [
+        Outcome(
+            f"{name}: points within U",
+            f"{inside} of {n}",
+            f"{100 * coverage:.1f} % of them",
+            float(bdtr(inside, n, coverage)) >= LEVEL,
+            "uncertainties of the points too small, or a misfit at some of them",
+        ),
+        Outcome(
+            f"{name}: largest deviation",
+            f"{largest:.2f} u",
+            f"below {far:.2f} u",
+            largest <= far,
+            "one point is an outlier",
+        ),
+    ]
+    if common:  # a pattern along frequency is what these effects make
+        return sizes
+    return [
+        *sizes,
+        _runs(name, z),
+        Outcome(
+            f"{name}: correlation of neighbours",
+            f"{lagged:+.2f}",
+            f"within ±{limit:.2f}",
+            abs(lagged) <= limit,
+            "the deviation varies smoothly with frequency: something is missing in the model",
+        ),
+    ]
+
+
+def _runs(name: str, z: FloatArray) -> Outcome:
+    """Wald-Wolfowitz test on the signs: too few changes of sign are a trend."""
+    above = z > 0
+    n_above, n_below = int(above.sum()), int((~above).sum())
+    runs = 1 + int(np.sum(above[1:] != above[:-1]))
+    n = n_above + n_below
+    mean = 1.0 + 2.0 * n_above * n_below / n
+    variance = (mean - 1.0) * (mean - 2.0) / (n - 1.0)
+    meaning = "long stretches above or below zero: a trend with frequency"
+    if variance <= 0:
+        return Outcome(f"{name}: runs of one sign", str(runs), "more than one", False, meaning)
+    fewest = mean - 2.326 * math.sqrt(variance)  # one-sided, 1 %
+    return Outcome(f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning)

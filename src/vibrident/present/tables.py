@@ -1,0 +1,295 @@
+"""The tables of a result, as text ready for print."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from vibrident.naming import parameter_name, pretty, scaled
+from vibrident.present import words
+from vibrident.present.coverage import coverage, interval_text, parameter_factor
+from vibrident.present.formulas import symbol
+from vibrident.present.numbers import (
+    COVERAGE_FACTOR,
+    NONE,
+    at,
+    nominal_frequency,
+    percent,
+    plain,
+    reference_unit,
+    sensitivity_unit,
+    stated,
+    with_u,
+)
+from vibrident.present.views import Column, Facts, Table, columns, count
+from vibrident.present.weights import weight_rows
+from vibrident.records import STANDARD_GRAVITY
+from vibrident.result import MeasuredCurve, Parameter, Result
+
+#: Rows of the table of measured points; more are thinned evenly, and the report says so.
+MOST_ROWS = 200
+
+
+def facts(result: Result) -> tuple[tuple[str, str], ...]:
+    """What was calibrated and how, as pairs of name and text."""
+    quantity = result.reference.get("quantity", "acceleration")
+    reference = f"{quantity}, in {pretty(reference_unit(result))}" if result.has_gain else "none: free decays"
+    return (
+        *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
+        ("model", result.model),
+        ("estimator", result.estimator),
+        ("reference", reference),
+        ("response", f"in {pretty(result.response_unit)}"),
+        ("frequencies", _band(result.measured)),
+    )
+
+
+def _band(measured: MeasuredCurve) -> str:
+    known = [f for f in measured.frequency_hz if f is not None]
+    if not known:
+        return "no measured points"
+    low, high = f"{min(known):.5g} Hz", f"{max(known):.5g} Hz"
+    return f"{count(len(known), 'point')}, {low}" + (f" to {high}" if high != low else "")
+
+
+def parameters(result: Result) -> Table:
+    """Value, u, k, U, unit and interval of each parameter, derived ones last."""
+    rows, k = [], parameter_factor(result)
+    for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
+        number = stated(parameter, k)
+        full = parameter_name(name)
+        known = parameter.standard_uncertainty is not None
+        rows.append(
+            (
+                full.words,
+                symbol(name),
+                number.value,
+                number.standard,
+                plain(k, 3) if known else NONE,
+                number.expanded,
+                number.unit or "1",
+                number.interval,
+                words.remark(parameter),
+            )
+        )
+    heads = (
+        *columns("parameter", "symbol"),
+        *columns("value", "u", "k", "U", kind="number"),
+        *columns("unit", "95 % interval", "remark"),
+    )
+    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text, interval_text(result))
+    return Table(heads, tuple(rows), notes=tuple(note for note in notes if note))
+
+
+def small_signals(result: Result) -> str:
+    """What a sensitivity means where the spring is not linear; empty for a linear sensor."""
+    return words.SMALL_SIGNALS if "cubic" in result.model.split("+") else ""
+
+
+def per_g(result: Result) -> str:
+    """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
+    sensitivity = result.parameters.get("sensitivity")
+    if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
+        return ""
+    u, k = sensitivity.standard_uncertainty, parameter_factor(result)
+    unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
+    number = stated(
+        Parameter(
+            sensitivity.value * STANDARD_GRAVITY, unit, None if u is None else u * STANDARD_GRAVITY, (None, None)
+        ),
+        k,
+    )
+    bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
+    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²): S_0 = {number.value} {number.unit}{bar}."
+
+
+def correlation(result: Result) -> Table | None:
+    """Correlation of the estimated parameters."""
+    names = result.correlation.names
+    if not names:
+        return None
+    short = [symbol(name) or name for name in names]
+    rows = tuple(
+        (
+            parameter_name(name).words,
+            *(NONE if value is None or not math.isfinite(value) else f"{value:+.3f}" for value in row),
+        )
+        for name, row in zip(names, result.correlation.matrix, strict=False)
+    )
+    return Table((Column(""), *columns(*short, kind="number")), rows)
+
+
+def fit(result: Result) -> Table:
+    """Every metric with its unit and definition."""
+    unit = result.response_unit if result.signals else sensitivity_unit(result.response_unit, reference_unit(result))
+    rows = []
+    for field, metric in words.METRICS.items():
+        value = getattr(result.fit, field)
+        power = metric.in_response_unit
+        if power == 1 and value:
+            scale = scaled(unit, value)
+            text, label = plain(value * scale.factor, 4), scale.unit
+        else:
+            text = plain(value, 6 if field == "r2" else 4)
+            label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²"}[power]
+        rows.append((metric.label, text, label, metric.definition))
+    verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"
+    lead = (
+        "e is the residual, measured minus predicted response; y is the measured response. "
+        f"Verdict on the model: {verdict}."
+    )
+    heads = (Column("metric"), Column("value", "number"), *columns("unit", "definition"))
+    return Table(heads, tuple(rows), (lead,))
+
+
+def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
+    """What the data say at each frequency, and how far the model is from it."""
+    points = result.measured
+    total = len(points.frequency_hz)
+    if total == 0:
+        return None
+    magnitudes = sorted(abs(m) for m in points.magnitude if m)
+    unit = sensitivity_unit(result.response_unit, reference_unit(result))
+    scale = scaled(unit, magnitudes[len(magnitudes) // 2] if magnitudes else 0.0)
+    phases = any(phase is not None for phase in points.phase_deg)
+    apart = any(u is not None for u in points.magnitude_noise)
+    heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
+    heads += [("noise", scale.unit)] if apart else []
+    heads += [("deviation", ""), *([("E_n", "")] if apart else [])]
+    if phases:
+        heads += [("phase", "°"), ("U", "°"), *([("noise", "°")] if apart else []), ("deviation", "°")]
+        heads += [("E_n of phase", "")] if apart else []
+    step = max(1, -(-total // most_rows))
+    rows = []
+    for i in range(0, total, step):
+        magnitude, expanded = with_u(points.magnitude[i], at(points.magnitude_uncertainty, i), scale.factor)
+        row = [
+            f"{points.frequency_hz[i]:.6g}",
+            nominal_frequency(points.frequency_hz[i]) or "",
+            magnitude,
+            expanded,
+        ]
+        row += [_expanded(at(points.magnitude_noise, i), scale.factor)] if apart else []
+        row.append(percent(at(points.deviation_percent, i)))
+        row += [_en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i))] if apart else []
+        if phases:
+            phase, phase_u = with_u(points.phase_deg[i], at(points.phase_deg_uncertainty, i), 1.0)
+            shift = at(points.deviation_phase_deg, i)
+            shift = None if shift is None else (shift + 180) % 360 - 180
+            row += [phase, phase_u, *([_expanded(at(points.phase_deg_noise, i), 1.0)] if apart else [])]
+            row.append(NONE if shift is None else f"{shift:+.3f}")
+            row += [_en(shift, at(points.deviation_phase_uncertainty_deg, i))] if apart else []
+        rows.append([*row, at(points.record, i) or ""])
+    thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
+    lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
+    lead += f" {_APART}" if apart else ""
+    return Table(
+        (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
+        tuple(tuple(row) for row in rows),
+        tuple(text for text in (lead, worst(points)) if text),
+        (*((words.PHASE,) if phases else ()), *((UNSTATED,) if None in points.magnitude_uncertainty else ())),
+    ).telling()
+
+
+UNSTATED = f"{NONE} in the place of an uncertainty: not stated, the data do not tell it."
+_APART = (
+    "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
+    "deviation over its own U, which is not that of the point: the model follows what is common to all points."
+)
+
+
+def _expanded(u: float | None, factor: float) -> str:
+    return NONE if u is None else plain(COVERAGE_FACTOR * u * factor, 2)
+
+
+def _en(deviation: float | None, u: float | None) -> str:
+    return NONE if deviation is None or not u else f"{deviation / (COVERAGE_FACTOR * u):+.2f}"
+
+
+def worst(points: MeasuredCurve) -> str:
+    """Mean and largest deviation of the magnitude in a sentence; empty where none is known."""
+    known = [(abs(d), f) for d, f in zip(points.deviation_percent, points.frequency_hz, strict=False) if d is not None]
+    if not known:
+        return ""
+    largest, where = max(known)
+    mean = sum(d for d, _ in known) / len(known)
+    return (
+        f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g}\N{NO-BREAK SPACE}Hz."
+    )
+
+
+def training(result: Result) -> str:
+    """How the optimiser went, in a sentence; empty where nothing is known of it."""
+    run = result.training
+    if run is None:
+        return ""
+    losses = [loss for loss in run.loss if loss is not None]
+    ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
+    return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
+
+
+def weights(result: Result) -> Table | None:
+    """The network's weights as the paper's Table 1."""
+    if not result.weights:
+        return None
+    rows = tuple((row.name, row.layer, row.euler, "; ".join(row.lines)) for row in weight_rows(result.weights))
+    heads = columns("weight", "layer", "under forward Euler (paper, Table 1)", "value")
+    return Table(heads, rows, notes=("Rows of a matrix are separated by semicolons.",))
+
+
+def leaf(value: Any) -> str:
+    """A setting as text."""
+    if value is None or (isinstance(value, dict | list | tuple) and not value):
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return plain(value) if isinstance(value, float) else str(value)
+
+
+def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
+    """Nested settings: names and plain values, and a table for each list of alike mappings."""
+    rows, lists = [], []
+    for name, value in _leaves(settings, ""):
+        if isinstance(value, list):
+            lists.append(_listed(name, value))
+        else:
+            rows.append((name, leaf(value) or NONE))
+    return (*((Facts(tuple(rows)),) if rows else ()), *lists)
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Names, the parts of a path after each other, and plain values or lists of alike mappings."""
+    if isinstance(value, Mapping) and len(value) > 1 and _alike(list(value.values())):
+        yield name, [{"": _spoken(key), **row} for key, row in value.items()]
+    elif isinstance(value, list | tuple) and _alike(value):
+        yield name, list(value)
+    elif isinstance(value, list | tuple) and not any(isinstance(item, Mapping | list | tuple) for item in value):
+        yield name, ", ".join(leaf(item) for item in value) or NONE
+    elif isinstance(value, Mapping | list | tuple) and value:
+        parts = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
+        for key, item in parts:
+            yield from _leaves(item, f"{name} · {_spoken(key)}" if name else _spoken(key))
+    else:
+        yield name, value
+
+
+def _spoken(key: Any) -> str:
+    return str(key).replace("_", " ")
+
+
+def _listed(title: str, rows: list[Mapping[str, Any]]) -> Table:
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    numeric = {key for key in keys if all(isinstance(row.get(key, 0), int | float) for row in rows)}
+    heads = tuple(Column(_spoken(key), "number" if key in numeric else "text") for key in keys)
+    return Table(heads, tuple(tuple(leaf(row.get(key, "")) for key in keys) for row in rows), title=title)
+
+
+def _alike(values: Sequence[Any]) -> bool:
+    """Whether these are mappings of plain values that share most of their keys."""
+    if not values or not all(isinstance(value, Mapping) and value for value in values):
+        return False
+    if any(isinstance(item, Mapping | list | tuple) and item for value in values for item in value.values()):
+        return False
+    keys = [set(value) for value in values]
+    return len(set.intersection(*keys)) * 2 >= len(set.union(*keys))

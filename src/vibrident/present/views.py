@@ -1,0 +1,314 @@
+"""View models: what is shown, said once for every medium. Text is plain; renderers escape it and set it in type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+# Okabe & Ito (2008), told apart by all common kinds of colour vision
+BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#767676"
+
+#: Coverage factor of every band and bar.
+K = 2.0
+#: More points than this have no bars: they would hide everything else.
+CROWD = 200
+
+
+Marker = Literal["", "o", "s", "^", "D", "v", "x", "."]
+
+
+# Text and tables
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes:
+        title: what it holds.
+        kind: a ``number`` is set flush right.
+        unit: of its numbers, ready for print.
+    """
+
+    title: str
+    kind: Literal["text", "number"] = "text"
+    unit: str = ""
+
+    @property
+    def heading(self) -> str:
+        """Title and unit: ``magnitude / (mV/(m/s²))``."""
+        return (
+            f"{self.title} / ({self.unit})" if "/" in self.unit else " / ".join(filter(None, (self.title, self.unit)))
+        )
+
+
+def columns(*titles: str, kind: Literal["text", "number"] = "text") -> tuple[Column, ...]:
+    """Columns of one kind."""
+    return tuple(Column(title, kind) for title in titles)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text, and what is said before and after them.
+
+    Attributes:
+        columns: what each column holds.
+        rows: as many cells each as there are columns. A row whose first cell is empty belongs to the row above.
+        lead: paragraphs before the table.
+        notes: paragraphs after it.
+        title: heading, where the table has one of its own.
+        groups: number of a row to the words above it.
+        doubtful: numbers of rows that deserve a second look.
+    """
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lead: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    title: str = ""
+    groups: dict[int, str] = field(default_factory=dict)
+    doubtful: tuple[int, ...] = ()
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Headings of the columns."""
+        return tuple(column.heading for column in self.columns)
+
+    @property
+    def right(self) -> tuple[int, ...]:
+        """Numbers of the columns that are set flush right."""
+        return tuple(j for j, column in enumerate(self.columns) if column.kind == "number")
+
+    def select(self, keep: tuple[int, ...]) -> Table:
+        """The same with these columns only."""
+        rows = tuple(tuple(row[j] for j in keep) for row in self.rows)
+        chosen = tuple(self.columns[j] for j in keep)
+        return Table(chosen, rows, self.lead, self.notes, self.title, self.groups, self.doubtful)
+
+    def telling(self) -> Table:
+        """The same without columns in which nothing stands, but for the first."""
+        keep = (j for j in range(len(self.columns)) if j == 0 or not self.rows or any(row[j] for row in self.rows))
+        return self.select(tuple(keep))
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """A paragraph; ``lead`` is set in bold before it."""
+
+    text: str
+    kind: Literal["plain", "note", "fine", "doubt"] = "plain"
+    lead: str = ""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and texts; None is a blank to fill."""
+
+    rows: tuple[tuple[str, str | None], ...]
+
+
+@dataclass(frozen=True)
+class Card:
+    """A number that most readers look for: what it is, its value, and how well it is known."""
+
+    label: str
+    value: str
+    below: str
+
+
+@dataclass(frozen=True)
+class Cards:
+    """Cards beside each other."""
+
+    cards: tuple[Card, ...]
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A warning for a person: title and code, the messages, what it means, what to do."""
+
+    title: str
+    code: str
+    messages: tuple[str, ...]
+    meaning: str
+    action: str
+
+
+# Curves
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a line or a mark is drawn."""
+
+    colour: str
+    dash: Literal["solid", "dashed", "dotted", "dashdot"] = "solid"
+    width: float = 1.4
+    marker: Marker = ""
+
+
+MODEL, MEASURED, ZERO = Look(BLUE), Look(VERMILION, marker="o"), Look(BLACK, width=0.9)
+#: Of several lines: every pair differs without colour too.
+LINES = (
+    Look(BLUE, marker="o"),
+    Look(VERMILION, "dashed", marker="s"),
+    Look(GREEN, "dashdot", marker="^"),
+    Look(BLACK, "dotted", marker="D"),
+    Look(PURPLE, "dashed", marker="v"),
+    Look(ORANGE, "dashdot", marker="s"),
+    Look(SKY, "dotted", marker="x"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One thing drawn in a panel.
+
+    Attributes:
+        x: shape (points,).
+        y: shape (points,).
+        label: for the key; empty for none.
+        look: colour, dash and mark.
+        kind: a line, marks, marks on stems, or columns around x.
+        half: half width of a line's band or half lengths of the bars, shape (points,); None for neither.
+        band: what the band is called in the key.
+        texts: what each point says of itself, beside its label.
+        names: where each point comes from.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    label: str = ""
+    look: Look = MODEL
+    kind: Literal["line", "points", "stems", "columns"] = "line"
+    half: FloatArray | None = None
+    band: str = ""
+    texts: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Limits of an axis and what stands at its ticks; ``axes`` makes them."""
+
+    label: str
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...] = ()
+    log: bool = False
+    dates: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One of several drawings above each other that share x.
+
+    Attributes:
+        x: axis below the last panel.
+        y: axis at the left.
+        series: what is drawn.
+        height_in: in print, inches.
+        title: above the panel.
+        rules: values of y at which a line runs across.
+        marks: values of x at which a line runs down, with words.
+        empty: said in place of what there is not.
+        square: one unit is as long in x as in y.
+    """
+
+    x: Axis
+    y: Axis
+    series: tuple[Series, ...]
+    height_in: float = 1.8
+    title: str = ""
+    rules: tuple[float, ...] = ()
+    marks: tuple[tuple[float, str], ...] = ()
+    empty: str = ""
+    square: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Panels above each other; ``width`` is relative to that of stacks beside it."""
+
+    panels: tuple[Panel, ...]
+    title: str = ""
+    width: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A picture.
+
+    Attributes:
+        name: of its file, without suffix.
+        title: what is shown.
+        stacks: beside each other; where ``choice`` is set, one can be chosen where the medium allows it, and a few are
+            drawn where it does not.
+        subject: model and sensor.
+        caption: what is drawn, and how to read it.
+        note: said in a picture that stands alone.
+        choice: the stacks are alike, one a record.
+        across: stacks in a row; zero: all of them, or what fits where there is a choice.
+    """
+
+    name: str
+    title: str
+    stacks: tuple[Stack, ...]
+    subject: str = ""
+    caption: str = ""
+    note: str = ""
+    choice: bool = False
+    across: int = 0
+
+
+# Documents
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Content behind a line that opens it, where the medium can fold."""
+
+    summary: str
+    blocks: tuple[Block, ...]
+
+
+Block = Sentence | Facts | Cards | Doubt | Table | Figure | Folded
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A titled part; ``name`` is its anchor."""
+
+    name: str
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A titled whole: what stands at its head, and sections with something in them."""
+
+    title: str
+    head: tuple[Block, ...]
+    sections: tuple[Section, ...]
+
+
+def section(name: str, title: str, *blocks: Block | None) -> Section:
+    """A section of the blocks that are not None."""
+    return Section(name, title, tuple(block for block in blocks if block is not None))
+
+
+def document(title: str, head: tuple[Block, ...], sections: list[Section]) -> Document:
+    """A document of the sections that hold something."""
+    return Document(title, head, tuple(part for part in sections if part.blocks))
+
+
+def count(number: int, thing: str) -> str:
+    """``1 point``, ``2 points``."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
