@@ -38,7 +38,7 @@ from vibrident.uncertainty.budget import (
     effective_degrees_of_freedom,
     rows_of_effects,
 )
-from vibrident.uncertainty.curve import frequencies
+from vibrident.uncertainty.curve import frequencies, with_resonances
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
 
@@ -221,6 +221,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
     table = parameter_table(coordinates, z, stated.covariance, freedom, unit_fields(calibration), stated.weak)
     reference_hz = calibration.certificate.get("reference_frequency_hz")
     band = frequencies(evidence.band_hz, judgement.adequacy.frequency_hz.tolist(), reference_hz)
+    band = with_resonances(band, model.rational(coordinates.values(z)))
     return Result(
         model=model.name,
         estimator=estimate.estimator,

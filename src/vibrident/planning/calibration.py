@@ -18,6 +18,7 @@ from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.sensor import IdentifiedSensor
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+from vibrident.uncertainty.curve import with_resonances
 from vibrident.uncertainty.parameters import fields_of_units
 
 _UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated", "conversion")
@@ -163,6 +164,7 @@ def _plan(
     table = parameter_table(coordinates, z, covariance, freedom, fields, weak)
     low, high = float(points.frequency_hz.min()), float(points.frequency_hz.max())
     band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])
+    band = with_resonances(band, model.rational(coordinates.values(z)))
     kept = np.flatnonzero(uses)
     return Plan(
         model.name,

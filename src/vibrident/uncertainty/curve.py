@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from vibrident.models.base import Rational
 from vibrident.nominal import SAME, reference, series
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
@@ -43,6 +44,32 @@ def frequencies(
         grid[nearest] = frequency
         distance[nearest] = np.inf  # moved once
     return np.sort(grid)
+
+
+def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
+    """The grid, and more points at each pole and zero too sharp for it, so that every peak is met.
+
+    Around each they lie by its half width (|Re p| / 2π), densely within two of these and then ever wider apart, until
+    the grid takes over.
+
+    Args:
+        grid_hz: logarithmic, ascending.
+        system: the sensor's transfer function.
+    """
+    if grid_hz.size < 2:
+        return grid_hz
+    more = [grid_hz]
+    for coefficients in (system.numerator, system.denominator):
+        for root in np.roots(np.asarray(coefficients, dtype=float)[::-1]):
+            centre, half_width = abs(root.imag) / (2.0 * np.pi), max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root))
+            spacing = centre * float(np.log(grid_hz[-1] / grid_hz[0])) / (grid_hz.size - 1)
+            if grid_hz[0] < centre < grid_hz[-1] and half_width < 2.0 * spacing:
+                reach = max(8.0 * spacing / half_width, 4.0)
+                wide = np.geomspace(2.0, reach, 8 + int(12 * np.log10(reach)))
+                steps = half_width * np.concatenate([np.arange(0.0, 2.0, 0.2), wide])
+                more += [centre + steps, centre - steps]
+    every = np.unique(np.concatenate(more))
+    return every[(every >= grid_hz[0]) & (every <= grid_hz[-1])]
 
 
 def curve(

@@ -47,7 +47,7 @@ body { background: #f3f5f7; color: #1a1a1a; font-family: system-ui, sans-serif; 
   linear-gradient(270deg, #0004, #0000) 100% 0 / 12px 100% no-repeat scroll; }
 table { border-collapse: collapse; font-size: .92rem; margin: 8px 0; } th, td { padding: 4px 10px; text-align: left;
   border-bottom: 1px solid #dde2e6; white-space: nowrap; } th { border-bottom: 2px solid #44505a; }
-td.number, th.number, .right { text-align: right; font-variant-numeric: tabular-nums; }
+td.n, th.n, .right { text-align: right; font-variant-numeric: tabular-nums; }
 pre { background: #f3f5f7; padding: 10px; overflow-x: auto; font-size: .85rem; margin: 6px 0; }
 .code { position: relative; background: #f3f5f7; margin: 6px 0; }
 .code .plain { font: .85rem/1.45 ui-monospace, monospace; white-space: pre-wrap; overflow-wrap: anywhere;
