@@ -1,6 +1,7 @@
 """The pieces of a fleet: keys, batches, parts, limits, and what is called an outlier."""
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import good
 
@@ -67,6 +68,23 @@ def test_of_two_rows_of_a_key_one_counts(tmp_path):
     assert index.keys.tolist() == [identified["key"].encode(), b"f" * 64]
     assert index.stands.all()
     assert index.parameters[index.part[0]] == ("sensitivity", "natural_frequency")
+
+
+def test_what_a_missing_library_refuses_is_in_the_table_and_not_kept(tmp_path):
+    orders = Orders(str(tmp_path), results=False)
+    orders.parts_folder.mkdir()
+    (kept,) = simulated(1)
+    parts.write_part(orders.parts_folder, [kept], 1.0, None)
+    missing = InputError("It needs npTDMS.", found="none", remedy="pip install 'vibrident[tdms]'")
+    passing = row.refused("e" * 64, missing, {"type": "A"}, None, 0.1)
+    assert passing["passing"]
+    assert not row.refused("e" * 64, InputError("No.", remedy="correct it"), {}, None, 0.1)["passing"]
+    calibrations = [("b.toml", bytes.fromhex("e" * 64)), ("a.toml", bytes.fromhex(kept["key"]))]
+    tally = write_table(tmp_path / "fleet.parquet", calibrations, orders, [passing])
+    assert tally.statuses == {"refused": 1, "identified": 1}
+    assert pq.read_table(tmp_path / "fleet.parquet")["status"].to_pylist() == ["refused", "identified"]
+    with pytest.raises(InputError, match="Rows have gone"):
+        write_table(tmp_path / "fleet.parquet", calibrations, orders)
 
 
 def test_statistics_know_limits_and_their_unit(tmp_path):

@@ -190,7 +190,7 @@ class _Work:
         self._tell()
 
     def _send(self) -> None:
-        workers = self.scheduler.workers()
+        workers = max(self.scheduler.workers(), 1)  # a cluster that grows with its work waits for some
         while len(self._looks) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
             if self._next < len(self.named.paths) and not ahead and len(self._looks) <= workers // 2:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from vibrident.escaping import svg as escaped
 from vibrident.fleet.statistics import Distribution, Histogram
 from vibrident.naming import parameter_name, scaled
-from vibrident.present.views import BLUE, GREEN, GREY, VERMILION
+from vibrident.present.views import BLACK, BLUE, GREY, VERMILION
 
 WIDTH, HEIGHT = 360.0, 190.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 38.0, 12.0, 12.0, 36.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 38.0, 12.0, 15.0, 36.0
 _FONT = 'font-family="system-ui, sans-serif" font-size="11"'
 
 
@@ -72,7 +72,7 @@ def histogram(
                 f'fill="{BLUE}"><title>{escaped(said)}</title></rect>'
             )
     if middle is not None and low <= middle <= high:
-        parts.append(_line(x(middle), _TOP, x(middle), bottom, GREEN, dashes="5 3", title="nominal"))
+        parts.append(_line(x(middle), _TOP, x(middle), bottom, BLACK, width=1.4, dashes="5 4", title="nominal"))
     for value, what in marks:
         if low <= value <= high:
             title = f"{what} that conforms: {value * factor:.6g}"

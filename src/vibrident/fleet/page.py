@@ -26,11 +26,11 @@ _ROWS = 4096
 _STYLE = """<style>
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(245px, 1fr)); gap: 10px 22px; }
 .charts figure { margin: 0.3rem 0; } .charts svg { width: 100%; height: auto; display: block; }
-td.bar { padding-top: 0.5rem; } pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.85rem; }
-td code { overflow-wrap: anywhere; }
+header .cards { grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); } pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.85rem; }
+td code { overflow-wrap: anywhere; } #yield td:first-child { white-space: nowrap; }
 </style>"""
 _LEGEND = (
-    "Bars: calibrations. Red lines: limits, with what lies outside shaded; green: nominal. ◂ and ▸ count what lies "
+    "Bars: calibrations. Red lines: limits, with what lies outside shaded; dashed: nominal. ◂ and ▸ count what lies "
     "beyond the ends. Undecided: values within U (k = 2) of a limit, inside or outside. Cpk: distance of the mean from "
     "the nearer limit over 3 sd."
 )
