@@ -25,7 +25,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from tests.support.fleets import BROKEN, DEADLY, broken
 
-import vibrident
+from bench.fleet_page import keep
 from vibrident.fleet import Asked, Local, Orders, run
 from vibrident.fleet.batch import Done, look_at
 from vibrident.fleet.key import Look
@@ -50,7 +50,10 @@ def main(arguments: list[str] | None = None) -> int:
         "study": study,
         "coordinator": coordinator,
     }
-    print(json.dumps(parts[given.part](given.count), indent=1))
+    figures = parts[given.part](given.count)
+    print(json.dumps(figures, indent=1))
+    if given.part != "coordinator":
+        keep(given.part, figures)
     return 0
 
 
@@ -71,35 +74,69 @@ def calibrations(folder: Path, count: int) -> list[Path]:
 
 
 def speed(count: int) -> dict[str, Any]:
-    """Sensors a second: of identify_many, of one worker and of two; from the first that is done to the last."""
+    """What a fleet costs beside identify_many, in time of the processor, and how busy it keeps two workers.
+
+    The cost of a calibration is the difference between so many calibrations and two, so that what it costs to start is
+    not in it. Workers are busy while they read and identify; the share is that of the time from the first begin to the
+    last end.
+    """
+    wanted = count or 40
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = calibrations(folder / "data", count or 24)
-        many = [time.time() for _ in vibrident.identify_many(vibrident.read(file) for file in files)]
-        plain = _rate(many)
-        rates = {}
-        for workers, results in ((1, False), (2, False), (1, True)):
-            out = folder / f"out{workers}{results}"
-            run(Asked([str(folder / "data")], Orders(str(out), results=results)), Local(workers))
-            rates[workers, results] = _rate(_finished(out))
+        calibrations(folder / "data", wanted)
+        costs = {way: _cost(way, folder, wanted) for way in ("many", "fleet", "results")}
+        files = list((folder / "data" / "s00000").iterdir())
+        size = sum(file.stat().st_size for file in files)
+        whole = [file.stat().st_size for file in (folder / f"results{wanted}" / "results").iterdir()]
+        wall = {workers: _wall(folder, workers) for workers in (1, 2, 1, 2)}
     return {
-        "calibrations": len(files),
-        "identify_many_a_second": plain,
-        "one_worker_over_identify_many": rates[1, False] / plain,
-        "one_worker_with_results_over_identify_many": rates[1, True] / plain,
-        "two_workers_over_one": rates[2, False] / rates[1, False],
+        "calibrations": wanted,
+        "seconds_of_a_calibration": costs["many"],
+        "bytes_of_a_calibration": size,
+        "files_of_a_calibration": len(files),
+        "bytes_of_a_result": float(np.mean(whole)),
+        "fleet_over_identify_many": costs["fleet"] / costs["many"],
+        "fleet_with_results_over_identify_many": costs["results"] / costs["many"],
+        "busy_share_of_one_worker": wall[1][0],
+        "busy_share_of_two_workers": wall[2][0],
+        "two_workers_over_one": wall[1][1] / wall[2][1],
     }
 
 
-def _rate(times: list[float]) -> float:
-    ordered = sorted(times)
-    return (len(ordered) - 1) / (ordered[-1] - ordered[0])
+def _cost(way: str, folder: Path, count: int) -> float:
+    """Seconds of the processor that one calibration more costs."""
+    used = []
+    for number in (2, count):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", _COST, way, str(folder), str(number)], check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        used.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return (used[1] - used[0]) / (count - 2)
 
 
-def _finished(out: Path) -> list[float]:
-    return [
-        time_ for part in (out / "parts").glob("*.parquet") for time_ in pq.read_table(part)["finished"].to_pylist()
-    ]
+_COST = """
+import sys
+from pathlib import Path
+import vibrident
+from vibrident.fleet import Asked, Local, Orders, run
+way, folder, count = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+files = sorted((folder / "data").glob("*/calibration.toml"))[:count]
+if way == "many":
+    sum(1 for _ in vibrident.identify_many(vibrident.read(file) for file in files))
+else:
+    orders = Orders(str(folder / f"{way}{count}"), results=way == "results")
+    run(Asked([str(file) for file in files], orders), Local(1))
+"""
+
+
+def _wall(folder: Path, workers: int) -> tuple[float, float]:
+    """Share of the time in which the workers were at work, and that time."""
+    out = folder / f"{workers}-{time.time_ns()}"
+    run(Asked([str(folder / "data")], Orders(str(out), results=False)), Local(workers))
+    tables = [pq.read_table(part, columns=["finished", "seconds"]) for part in (out / "parts").glob("*.parquet")]
+    finished, seconds = (np.concatenate([one[name].to_numpy() for one in tables]) for name in ("finished", "seconds"))
+    elapsed = float(finished.max() - (finished - seconds).min())
+    return float(seconds.sum()) / (workers * elapsed), elapsed
 
 
 def memory(count: int) -> dict[str, Any]:

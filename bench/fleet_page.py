@@ -1,0 +1,97 @@
+"""The figures of docs/fleet.md: what was measured, and what a million sensors would need by it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / "bench" / "results" / "fleet.json"
+PAGE = ROOT / "docs" / "fleet.md"
+BEGIN, END = "<!-- fleet:begin -->", "<!-- fleet:end -->"
+#: Cores of the plan, and how often a data file is read: for its key, by its reader, and for its key once more.
+CORES, READS = (16, 100, 1000), 3
+MILLION = 1_000_000
+
+
+def keep(part: str, figures: dict[str, Any]) -> None:
+    """Keep a part's figures, and write the page where all are there."""
+    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.is_file() else {}
+    kept[part] = figures
+    KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    if {"speed", "memory", "study"} <= kept.keys():
+        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+        _, _, after = rest.partition(END)
+        text = "\n\n".join([BEGIN, _measured(kept), _million(kept), END])
+        PAGE.write_text(before + text + after, encoding="utf-8")
+
+
+def _measured(kept: dict[str, Any]) -> str:
+    speed, memory, study = kept["speed"], kept["memory"], kept["study"]
+    few, many = (memory["rows"][name] for name in sorted(memory["rows"], key=int))
+    killed = ", ".join(str(one) for one in study["rows_after_each_kill"])
+    rows = [
+        (
+            f"`study`: {study['calibrations']} calibrations (21 × 2000 samples; {study['refused']} broken in ten ways, "
+            f"two that kill their process), the command killed three times (rows then there: {killed})",
+            f"{study['rows']} rows, {study['names_that_differ']} names; {study['identified']} identified, "
+            f"{study['refused']} refused, {study['failed']} failed; computed twice: {study['computed_twice']}; "
+            f"exit {study['exit_code']}",
+        ),
+        (
+            "`speed`: time of the processor for one calibration more, over `identify_many`",
+            f"{speed['fleet_over_identify_many']:.3f}; with whole results "
+            f"{speed['fleet_with_results_over_identify_many']:.3f}",
+        ),
+        (
+            "time in which the workers read and identify, as a share of all",
+            f"one worker {100 * speed['busy_share_of_one_worker']:.1f} %, two "
+            f"{100 * speed['busy_share_of_two_workers']:.1f} % each",
+        ),
+        ("sensors a second, two workers over one", f"{speed['two_workers_over_one']:.2f}"),
+        (
+            f"`memory`: of the coordinator with {many['rows']} simulated rows over {few['rows']}",
+            f"{memory['memory_ratio']:.2f} ({few['most_mb']:.0f} and {many['most_mb']:.0f} MB; "
+            f"{memory['bytes_a_row']:.0f} bytes a row)",
+        ),
+        ("time of the coordinator for a row", f"{many['milliseconds_a_row']:.2f} ms"),
+    ]
+    lines = ["| `python -m bench.fleet …` | |", "|---|---|", *(f"| {what} | {value} |" for what, value in rows)]
+    return "\n".join(lines)
+
+
+def _million(kept: dict[str, Any]) -> str:
+    speed, memory = kept["speed"], kept["memory"]
+    many = memory["rows"][max(memory["rows"], key=int)]
+    cost = speed["seconds_of_a_calibration"] * speed["fleet_with_results_over_identify_many"]
+    data, result = speed["bytes_of_a_calibration"], speed["bytes_of_a_result"]
+    files, batch = speed["files_of_a_calibration"], max(1, round(10 / cost))
+    each_s = many["milliseconds_a_row"] / 1e3
+    header = "| cores | " + " | ".join(f"{cores}" for cores in CORES) + " |"
+    rates = {cores: cores / cost for cores in CORES}
+    rows = [
+        ("hours", [f"{MILLION / rate / 3600:.1f}" for rate in rates.values()]),
+        ("sensors a second", [f"{rate:.0f}" for rate in rates.values()]),
+        ("data read, GB/s", [f"{READS * rate * data / 1e9:.2g}" for rate in rates.values()]),
+        ("of it from disks", [f"{rate * data / 1e9:.2g}" for rate in rates.values()]),
+        ("files opened a second", [f"{READS * rate * files:.0f}" for rate in rates.values()]),
+        ("calls of the scheduler a second", [f"{rate / batch + rate / 100:.2g}" for rate in rates.values()]),
+        (
+            "coordinator's share of one core",
+            [f"{rate * each_s:.0%}" for rate in rates.values()],
+        ),
+    ]
+    table = [header, "|---" * (len(CORES) + 1) + "|"]
+    table += [f"| {what} | " + " | ".join(values) + " |" for what, values in rows]
+    coordinator = (many["most_mb"] + memory["bytes_a_row"] * (MILLION - many["rows"]) / 1e6) / 1e3
+    table_bytes = many["files_bytes"]["fleet.parquet"] / many["rows"] * MILLION
+    parts_bytes = many["bytes_a_row_in_parts"] * MILLION
+    sizes = (
+        f"One calibration (21 × 2000 samples as CSV) takes {cost:.2f} s of one core of the machine that this was "
+        f"measured on, and has {data / 1e6:.1f} MB in {files} files. A million have {data / 1e6:.1f} TB; they need "
+        f"{MILLION * cost / 3600:.0f} core-hours, {result * MILLION / 1e9:.0f} GB for whole results (none with "
+        f"`--no-results`), {parts_bytes / 1e9:.2g} GB for {MILLION / batch:.0f} parts, {table_bytes / 1e9:.2g} GB for "
+        f"the table, and {coordinator:.1f} GB of memory for the coordinator. The page stays as it is."
+    )
+    return "\n\n".join([sizes, "\n".join(table)])
