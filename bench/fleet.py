@@ -25,10 +25,11 @@ import numpy as np
 import pyarrow.parquet as pq
 from tests.support.fleets import BROKEN, DEADLY, broken
 
+import vibrident
 from bench.fleet_page import keep
-from vibrident.fleet import Asked, Local, Orders, run
+from vibrident.fleet import Asked, Local, Orders, run, worker
 from vibrident.fleet.batch import Done, look_at
-from vibrident.fleet.key import Look
+from vibrident.fleet.key import Look, look
 from vibrident.fleet.parts import write_part
 from vibrident.fleet.row import IDENTIFIED, Row, _row
 from vibrident.fleet.schedulers import Answer
@@ -76,62 +77,63 @@ def calibrations(folder: Path, count: int) -> list[Path]:
 def speed(count: int) -> dict[str, Any]:
     """What a fleet costs beside identify_many, in time of the processor, and how busy it keeps two workers.
 
-    The cost of a calibration is the difference between so many calibrations and two, so that what it costs to start is
-    not in it. Workers are busy while they read and identify; the share is that of the time from the first begin to the
-    last end.
+    The cost is measured calibration by calibration, plain and as a worker has it, in turn: whatever else the machine
+    does meets both alike. What the coordinator needs is the part ``memory``'s. Workers are busy while they read and
+    identify; the share is that of the time from the first begin to the last end.
     """
-    wanted = count or 40
+    wanted = count or 24
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        calibrations(folder / "data", wanted)
-        costs = {way: _cost(way, folder, wanted) for way in ("many", "fleet", "results")}
-        files = list((folder / "data" / "s00000").iterdir())
-        size = sum(file.stat().st_size for file in files)
-        whole = [file.stat().st_size for file in (folder / f"results{wanted}" / "results").iterdir()]
-        wall = {workers: _wall(folder, workers) for workers in (1, 2, 1, 2)}
+        files = calibrations(folder / "data", wanted)
+        plain, fleet, results = _costs(files, folder)
+        data = list(files[0].parent.iterdir())
+        size = sum(file.stat().st_size for file in data)
+        whole = [file.stat().st_size for file in (folder / "results").iterdir()]
+        wall = {workers: _wall(folder, workers) for workers in (1, 2)}
     return {
         "calibrations": wanted,
-        "seconds_of_a_calibration": costs["many"],
+        "seconds_of_a_calibration": plain,
         "bytes_of_a_calibration": size,
-        "files_of_a_calibration": len(files),
+        "files_of_a_calibration": len(data),
         "bytes_of_a_result": float(np.mean(whole)),
-        "fleet_over_identify_many": costs["fleet"] / costs["many"],
-        "fleet_with_results_over_identify_many": costs["results"] / costs["many"],
+        "fleet_over_identify_many": fleet / plain,
+        "fleet_with_results_over_identify_many": results / plain,
         "busy_share_of_one_worker": wall[1][0],
         "busy_share_of_two_workers": wall[2][0],
         "two_workers_over_one": wall[1][1] / wall[2][1],
     }
 
 
-def _cost(way: str, folder: Path, count: int) -> float:
-    """Seconds of the processor that one calibration more costs."""
-    used = []
-    for number in (2, count):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-c", _COST, way, str(folder), str(number)], check=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        used.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return (used[1] - used[0]) / (count - 2)
+def _costs(files: list[Path], folder: Path) -> tuple[float, float, float]:
+    """Seconds of the processor for one: plain; with its keys and its row; and with its whole result too."""
+    (folder / "results").mkdir()
+    without, with_results = (Orders(str(folder), results=wanted) for wanted in (False, True))
+    used = np.zeros(3)
+    for number, file in enumerate([files[0], *files]):
+        ways = [
+            lambda file=file: vibrident.identify(vibrident.read(file)),
+            lambda file=file: _as_a_worker(str(file), without),
+            lambda file=file: _as_a_worker(str(file), with_results),
+        ]
+        for way in (number % 3, (number + 1) % 3, (number + 2) % 3):
+            begin = time.process_time()
+            ways[way]()
+            if number:  # the first one loads libraries
+                used[way] += time.process_time() - begin
+    plain, fleet, results = used / len(files)
+    return float(plain), float(fleet), float(results)
 
 
-_COST = """
-import sys
-from pathlib import Path
-import vibrident
-from vibrident.fleet import Asked, Local, Orders, run
-way, folder, count = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
-files = sorted((folder / "data").glob("*/calibration.toml"))[:count]
-if way == "many":
-    sum(1 for _ in vibrident.identify_many(vibrident.read(file) for file in files))
-else:
-    orders = Orders(str(folder / f"{way}{count}"), results=way == "results")
-    run(Asked([str(file) for file in files], orders), Local(1))
-"""
+def _as_a_worker(path: str, orders: Orders) -> None:
+    key = look(path, orders).key
+    answer = worker._answer(path, key, orders)
+    assert answer["row"]["status"] == IDENTIFIED
+    json.loads(json.dumps(answer))
 
 
 def _wall(folder: Path, workers: int) -> tuple[float, float]:
     """Share of the time in which the workers were at work, and that time."""
-    out = folder / f"{workers}-{time.time_ns()}"
+    out = folder / f"{workers}"
     run(Asked([str(folder / "data")], Orders(str(out), results=False)), Local(workers))
     tables = [pq.read_table(part, columns=["finished", "seconds"]) for part in (out / "parts").glob("*.parquet")]
     finished, seconds = (np.concatenate([one[name].to_numpy() for one in tables]) for name in ("finished", "seconds"))

@@ -49,7 +49,11 @@ def _measured(kept: dict[str, Any]) -> str:
             f"one worker {100 * speed['busy_share_of_one_worker']:.1f} %, two "
             f"{100 * speed['busy_share_of_two_workers']:.1f} % each",
         ),
-        ("sensors a second, two workers over one", f"{speed['two_workers_over_one']:.2f}"),
+        (
+            "sensors a second, two workers over one: by these shares; measured, with whatever else the machine did",
+            f"{2 * speed['busy_share_of_two_workers'] / speed['busy_share_of_one_worker']:.2f}; "
+            f"{speed['two_workers_over_one']:.2f}",
+        ),
         (
             f"`memory`: of the coordinator with {many['rows']} simulated rows over {few['rows']}",
             f"{memory['memory_ratio']:.2f} ({few['most_mb']:.0f} and {many['most_mb']:.0f} MB; "

@@ -26,7 +26,8 @@ _ROWS = 4096
 _STYLE = """<style>
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(245px, 1fr)); gap: 10px 22px; }
 .charts figure { margin: 0.3rem 0; } .charts svg { width: 100%; height: auto; display: block; }
-header .cards { grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); } pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.85rem; }
+header .cards { grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.85rem; }
 td code { overflow-wrap: anywhere; } #yield td:first-child { white-space: nowrap; }
 </style>"""
 _LEGEND = (
