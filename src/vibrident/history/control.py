@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
@@ -59,11 +60,10 @@ def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray
         value: shape (n,), in the order of time.
         covariance: of the values about a constant, shape (n, n).
     """
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance + 1e-14 * np.trace(covariance) * np.eye(value.size)))
-    y, x = whitening @ value, whitening.sum(axis=1)
-    known = np.cumsum(x**2)[:-1]
-    mean = np.cumsum(x * y)[:-1] / known
-    return (y[1:] - x[1:] * mean) / np.sqrt(1.0 + x[1:] ** 2 / known)
+    change = np.column_stack([-np.ones(value.size - 1), np.eye(value.size - 1)])  # from the first: the constant cancels
+    spread = change @ covariance @ change.T
+    root = np.linalg.cholesky(spread + 1e-13 * np.trace(covariance) * np.eye(value.size - 1))
+    return solve_triangular(root, change @ value, lower=True)
 
 
 def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Chart]:

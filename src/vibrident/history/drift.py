@@ -38,8 +38,13 @@ HYPOTHESES = ("line", "random walk", "line and random walk")
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """For each of m nodes, with covariance Σ and design X of shape (n, p): Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, its last factor, the
-    projector Σ⁻¹ − Σ⁻¹X(XᵀΣ⁻¹X)⁻¹XᵀΣ⁻¹, and the logarithm of the REML likelihood.
+    """For each of m nodes, with covariance Σ and design X of shape (n, p).
+
+    Attributes:
+        gain: G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p): Gᵀy is the estimate of what is free.
+        back: its covariance, shape (m, p, p).
+        projector: Σ⁻¹ − G XᵀΣ⁻¹, shape (m, n, n).
+        likelihood: logarithm of the REML likelihood, but for a constant, shape (m,).
     """
 
     gain: FloatArray
@@ -76,7 +81,7 @@ class Drift:
         left = np.eye(self.time.size) - levels @ np.linalg.pinv(levels)
         freedom = max(self.time.size - levels.shape[1], 1)
         size = float(np.mean(np.diag(self.covariance)))
-        return max(float(np.trace(left @ self.covariance)) / freedom, 1e-9 * size, 1e-300)
+        return max(float(np.trace(left @ self.covariance)) / freedom, 1e-13 * size, 1e-300)
 
     @cached_property
     def _levels(self) -> FloatArray:
@@ -117,15 +122,15 @@ class Drift:
         same = self.group[:, None] == self.group
         sigma = self._process(self.time, self.time, same) + self.covariance
         sigma = sigma + 1e-12 * self.noise * np.eye(self.time.size)
-        inverse = np.linalg.inv(sigma)
-        weighed = inverse @ design
-        normal = design.T @ weighed
-        back = np.linalg.inv(normal)
-        gain = weighed @ back
-        projector = inverse - gain @ np.swapaxes(weighed, 1, 2)
+        # By contrasts, in which what is free and what all share cancel: Σ itself may be singular but for rounding.
+        contrasts = np.linalg.svd(design)[0][:, design.shape[1] :]
+        own = contrasts.T @ sigma @ contrasts
+        projector = contrasts @ np.linalg.inv(own) @ contrasts.T
+        plain = np.linalg.pinv(design).T
+        gain = plain - projector @ (sigma @ plain)
+        back = np.asarray(np.swapaxes(gain, 1, 2) @ sigma @ gain, dtype=float)
         misfit = projector @ self.value @ self.value
-        volume = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(inverse)[1]
-        return _Solved(gain, np.asarray(back, dtype=float), projector, -0.5 * (misfit + volume))
+        return _Solved(gain, back, projector, -0.5 * (misfit + np.linalg.slogdet(own)[1]))
 
     @cached_property
     def weight(self) -> FloatArray:
