@@ -12,6 +12,7 @@ from tests.support.lives import at_reference, calibrated
 from typer.testing import CliRunner
 
 from vibrident.cli import app
+from vibrident.present.history import drift_table, histories
 from vibrident.result import Result
 
 
@@ -72,6 +73,16 @@ def test_show_gives_every_calibration_with_both_en_drift_and_prediction(lived, s
     text = printed("history", "show", "4711", "--store", store)
     for part in ("ordinary E_n", "Series 2 begins on 2015-03-01", "random walk", "EWMA", "new [cable]"):
         assert part in text
+
+
+def test_a_report_of_the_results_states_the_same_en(lived, store):
+    _, results = lived
+    document = json.loads(printed("history", "show", "4711", "--store", store, "--format", "json"))
+    (told,) = histories(results, [str(i) for i in range(len(results))])
+    rows = drift_table(told).rows[: len(results)]
+    assert rows[0][0] == "|S| at 160 Hz"
+    en = [row["en"]["correlated"] for row in document["calibrations"][1:]]
+    assert [float(row[-1]) for row in rows[1:]] == pytest.approx(en, abs=0.0051)
 
 
 def test_a_parameter_has_a_history_too(store):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.comparison import COVERAGE_FACTOR
 from vibrident.errors import InputError
 from vibrident.history import control, query
 from vibrident.history.due import RISK, Due, Tolerance, due, interval_in_force, later
@@ -19,7 +20,7 @@ from vibrident.history.schema import REFERENCE_SENSITIVITY
 from vibrident.history.store import Store
 
 SCHEMA = "vibrident.history/1"
-K = 2.0
+K = COVERAGE_FACTOR
 #: Dates between the last calibration and the farthest prediction at which a picture shows what is to be expected.
 _CURVE = 25
 

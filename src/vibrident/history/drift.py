@@ -124,8 +124,8 @@ class Drift:
         sigma = sigma + 1e-12 * self.noise * np.eye(self.time.size)
         # By contrasts, in which what is free and what all share cancel: Σ itself may be singular but for rounding.
         contrasts = np.linalg.svd(design)[0][:, design.shape[1] :]
-        own = contrasts.T @ sigma @ contrasts
-        projector = contrasts @ np.linalg.inv(own) @ contrasts.T
+        own = np.asarray(contrasts.T @ sigma @ contrasts, dtype=float)
+        projector = np.asarray(contrasts @ np.linalg.inv(own) @ contrasts.T, dtype=float)
         plain = np.linalg.pinv(design).T
         gain = plain - projector @ (sigma @ plain)
         back = np.asarray(np.swapaxes(gain, 1, 2) @ sigma @ gain, dtype=float)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 import numpy as np
 
-from vibrident.comparison import normalized_error, not_comparable
+from vibrident.comparison import normalized_error, not_comparable, shared_covariance, shared_sources
 from vibrident.naming import Scale, parameter_name, pretty, scaled
 from vibrident.nominal import Nominal
 from vibrident.present import axes, words
@@ -32,18 +32,25 @@ MOST_COLUMNS = 5
 #: Differences smaller than this carry a power of ten.
 _LEAST_FIXED = 1e-7
 EN = (
-    "E_n = (value − first)/√(U² + U_first²) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that the two "
-    "agree within their uncertainties. It takes them as independent: where both rest on the same reference, E_n is too "
-    "small. None is given for two evaluations of the same data, nor for different sensors."
+    "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that "
+    "the two agree within their uncertainties. The covariance is that of the stated sources which both share, such as "
+    "the same reference. None is given for two evaluations of the same data, nor for different sensors."
 )
 
 
 @dataclass(frozen=True)
 class Value:
-    """A quantity of one result: value and standard uncertainty in the unit of the whole row."""
+    """A quantity of one result: value and standard uncertainty in the unit of the whole row.
+
+    Attributes:
+        value: None where there is none.
+        u: None where not known.
+        shared: what of u other results may share, by source.
+    """
 
     value: float | None
     u: float | None
+    shared: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def expanded(self) -> float | None:
@@ -76,14 +83,16 @@ def quantities(results: Sequence[Result]) -> list[Quantity]:
     at_one = _at_the_same(points)
     if sum(point is not None for point in at_one) > 1:
         name = next(point.nominal for point in at_one if point is not None)
-        found.append(_magnitudes(f"|S| at {name} Hz", at_one, sensitivity_scale(results[0])))
+        found.append(_magnitudes(f"|S| at {name} Hz", at_one, results))
     names = dict.fromkeys(key for result in results for key in result.parameters)
     for key in names:
         having = [result.parameters.get(key) for result in results]
         unit = next(parameter.unit for parameter in having if parameter is not None)
         values = [
-            Value(p.value, p.standard_uncertainty) if p is not None and p.unit == unit and p.value is not None else None
-            for p in having
+            Value(p.value, p.standard_uncertainty, shared_sources(result, parameter=key))
+            if p is not None and p.unit == unit and p.value is not None
+            else None
+            for result, p in zip(results, having, strict=True)
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
@@ -96,9 +105,14 @@ def _sensitivity_kind(result: Result) -> tuple[str, str]:
     return result.response_unit, reference_unit(result)
 
 
-def _magnitudes(label: str, points: Sequence[Point | None], scale: Scale) -> Quantity:
-    values = (None if p is None else Value(p.magnitude, p.magnitude_uncertainty) for p in points)
-    return Quantity(label, scale, tuple(values))
+def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> Quantity:
+    values = (
+        None
+        if point is None
+        else Value(point.magnitude, point.magnitude_uncertainty, shared_sources(result, sensitivity=point.magnitude))
+        for point, result in zip(points, results, strict=True)
+    )
+    return Quantity(label, sensitivity_scale(results[0]), tuple(values))
 
 
 def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[tuple[str, Table], ...]:
@@ -161,7 +175,7 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
         pair_of_points = _at_the_same([point, beside.get(point.nominal)])
         if pair_of_points[1] is None:
             continue
-        magnitudes = _magnitudes("", pair_of_points, scale)
+        magnitudes = _magnitudes("", pair_of_points, (first, other))
         row = [point.nominal, *(text for value in magnitudes.values for text in printed_value(value, scale.factor))]
         row += _compared(magnitudes, reason)
         phases = Quantity("", Scale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
@@ -242,14 +256,16 @@ def _fixed_point(text: str) -> str:
 def _joint(value: Value, base: Value, factor: float) -> float | None:
     if value.expanded is None or base.expanded is None:
         return None
-    return (value.expanded**2 + base.expanded**2) ** 0.5 * factor
+    both = COVERAGE_FACTOR**2 * shared_covariance(value.shared, base.shared)
+    return max(value.expanded**2 + base.expanded**2 - 2 * both, 0.0) ** 0.5 * factor
 
 
 def error(value: Value | None, base: Value) -> str:
     """E_n as text."""
     if value is None or value.value is None or base.value is None or value.expanded is None or base.expanded is None:
         return NONE
-    en = normalized_error(value.value, value.expanded, base.value, base.expanded)
+    both = shared_covariance(value.shared, base.shared)
+    en = normalized_error(value.value, value.expanded, base.value, base.expanded, both)
     return NONE if en is None else f"{en:+.2f}".replace("-0.00", "+0.00")
 
 

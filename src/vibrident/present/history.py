@@ -125,7 +125,8 @@ def drift_table(history: History) -> Table:
             )
     notes = [
         "Change is from the first date; E_n to the first date and to the date before, with U (k = 2): |E_n| > 1 is a "
-        "change that the uncertainties do not explain, as far as the calibrations are independent."
+        "change that the uncertainties do not explain. Stated sources that both share, such as the same reference, are "
+        "no part of U of the difference."
     ]
     if history.evaluated:
         notes.append("Where no date of calibration is stated, the date is that of the evaluation.")
