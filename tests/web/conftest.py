@@ -27,9 +27,16 @@ CHROMIUM_FLAGS = (
 
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory) -> Iterator[Server]:
+def history_store(tmp_path_factory) -> str:
+    """The history that the page shows."""
+    return str(tmp_path_factory.mktemp("store") / "history.db")
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory, history_store) -> Iterator[Server]:
     """``vibrident serve`` on a free port, its temporary files in a folder of the tests."""
-    with serving(tmp_path_factory.mktemp("serve"), *VIBRIDENT, "serve", "--limit-mb", str(LIMIT_MB)) as made:
+    command = (*VIBRIDENT, "serve", "--limit-mb", str(LIMIT_MB), "--store", history_store)
+    with serving(tmp_path_factory.mktemp("serve"), *command) as made:
         yield made
 
 

@@ -18,6 +18,7 @@ from vibrident.history.mixture import Mixture
 from vibrident.history.query import Sensor
 from vibrident.history.schema import REFERENCE_SENSITIVITY
 from vibrident.history.store import Store
+from vibrident.result import Result
 
 SCHEMA = "vibrident.history/1"
 K = COVERAGE_FACTOR
@@ -72,6 +73,14 @@ def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict
         "control": _control(found),
         "due": _due(found, question),
     }
+
+
+def of_result(store: Store, result: Result) -> dict[str, Any] | None:
+    """What a history says of the sensor of a result; None where it holds no calibration of it, or there is no store."""
+    if store.revision() is None:
+        return None
+    sensor = query.known(store, result.sensor)
+    return None if sensor is None else shown(store, sensor)
 
 
 def all_due(

@@ -100,6 +100,14 @@ def find(store: Store, serial_number: str, type_name: str | None = None, axis: s
     )
 
 
+def known(store: Store, told: Mapping[str, object]) -> Sensor | None:
+    """The sensor that a result names; None where the store holds none of its calibrations."""
+    named = [column == str(told.get(column.name) or "").strip() for column in sensor.c if column.name != "id"]
+    with store.reading() as connection:
+        row = connection.execute(sa.select(sensor).where(*named)).one_or_none()
+    return None if row is None else _sensor(row)
+
+
 def _sensor(row: Any) -> Sensor:
     return Sensor(row.id, row.manufacturer, row.type, row.serial_number, row.axis)
 

@@ -17,7 +17,7 @@ from vibrident.errors import VibridentError
 from vibrident.io.guess import Columns, guess_columns
 from vibrident.present import charts, document, figures, html, tables
 from vibrident.present.comparison import beside, comparison_tables
-from vibrident.present.views import Figure
+from vibrident.present.views import Figure, count
 from vibrident.report import content
 from vibrident.result import Result
 from vibrident.web.description import Description, described
@@ -170,6 +170,42 @@ def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
     shown, _ = _fitting(_charts(beside(results, names)), MOST_BYTES)
     tables_beside = [(title, html.fragment(table)) for title, table in comparison_tables(results, names)]
     return {"charts": shown, "tables": tables_beside}
+
+
+def history(path: Path, store: str) -> dict[str, Any]:
+    """What a store holds of the sensor of a result: words, charts as JSON, and tables as HTML."""
+    return _history(Result.load(path), store, "")
+
+
+def added_to_history(path: Path, store: str) -> dict[str, Any]:
+    """The same, once the result was added.
+
+    Raises:
+        InputError: the result states no serial number or date, or the store cannot be used.
+    """
+    from vibrident.history.entry import add_all
+    from vibrident.history.store import Store
+
+    result = Result.load(path)
+    with Store(store) as opened:
+        ((new, number),) = add_all(opened, [result])
+    return _history(result, store, f"Calibration {number}{'' if new else ' was there already'}. ")
+
+
+def _history(result: Result, store: str, before: str) -> dict[str, Any]:
+    from vibrident.history import page
+    from vibrident.history.document import of_result
+    from vibrident.history.store import Store
+
+    with Store(store) as opened:
+        life = of_result(opened, result)
+    if life is None:
+        return {"words": f"{before}The history holds no calibration of this sensor.", "charts": [], "tables": ""}
+    blocks = [block for part in page.shown(life).sections for block in part.blocks]
+    drawn = [(one.title, chart) for one in blocks if isinstance(one, Figure) for _, chart in _charts(one)]
+    rest = html.fragment(*(block for block in blocks if not isinstance(block, Figure)))
+    words = f"{before}The history holds {count(len(life['calibrations']), 'calibration')} of this sensor."
+    return {"words": words, "charts": _fitting(drawn, MOST_BYTES)[0], "tables": rest}
 
 
 def _json(tree: Any) -> bytes:

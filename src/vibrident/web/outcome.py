@@ -11,6 +11,7 @@ from nicegui import ui
 from vibrident.escaping import html
 from vibrident.report import FILE_NAMES
 from vibrident.web import frame, looks
+from vibrident.web.history import History
 from vibrident.web.session import RESULT
 from vibrident.web.users import Named, User
 
@@ -76,6 +77,8 @@ class OutcomeStep:
             _curves(shown)
             self._exports(named)
             self.export_errors = ui.element("div").props("aria-live=assertive")
+            if self.user.users.store:
+                await History(self.user, named, self.user.users.store).build()
 
     def _downloads(self, named: Named) -> None:
         ui.html("<h3>Download</h3>", sanitize=False)

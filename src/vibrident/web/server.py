@@ -28,7 +28,16 @@ _ICON = (
 )
 
 
-def serve(*, host: str, port: int, show: bool, limit_mb: float, names: Sequence[str] = (), say: Any = print) -> None:
+def serve(
+    *,
+    host: str,
+    port: int,
+    show: bool,
+    limit_mb: float,
+    names: Sequence[str] = (),
+    store: str | None = None,
+    say: Any = print,
+) -> None:
     """Serve the page until interrupted.
 
     Args:
@@ -37,6 +46,7 @@ def serve(*, host: str, port: int, show: bool, limit_mb: float, names: Sequence[
         show: open the browser.
         limit_mb: most megabytes of one user's files.
         names: further names that the page may be called by.
+        store: URL of the history that everybody who reaches the page may read and add to; None for none.
         say: called with the address.
 
     Raises:
@@ -50,7 +60,7 @@ def serve(*, host: str, port: int, show: bool, limit_mb: float, names: Sequence[
     home = Home()
     os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # what is half received lies there too
     try:
-        build(limit_mb, home, names=own_names(host) | frozenset(names))
+        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store)
         say(f"http://{_bracketed(reachable(host))}:{chosen}/")
         ui.run(
             host=host,
@@ -70,7 +80,7 @@ def serve(*, host: str, port: int, show: bool, limit_mb: float, names: Sequence[
         home.close()
 
 
-def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK) -> None:
+def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, store: str | None = None) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui
 
@@ -78,7 +88,7 @@ def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK) -> N
     from vibrident.web.page import page
     from vibrident.web.users import Users
 
-    users = Users(home.folder, limit_mb)
+    users = Users(home.folder, limit_mb, store)
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names)
     app.on_startup(users.start)
     app.on_shutdown(users.close)

@@ -209,10 +209,11 @@ class Users:
     Args:
         folder: where their files lie.
         limit_mb: most megabytes of one user's files.
+        store: URL of the history that all of them share; None for none.
     """
 
-    def __init__(self, folder: Path, limit_mb: float) -> None:
-        self.folder, self.limit_mb = folder, limit_mb
+    def __init__(self, folder: Path, limit_mb: float, store: str | None = None) -> None:
+        self.folder, self.limit_mb, self.store = folder, limit_mb, store
         self.kept: dict[str, User] = {}
         self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
         self._ready = Ready("vibrident.web.looks")

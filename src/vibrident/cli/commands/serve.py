@@ -25,11 +25,21 @@ def serve(
         list[str] | None,
         typer.Option("--name", metavar="NAME", help="A further name that the page is called by; may be repeated."),
     ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option(
+            "--store",
+            metavar="URL",
+            help="History to show and add to; see `vibrident history`.",
+            show_default="on loopback VIBRIDENT_STORE, else a file in the user's data folder; none otherwise",
+        ),
+    ] = None,
 ) -> None:
     """Open a page in the browser: drop files, confirm columns, identify, look, download. Ctrl-C ends it.
 
     Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
     """
+    from vibrident.history.location import chosen
     from vibrident.web.server import LOOPBACK
     from vibrident.web.server import serve as run
 
@@ -39,4 +49,5 @@ def serve(
     def say(address: str) -> None:
         out().print(f"vibrident is at {address}  (Ctrl-C ends it)")
 
-    run(host=host, port=port, show=not no_browser, limit_mb=limit_mb, names=name or (), say=say)
+    own = chosen(store) if store is not None or host in LOOPBACK else None  # others have no business in one's own
+    run(host=host, port=port, show=not no_browser, limit_mb=limit_mb, names=name or (), store=own, say=say)
