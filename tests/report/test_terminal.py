@@ -32,7 +32,7 @@ def test_summary_of_table2():
     row = next(line for line in text.splitlines() if line.strip().startswith("sensitivity"))
     assert row.split() == ["sensitivity", "104.04", "0.11", "0.21", "mV/(m/s²)", "103.83", "…", "104.25"]
     assert "derived from these" in text
-    assert "interval" not in printed(terminal.summary(table2()), 80)
+    assert "interval" not in printed(terminal.summary(table2()), 70)
     assert "adequate" in text
     assert "Written: out/result.json\n         out/report.md" in text
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,31 +26,18 @@ def print_json(content: Any) -> None:
 
 def print_table(table: Table, title: str) -> None:
     """A table with its notes."""
-    from vibrident.terminal.tables import literal, titled
+    from vibrident.present.terminal import shown
 
-    made = titled(title, None)
-    for j, heading in enumerate(table.header):
-        made.add_column(heading, justify="right" if j in table.right else "left", overflow="fold")
-    for row in table.rows:
-        made.add_row(*(literal(cell) for cell in row))
-    out().print(made)
-    for text in table.notes:
-        out().print(text)
+    out().print(shown(replace(table, title=title)))
 
 
 def print_pairs(title: str, rows: Sequence[tuple[str, str]]) -> None:
     """Names and texts; nothing where there are none."""
-    from vibrident.terminal.tables import literal, titled
+    from vibrident.present.terminal import shown
+    from vibrident.present.views import Facts
 
-    if not rows:
-        return
-    made = titled(title, None)
-    made.show_header = False
-    made.add_column("")
-    made.add_column("", overflow="fold")
-    for name, text in rows:
-        made.add_row(literal(name), literal(text))
-    out().print(made)
+    if rows:
+        out().print(shown(Facts(tuple(rows), title)))
 
 
 def print_history(document: Mapping[str, Any]) -> None:

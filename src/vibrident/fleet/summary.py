@@ -9,8 +9,9 @@ from vibrident.fleet.coordinator import Outcome
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.fleet.table import Tally
 from vibrident.present import words
+from vibrident.present.terminal import shown
+from vibrident.present.views import Column, Sentence, Table, columns
 from vibrident.terminal import written_lines
-from vibrident.terminal.tables import titled
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -19,14 +20,11 @@ if TYPE_CHECKING:
 def summary(outcome: Outcome) -> Group:
     """Rows by status and warning, how fast it went, and the files."""
     from rich.console import Group
-    from rich.text import Text
 
-    table = titled("Fleet", "")
-    for header in ("calibrations", "share"):
-        table.add_column(header, justify="right", no_wrap=True)
-    for what, count in _lines(outcome.tally):
-        table.add_row(what, str(count), f"{100 * count / max(outcome.tally.rows, 1):.4g} %")
-    return Group(table, Text(_rate(outcome)), written_lines(outcome.files))
+    whole = max(outcome.tally.rows, 1)
+    rows = tuple((what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally))
+    table = Table((Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet")
+    return Group(shown(table, Sentence(_rate(outcome))), written_lines(outcome.files))
 
 
 def _lines(tally: Tally) -> Iterator[tuple[str, int]]:

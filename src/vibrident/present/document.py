@@ -91,8 +91,7 @@ def doubts(result: Result) -> tuple[Doubt, ...]:
     for code in result.warning_codes:
         explained = words.explain(code)
         messages = tuple(warning.message for warning in result.warnings if warning.code == code)
-        title = explained.title[:1].upper() + explained.title[1:]
-        found.append(Doubt(title, code, messages, explained.meaning, explained.action))
+        found.append(Doubt(explained.title, code, messages, explained.meaning, explained.action))
     return tuple(found)
 
 

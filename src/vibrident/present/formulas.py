@@ -20,6 +20,7 @@ FORMULAS: tuple[tuple[str, str, str, str], ...] = (
     ("e^{jωt}", "e", "jωt", "sup"),
     *((text, text.partition("_")[0], text.partition("_")[2], "sub") for text in ("ν_eff", "E_n", "U_first", *_SYMBOLS)),
 )
+_BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
 _WRITTEN = {text: (base, small, kind) for text, base, small, kind in FORMULAS}
 
 
@@ -39,5 +40,10 @@ def typeset(
 
 
 def in_a_line(text: str) -> str:
-    """Formulas for a medium that has one line: ``En``, ``f0``."""
-    return typeset(text, lambda base, small, kind: f"{base}{small}" if kind == "sub" else f"{base}^{small}")
+    """Formulas for a medium that has one line: ``f₀`` where there are such letters, else as they are written."""
+
+    def mark(base: str, small: str, kind: str) -> str:
+        below = small.translate(_BELOW)
+        return base + below if kind == "sub" and below != small else f"{base}{'_' if kind == 'sub' else '^'}{small}"
+
+    return typeset(text, mark)

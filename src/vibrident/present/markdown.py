@@ -100,7 +100,6 @@ def _card(card: Card) -> str:
 
 
 def _doubt(doubt: Doubt) -> str:
+    title = f"### {cell(doubt.title[:1].upper() + doubt.title[1:])} (`{doubt.code}`)"
     messages = "\n>\n".join(f"> {_paragraph(message)}" for message in doubt.messages)
-    return (
-        f"### {cell(doubt.title)} (`{doubt.code}`)\n\n{messages}\n\n{doubt.meaning}\n\n**What to do:** {doubt.action}"
-    )
+    return "\n\n".join((title, messages, doubt.meaning, f"**What to do:** {doubt.action}"))

@@ -201,6 +201,11 @@ def sensitivity_unit(response_unit: str, per: str) -> str:
     return f"{top}/{bottom}"
 
 
+def fit_unit(result: Result) -> str:
+    """Unit of the residual: the response's for records, the sensitivity's for a table."""
+    return result.response_unit if result.signals else sensitivity_unit(result.response_unit, reference_unit(result))
+
+
 def sensor_name(sensor: Mapping[str, object]) -> str:
     """Manufacturer, type and serial number of a sensor in one line; empty where none is stated."""
     parts = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]

@@ -14,6 +14,7 @@ from vibrident.present.numbers import (
     COVERAGE_FACTOR,
     NONE,
     at,
+    fit_unit,
     nominal_frequency,
     percent,
     plain,
@@ -122,7 +123,7 @@ def correlation(result: Result) -> Table | None:
 
 def fit(result: Result) -> Table:
     """Every metric with its unit and definition."""
-    unit = result.response_unit if result.signals else sensitivity_unit(result.response_unit, reference_unit(result))
+    unit = fit_unit(result)
     rows = []
     for field, metric in words.METRICS.items():
         value = getattr(result.fit, field)

@@ -34,11 +34,13 @@ class Column:
         title: what it holds.
         kind: a ``number`` is set flush right.
         unit: of its numbers, ready for print.
+        spare: a narrow terminal leaves it out, because other columns say as much.
     """
 
     title: str
     kind: Literal["text", "number"] = "text"
     unit: str = ""
+    spare: bool = False
 
     @property
     def heading(self) -> str:
@@ -99,11 +101,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Sentence:
-    """A paragraph; ``lead`` is set in bold before it."""
+    """A paragraph; ``lead`` is set in bold before it, ``end`` in the colour of its kind after it."""
 
     text: str
     kind: Literal["plain", "note", "fine", "doubt"] = "plain"
     lead: str = ""
+    end: str = ""
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,7 @@ class Facts:
     """Names and texts; None is a blank to fill."""
 
     rows: tuple[tuple[str, str | None], ...]
+    title: str = ""
 
 
 @dataclass(frozen=True)

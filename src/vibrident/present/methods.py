@@ -1,0 +1,157 @@
+"""Methods beside each other, for the terminal: several results, the truth, a choice of model, a joint fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vibrident.comparison import criteria, deviations, recommendation
+from vibrident.naming import parameter_name, pretty, scaled
+from vibrident.present import words
+from vibrident.present.numbers import NONE, concise, fit_unit, percent, plain, stated
+from vibrident.present.views import Column, Sentence, Table, columns
+from vibrident.result import Parameter, Result
+
+#: Settings that may hold the time an identification took, in seconds.
+_TIME_KEYS = ("time_s", "elapsed_s", "wall_time_s", "duration_s")
+_FIELDS = ("rmse", "mae", "mse", "r2", "rpd", "chi2_reduced")
+
+
+def labels(results: Sequence[Result]) -> list[str]:
+    """What to call each result: its estimator, with the model where models differ."""
+    several = len({result.model for result in results}) > 1
+    names = [f"{result.estimator} {result.model}" if several else result.estimator for result in results]
+    repeated = {name for name in names if names.count(name) > 1}
+    return [f"{name} #{i}" if name in repeated else name for i, name in enumerate(names, 1)]
+
+
+def parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[str, float]) -> Table:
+    """Each parameter as ``value(u)`` by method, and below it the deviation from the truth, or from the first."""
+    base = "the true value" if truth else names[0]
+    rows = []
+    for key in dict.fromkeys(key for result in results for key in result.parameters):
+        owners = [result.parameters[key] for result in results if key in result.parameters]
+        scale = scaled(owners[0].unit, max(abs(p.value or 0.0) for p in owners))
+        zero = truth.get(key) if truth else getattr(results[0].parameters.get(key), "value", None)
+        cells, below = [], []
+        for i, result in enumerate(results):
+            parameter = result.parameters.get(key)
+            cells.append(NONE if parameter is None else _short(parameter, scale.factor, owners[0].unit))
+            off = parameter is not None and zero is not None and (truth or i > 0) and parameter.unit == owners[0].unit
+            below.append(_deviation(parameter.value, zero, scale.factor) if off else "")  # type: ignore[union-attr]
+        true = [NONE if zero is None else plain(zero * scale.factor)] if truth else []
+        rows.append((parameter_name(key).words, "" if scale.unit == "1" else scale.unit, *true, *cells))
+        if any(below):
+            rows.append(("", "", *("" for _ in true), *below))
+    heads = (*columns("parameter", "unit"), *columns(*(["true"] if truth else []), *names, kind="number"))
+    notes = (f"Below each value: deviation from {base}",)
+    return Table(heads, tuple(rows), notes=notes, title="Parameters: value(u in its last digits)")
+
+
+def _short(parameter: Parameter, factor: float, unit: str) -> str:
+    if parameter.unit != unit:  # another quantity under the same name: keep its unit in sight
+        return f"{concise(parameter.value, parameter.standard_uncertainty)} {parameter.unit}"
+    u = parameter.standard_uncertainty
+    text = concise(None if parameter.value is None else parameter.value * factor, None if u is None else u * factor)
+    return text if parameter.identifiable else f"{text} ?"
+
+
+def _deviation(value: float | None, zero: float, factor: float) -> str:
+    if value is None:
+        return NONE
+    return percent(100 * (value / zero - 1)) if zero else f"{'+' if value >= 0 else ''}{plain(value * factor, 3)}"
+
+
+def metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
+    """Fit metrics by method, and the time it took where the settings hold one."""
+    units = {fit_unit(result) for result in results}
+    times = [next((r.settings[k] for k in _TIME_KEYS if k in r.settings), None) for r in results]
+    timed = any(isinstance(time, int | float) for time in times)
+    rows = []
+    for result, name, time in zip(results, names, times, strict=True):
+        row = [name, *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS)]
+        row += [str(len(result.warnings)), *([plain(time if isinstance(time, int | float) else None, 3)] * timed)]
+        rows.append(tuple(row))
+    heads = [*(words.METRICS[field].label.replace("χ", "chi") for field in _FIELDS), "warn.", *(["time/s"] * timed)]
+    title = f"Fit{f' (RMSE, MAE in {pretty(units.pop())})' if len(units) == 1 else ''}"
+    return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
+
+
+def beside_truth(result: Result, truth: Mapping[str, float]) -> Table:
+    """Identified values beside the true ones, with their difference in units of u.
+
+    Args:
+        result: of simulated data.
+        truth: true values by parameter name, in the result's units; parameters without one are left out.
+    """
+    rows = []
+    for key, off in deviations(result, truth).items():
+        parameter = result.parameters[key]
+        number = stated(parameter)
+        scale = scaled(parameter.unit, abs(parameter.value))
+        difference = NONE if off.in_u is None else f"{off.in_u:+.1f}".replace("-0.0", "+0.0")
+        true = plain(off.true * scale.factor, 8)
+        rows.append((parameter_name(key).words, true, number.value, number.standard, number.unit, difference))
+    heads = (*columns("true", "identified", "u", kind="number"), Column("unit"), Column("difference / u", "number"))
+    return Table((Column("parameter"), *heads), tuple(rows), title="Identified and true values")
+
+
+def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]) -> tuple[Table, Sentence]:
+    """What speaks for each model, and which to take.
+
+    Args:
+        results: name of the method to its result.
+        left_out: name of the method to its cross-validation, where one was made.
+    """
+    rows = []
+    for name, result in results.items():
+        found = criteria(result)
+        weak = sum(not p.identifiable for p in result.parameters.values() if not p.derived)
+        row = [name, str(found.parameters), plain(found.chi2, 5), plain(found.aic, 5), plain(found.bic, 5)]
+        if left_out:
+            score = left_out.get(name) or {}
+            share = score.get("deviation_percent")
+            row += [NONE if share is None else f"{plain(share, 3)} %", plain(score.get("deviation_in_u"), 3)]
+        rows.append((*row, "yes" if result.fit.adequate else "no", str(weak) if weak else NONE))
+    heads = ["parameters", "chi²", "AIC", "BIC", *(["predicted", "in u"] if left_out else []), "explains", "weak"]
+    notes = ("predicted: rms deviation at records left out of the fit",) if left_out else ()
+    table = Table(
+        (Column("method"), *columns(*heads, kind="number")), tuple(rows), notes=notes, title="Choice of the model"
+    )
+    return table, Sentence(recommendation(results).words)
+
+
+def joint(result: Result) -> tuple[Table | Sentence, ...]:
+    """What calibrations that were fitted together share: the joint values, each one's own, and the verdict on these.
+
+    Args:
+        result: of any of them; its settings hold what is shown.
+    """
+    found = result.settings["joint"]
+    files = [one["file"] for one in found["calibrations"]]
+    rows = []
+    for row in found["shared"]:
+        scale = scaled(row["unit"], abs(row["joint"]["value"]))
+        values = [row["joint"], *(row["separate"].get(file) for file in files)]
+        cells = [NONE if value is None else _concise(value, scale.factor) for value in values]
+        unit = "" if scale.unit == "1" else scale.unit
+        rows.append((parameter_name(row["name"]).words, unit, *cells, plain(row["probability"], 2)))
+    heads = columns("joint", *(f"{file} alone" for file in files), "p", kind="number")
+    title = f"Joint fit of {len(files)} calibrations: value(u in its last digits)"
+    notes = ("p: chance of a difference at least as large between calibrations that agree",)
+    table = Table((*columns("shared", "unit"), *heads), tuple(rows), notes=notes, title=title)
+    unused = [one["file"] for one in found["calibrations"] if not one["own_fit_used"]]
+    said = [Sentence(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}.")] if unused else []
+    whole = found["consistency"]
+    line = (
+        f"The calibrations by themselves: chi² = {plain(whole['chi2'], 4)} (ν = {whole['degrees_of_freedom']}), "
+        f"p = {plain(whole['probability'], 2)}:"
+    )
+    fine = whole["consistent"]
+    verdict = Sentence(line, "fine" if fine else "doubt", end="consistent" if fine else "inconsistent")
+    return (table, *said, verdict)
+
+
+def _concise(number: Mapping[str, Any], factor: float) -> str:
+    u = number["standard_uncertainty"]
+    return concise(number["value"] * factor, None if u is None else u * factor)
