@@ -21,15 +21,22 @@ def commands() -> str:
     context = click.Context(group, info_name="vibrident")
     parts = ["# Commands", _prose(group.help), "Every command has `--help`."]
     for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        inner = click.Context(command, parent=context, info_name=name)
-        parts += [f"## {name}", f"    {inner.command_path} {' '.join(command.collect_usage_pieces(inner))}"]
-        parts.append(_prose(command.help))
-        for kind, heads in _HEADS.items():
-            rows = [_row(parameter, inner) for parameter in command.get_params(inner) if _shown(parameter, kind)]
-            if rows:
-                parts.append(table(heads, rows))
+        parts += _command(group.get_command(context, name), name, context, "##")
     return "\n\n".join(parts) + "\n"
+
+
+def _command(command: Any, name: str, context: Any, mark: str) -> list[str]:
+    """A section of a command; of a group, then one of each of its commands."""
+    inner = click.Context(command, parent=context, info_name=name)
+    parts = [f"{mark} {name}", f"    {inner.command_path} {' '.join(command.collect_usage_pieces(inner))}"]
+    parts.append(_prose(command.help))
+    for kind, heads in _HEADS.items():
+        rows = [_row(parameter, inner) for parameter in command.get_params(inner) if _shown(parameter, kind)]
+        if rows:
+            parts.append(table(heads, rows))
+    for part in getattr(command, "commands", {}):
+        parts += _command(command.commands[part], part, inner, f"{mark}#")
+    return parts
 
 
 def _shown(parameter: Any, kind: str) -> bool:

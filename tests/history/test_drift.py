@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.joint_sensors import table
 
+import vibrident
+from vibrident.effects import SystematicEffect
 from vibrident.history import control
 from vibrident.history.drift import Drift
 from vibrident.history.due import Tolerance, due, risk
+from vibrident.history.entry import rows_of
 from vibrident.history.life import Entry, Event, agreement, life
 
 
@@ -136,11 +141,11 @@ def test_steps_that_nobody_told_of_are_rarely_found_where_there_are_none(rng):
 
 def test_calibrations_that_do_not_count_are_left_out_with_the_reason():
     made = entries([1.0, 1.1, 1.0, 1.0, 1.0, 1.0])
-    made[1] = dataclasses.replace(made[1], standing="recalled")
-    made[2] = dataclasses.replace(made[2], u=None)
-    made[3] = dataclasses.replace(made[3], data_files=frozenset({"same"}), standing="approved")
-    made[4] = dataclasses.replace(made[4], data_files=frozenset({"same", "more"}))
-    made[0] = dataclasses.replace(made[0], unit="C")
+    made[1] = replace(made[1], standing="recalled")
+    made[2] = replace(made[2], u=None)
+    made[3] = replace(made[3], data_files=frozenset({"same"}), standing="approved")
+    made[4] = replace(made[4], data_files=frozenset({"same", "more"}))
+    made[0] = replace(made[0], unit="C")
     found = life(made, [])
     assert [entry.id for entry in found.entries] == [4, 6]
     assert [reason for _, reason in found.left_out] == [
@@ -196,3 +201,29 @@ def test_control_charts_find_a_change():
     values = 1 + 0.001 * np.array([0, 1, -1, 0, 3, 4, 3, 4])
     residuals = control.recursive_residuals(values, 1e-6 * np.eye(8))
     assert all(chart.alarm for chart in control.charts(residuals, np.arange(7) == 0))
+
+
+def test_identified_calibrations_share_their_reference():
+    """From the calibration file's ``standard_uncertainty`` to E_n: the whole way."""
+    made = []
+    for seed in (1, 2):
+        given = replace(
+            table(seed),
+            reference_standard_uncertainty=0.005,
+            effects=(
+                SystematicEffect("amplifier 12", "gain", 0.002),
+                SystematicEffect("mount", "mounting", 0.01, 1000.0),
+            ),
+            sensor={"serial_number": "4711"},
+        )
+        rows = rows_of(vibrident.identify(given, estimator="ml"), date=datetime.date(2020 + seed, 1, 1))
+        row = rows.parameters[0]
+        assert row["name"] == "reference_sensitivity"
+        shared = json.loads(row["shared"])
+        assert sorted(shared.values()) == pytest.approx([0.002 * row["value"], 0.005 * row["value"]])
+        made.append(Entry(seed, rows.calibration["date"], row["value"], row["standard_uncertainty"], "V", None, shared))
+    found = agreement(made[1], made[0])
+    assert found.correlation > 0.6
+    assert abs(found.correlated) > abs(found.ordinary)
+    own = [np.sqrt(e.u**2 - sum(u**2 for u in e.shared.values())) for e in made]
+    assert found.correlated == pytest.approx((made[1].value - made[0].value) / (2 * np.hypot(*own)), rel=0.02)

@@ -24,7 +24,7 @@ from vibrident.result import Result
 
 
 def test_a_result_is_kept_whole_and_once(tmp_path):
-    url = str(tmp_path / "new folder" / "history.db")
+    url = str(tmp_path / "new folder" / "100% ?.db")
     result = calibrated(data="records")
     assert history.add(url, [result, calibrated(0.11, "2022-01-01")]) == 2
     assert history.add(url, [result]) == 0
@@ -36,6 +36,7 @@ def test_a_result_is_kept_whole_and_once(tmp_path):
         at = connection.execute(sa.select(schema.parameter).where(wanted)).first()
         assert at.value == pytest.approx(at_reference(result), rel=1e-12)
     assert (count(url, schema.sensor), count(url, schema.event)) == (1, 2)
+    assert (tmp_path / "new folder" / "100% ?.db").exists()
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,8 @@ def chosen(given: str | None) -> str:
     if scheme in _POSTGRESQL:
         return f"{_DRIVER}://{rest}"
     if scheme in ("sqlite", "sqlite+pysqlite"):
-        if rest in ("", "/", "/:memory:"):
-            raise _unusable("A store in memory would be gone at once.", shown(text), where)
+        if rest in ("", "/", "/:memory:") or not rest.startswith("/"):
+            raise _unusable("This URL names no file, and a store in memory would be gone at once.", shown(text), where)
         return text
     raise _unusable("The store is of a kind that this package does not know.", f"{scheme}://…", where)
 
@@ -48,6 +48,12 @@ def chosen(given: str | None) -> str:
 def sqlite_url(file: Path) -> str:
     """URL of a SQLite file; the characters that a URL would take for its own are escaped."""
     return f"sqlite:///{quote(file.absolute().as_posix(), safe='/:')}"
+
+
+def sqlite_file(url: str) -> Path | None:
+    """The file of a SQLite URL; None for another database."""
+    scheme, _, rest = url.partition("://")
+    return Path(unquote(rest.removeprefix("/"))) if scheme.startswith("sqlite") else None
 
 
 def data_folder() -> Path:

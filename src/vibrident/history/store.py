@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
-from urllib.parse import unquote
 
 import sqlalchemy as sa
 from sqlalchemy import event, exc
@@ -15,7 +14,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from vibrident.errors import InputError
 from vibrident.history import schema
-from vibrident.history.location import FORMS, chosen, shown, without_secrets
+from vibrident.history.location import FORMS, chosen, shown, sqlite_file, without_secrets
 
 #: How long a writer waits for another one.
 PATIENCE_S = 60
@@ -52,8 +51,10 @@ class Store:
         self._engine.dispose()
 
     def _connected_lazily(self) -> sa.Engine:
-        try:
-            return sa.create_engine(self.url, **self._options())
+        file = sqlite_file(self.url)
+        try:  # as a path, because releases of SQLAlchemy differ in what they take for escaped in it
+            url = self.url if file is None else sa.URL.create("sqlite", database=str(file))
+            return sa.create_engine(url, **self._options())
         except ModuleNotFoundError as error:
             raise self._failed(
                 "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
@@ -159,8 +160,7 @@ class Store:
         return {"connect_args": {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}}
 
     def _file(self) -> Path:
-        """The SQLite file; SQLAlchemy leaves a URL's escapes in a path as they are."""
-        return Path(unquote(self._engine.url.database or ""))
+        return Path(self._engine.url.database or "")
 
     def _absent(self) -> InputError:
         return InputError(
