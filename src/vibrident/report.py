@@ -14,6 +14,7 @@ from typing import Literal, get_args
 from vibrident import plots
 from vibrident.errors import InputError
 from vibrident.present import document, markdown
+from vibrident.present.views import Section
 from vibrident.result import Result
 
 __all__ = ["FILE_NAMES", "Form", "content", "render", "write", "write_report"]
@@ -27,13 +28,16 @@ FILE_NAMES: dict[str, tuple[str, str]] = {
 }
 
 
-def content(results: Result | Sequence[Result], form: Form, names: Sequence[str] = ()) -> bytes:
+def content(
+    results: Result | Sequence[Result], form: Form, names: Sequence[str] = (), more: Sequence[Section] = ()
+) -> bytes:
     """The file of a report, as bytes.
 
     Args:
         results: one result, or several to be set side by side.
         form: ``html``, ``pdf`` or ``md`` (without pictures).
         names: what to call each of several; by default 1, 2, ….
+        more: sections that the report of one result has as well; a certificate has none.
 
     Raises:
         InputError: the form is not known, or what it needs is not installed (``pip install 'vibrident[report]'``).
@@ -55,7 +59,7 @@ def content(results: Result | Sequence[Result], form: Form, names: Sequence[str]
         for result in alone:
             result.require_gain("a certificate")
         return pdf.certificate(one) if one else pdf.render(document.comparison(alone, called))
-    made = document.report(one) if one else document.comparison(alone, called)
+    made = document.report(one, more) if one else document.comparison(alone, called)
     if form == "html":
         from vibrident.present import html
 
@@ -67,6 +71,7 @@ def render(
     result: Result,
     pictures: str | os.PathLike[str] | None = None,
     relative_to: str | os.PathLike[str] | None = None,
+    more: Sequence[Section] = (),
 ) -> str:
     """Write the report as Markdown text (GitHub tables).
 
@@ -74,18 +79,23 @@ def render(
         result: any result.
         pictures: folder in which ``plots.save_all`` has drawn; the pictures found there are linked.
         relative_to: folder in which the report will lie, for the links; by default the folder of pictures.
+        more: sections that it has as well.
 
     Returns:
         the text, ending in a line end.
     """
     if pictures is None:
-        return markdown.render(document.report(result))
+        return markdown.render(document.report(result, more))
     links = markdown.links(plots.applicable(result), pictures, pictures if relative_to is None else relative_to)
-    return markdown.render(document.report(result), links)
+    return markdown.render(document.report(result, more), links)
 
 
 def write(
-    results: Result | Sequence[Result], form: Form, path: str | os.PathLike[str], names: Sequence[str] = ()
+    results: Result | Sequence[Result],
+    form: Form,
+    path: str | os.PathLike[str],
+    names: Sequence[str] = (),
+    more: Sequence[Section] = (),
 ) -> Path:
     """Write a report.
 
@@ -95,6 +105,7 @@ def write(
         path: the file, where it has the ending of the form; else a folder, made if missing, for a file of the usual
             name.
         names: what to call each of several.
+        more: sections that the report of one result has as well, such as its sensor's history.
 
     Returns:
         path of the file.
@@ -109,9 +120,9 @@ def write(
     if form == "md" and one is not None:
         target.parent.mkdir(parents=True, exist_ok=True)
         plots.save_all(one, target.parent)
-        made = render(one, pictures=target.parent).encode()
+        made = render(one, pictures=target.parent, more=more).encode()
     else:
-        made = content(results, form, names)
+        made = content(results, form, names, more)
         target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(made)
     return target

@@ -85,6 +85,18 @@ def test_a_report_of_the_results_states_the_same_en(lived, store):
     assert [float(row[-1]) for row in rows[1:]] == pytest.approx(en, abs=0.0051)
 
 
+def test_a_report_holds_the_history_of_its_sensor(lived, store, tmp_path):
+    folder, _ = lived
+    for form in ("html", "md"):
+        file = tmp_path / f"report.{form}"
+        printed("report", str(folder / "result3.json"), "--store", store, "--out", str(file))
+        text = file.read_text(encoding="utf-8")
+        assert "History of the sensitivity at 160 Hz" in text
+        assert "2017-03-01" in text
+    refused = ran("report", str(folder / "result3.json"), "--store", store, "--out", str(tmp_path / "c.pdf"))
+    assert refused.exit_code == 2
+
+
 def test_a_parameter_has_a_history_too(store):
     document = json.loads(
         printed("history", "show", "4711", "--store", store, "--format", "json", "--quantity", "natural_frequency")

@@ -7,20 +7,25 @@ from typing import Any
 
 from vibrident.history import figures, tables
 from vibrident.present.numbers import sensor_name
-from vibrident.present.views import Block, Document, Facts, Sentence, document, section
+from vibrident.present.views import Block, Document, Facts, Section, Sentence, document, section
 
 
 def shown(life: Mapping[str, Any]) -> Document:
     """What the page says."""
-    name = tables.quantity_name(life)
-    sections = [
-        section("values", name[:1].upper() + name[1:], figures.values(life), tables.calibrations(life)),
+    return document(f"History of {sensor_name(life['sensor'])}", (), sections(life))
+
+
+def sections(life: Mapping[str, Any]) -> list[Section]:
+    """The parts of the page, for other pages too."""
+    return [
+        section(
+            "values", f"History of the {tables.quantity_name(life)}", figures.values(life), tables.calibrations(life)
+        ),
         section("drift", "Drift", *_facts(tables.drift(life)), *(Sentence(text) for text in tables.series(life))),
         section("due", "Next calibration", *_facts(tables.due(life))),
         section("control", "Control charts", figures.control(life), *_facts(tables.control(life))),
         section("events", "Events", tables.events(life)),
     ]
-    return document(f"History of {sensor_name(life['sensor'])}", (), sections)
 
 
 def _facts(rows: list[tuple[str, str]]) -> list[Block]:

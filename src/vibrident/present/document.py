@@ -36,8 +36,8 @@ from vibrident.result import Result
 MOST_FILES = 100
 
 
-def report(result: Result) -> Document:
-    """The report of one result."""
+def report(result: Result, more: Sequence[Section] = ()) -> Document:
+    """The report of one result, with more sections before its settings."""
     name = sensor_name(result.sensor)
     sections = [
         section("warnings", "Warnings", *(doubts(result) or (Sentence("None."),))),
@@ -51,6 +51,7 @@ def report(result: Result) -> Document:
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),
         *([section("certificate", "Certificate", *_certificate(result))] if result.certificate else []),
+        *more,
         section("settings", "Settings", *_settings(result)),
         section("provenance", "Provenance", *_provenance(result)),
     ]

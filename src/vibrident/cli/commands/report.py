@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import wrote
+from vibrident.cli.console import note, wrote
 from vibrident.cli.folder import written_whole
 from vibrident.cli.results import load_result
 from vibrident.errors import InputError
 
 if TYPE_CHECKING:
+    from vibrident.present.views import Section
     from vibrident.result import Result
 
 #: Folder of the comparison of several results, where no other is named.
@@ -43,42 +44,74 @@ def report(
             show_default="by the ending of --out, or md",
         ),
     ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", metavar="URL", help="Add what this history holds of the sensor; not in a certificate."),
+    ] = None,
 ) -> None:
     """Write a report; of several results a comparison too, with the drift of a sensor. It needs results alone."""
     ending = "" if target is None else target.suffix.lower().removeprefix(".")
     chosen = form or (ending if ending in options.FORMATS else "md")
     loaded = [(path, load_result(path)) for path in results]
+    more = _histories(loaded, store, chosen)
     names = _distinct([path for path, _ in loaded])
     if target is not None and ending in options.FORMATS and not target.is_dir():
         if ending != chosen:
             raise _contradiction(target, chosen)
-        written = _one_file(target, loaded, names, chosen)
+        written = _one_file(target, loaded, names, chosen, more)
     elif target is None:
-        written = _beside_each(loaded, names, chosen)
+        written = _beside_each(loaded, names, chosen, more)
     else:
-        written = _in_folder(target, loaded, names, chosen)
+        written = _in_folder(target, loaded, names, chosen, more)
 
     wrote([file for file in written if file.suffix == f".{chosen}"])
 
 
 Loaded = Sequence[tuple[Path, "Result"]]
+#: Further sections of each report.
+More = Sequence[Sequence["Section"]]
 
 
-def _one_file(file: Path, loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
+def _histories(loaded: Loaded, store: str | None, form: str) -> More:
+    """What a store holds of each sensor, as sections; nothing where there is no store."""
+    if store is None:
+        return [()] * len(loaded)
+    if form == "pdf":
+        raise InputError(
+            "A certificate states one calibration, and no history.",
+            expected="html or md",
+            found="pdf",
+            where="--format, --store",
+            remedy="leave --store out, or choose another form",
+        )
+    from vibrident.history import page
+    from vibrident.history.document import of_result
+    from vibrident.history.store import Store
+
+    with Store(store) as opened:
+        lives = [of_result(opened, result) for _, result in loaded]
+    for (path, _), life in zip(loaded, lives, strict=True):
+        if life is None:
+            note(f"{path}: the history holds no calibration of this sensor")
+    return [() if life is None else page.sections(life) for life in lives]
+
+
+def _one_file(file: Path, loaded: Loaded, names: Sequence[str], form: str, more: More) -> list[Path]:
     from vibrident.report import write
 
     with written_whole(file.parent) as output:
-        write([result for _, result in loaded], form, output.path / file.name, names)  # type: ignore[arg-type]
+        one = more[0] if len(loaded) == 1 else ()
+        write([result for _, result in loaded], form, output.path / file.name, names, one)  # type: ignore[arg-type]
     return output.files
 
 
-def _beside_each(loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
+def _beside_each(loaded: Loaded, names: Sequence[str], form: str, more: More) -> list[Path]:
     from vibrident.report import write
 
     written = []
-    for path, result in loaded:
+    for (path, result), sections in zip(loaded, more, strict=True):
         with written_whole(path.parent) as output:
-            write(result, form, output.path)  # type: ignore[arg-type]
+            write(result, form, output.path, more=sections)  # type: ignore[arg-type]
         written += output.files
     if len(loaded) > 1:
         with written_whole(_COMPARISON) as output:
@@ -87,12 +120,13 @@ def _beside_each(loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
     return written
 
 
-def _in_folder(folder: Path, loaded: Loaded, names: Sequence[str], form: str) -> list[Path]:
+def _in_folder(folder: Path, loaded: Loaded, names: Sequence[str], form: str, more: More) -> list[Path]:
     from vibrident.report import write
 
     with written_whole(folder) as output:
-        for name, (_, result) in zip(names, loaded, strict=True):
-            write(result, form, output.path / name if len(loaded) > 1 else output.path)  # type: ignore[arg-type]
+        for name, (_, result), sections in zip(names, loaded, more, strict=True):
+            place = output.path / name if len(loaded) > 1 else output.path
+            write(result, form, place, more=sections)  # type: ignore[arg-type]
         if len(loaded) > 1:
             write([result for _, result in loaded], form, output.path, names)  # type: ignore[arg-type]
     return output.files
