@@ -24,7 +24,7 @@ STEP = 1e-5
 
 @functools.lru_cache(maxsize=64)
 def bound(sensor_name: str, excitation: str, noise: str) -> np.ndarray | None:
-    """Least relative standard deviation of each parameter; None where the noise is felt, and nothing bounds."""
+    """Least relative standard deviation of each parameter; None if the noise is felt, and nothing bounds."""
     if noise == "a":
         return None
     sensor = sensor_named(sensor_name)

@@ -34,7 +34,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _kernels_are_let_go() -> Iterator[None]:
+def _release_kernels() -> Iterator[None]:
     """A compiled kernel holds memory maps; Linux allows 65 530 a process, and the suite would end in a segfault."""
     yield
     maps = Path("/proc/self/maps")

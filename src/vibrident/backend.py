@@ -1,4 +1,4 @@
-"""The only door to JAX: float64, the compilation cache, and a version that computes rightly.
+"""The only door to JAX: float64, the compilation cache, and a version that computes correctly.
 
 JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU. The pinned 0.10.1 does
 not; any other version gets the flag that cures it and must pass ``check_arithmetic`` before anything is computed.
@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 
 TRUSTED_VERSION = "0.10.1"
-#: Memory maps of a process at which its kernels are forgotten, well below Linux's usual limit of 65 530.
+#: Memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530.
 MOST_MAPS = 40_000
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
@@ -27,11 +27,11 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
-__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax", "let_go_of_kernels"]
+__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax", "release_kernels"]
 
 
 def cache_folder() -> Path | None:
-    """Folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None where the variable is empty."""
+    """Folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None if the variable is empty."""
     chosen = os.environ.get("VIBRIDENT_CACHE")
     if chosen is not None:
         return Path(chosen) if chosen else None
@@ -52,11 +52,11 @@ def arithmetic_error() -> float:
     return float(error) if np.isfinite(error) else float("inf")
 
 
-def let_go_of_kernels(most_maps: int = MOST_MAPS) -> bool:
-    """Forget compiled kernels where they hold so many memory maps that the process would soon die; whether it did.
+def release_kernels(most_maps: int = MOST_MAPS) -> bool:
+    """Free compiled kernels before the process runs out of memory maps; return whether it did.
 
-    Each kernel maps memory, Linux allows a process 65 530 maps, and XLA ends in a segmentation fault there. A process
-    that identifies thousands of data sets of many lengths comes that far. Kernels come back from the cache on disk.
+    Linux allows a process 65 530 maps; beyond, XLA crashes. Identifying thousands of data sets of many lengths reaches
+    that. Freed kernels are loaded again from the cache on disk.
     """
     maps = Path("/proc/self/maps")
     if not maps.exists() or maps.read_bytes().count(b"\n") < most_maps:

@@ -236,14 +236,14 @@ def _against(name: str, result: Result, found: Criteria, best: Criteria) -> str:
 def document(
     results: Mapping[str, Result],
     truth: Mapping[str, float] | None = None,
-    foretold: Mapping[str, Mapping[str, Any]] | None = None,
+    cross_validations: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """What ``comparison.json`` says: plain values.
 
     Args:
         results: name of the method to its result; at least one.
         truth: true values by parameter name; deviations are from these, else from the first result.
-        foretold: name of the method to its cross-validation, as plain values.
+        cross_validations: name of the method to its cross-validation, as plain values.
     """
     first = next(iter(results))
     zero = truth or {name: p.value for name, p in results[first].parameters.items() if p.value is not None}
@@ -253,7 +253,7 @@ def document(
         "deviations_from": "truth" if truth else first,
         "truth": dict(truth) if truth else None,
         "methods": [
-            _method(name, result, zero, units, bool(truth)) | {"cross_validation": (foretold or {}).get(name)}
+            _method(name, result, zero, units, bool(truth)) | {"cross_validation": (cross_validations or {}).get(name)}
             for name, result in results.items()
         ],
         "recommendation": asdict(recommendation(results)),

@@ -1,4 +1,4 @@
-"""The errors a user can meet. Each message says what was expected, what was found, where, and the remedy."""
+"""Errors for users: each message says what was expected, what was found, where, and the remedy."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class InputError(VibridentError):
                 lines.append(f"  {label + ':':<10}{text}")
         return "\n".join(lines)
 
-    def __reduce__(self) -> tuple[object, ...]:  # keyword-only arguments survive a worker process
+    def __reduce__(self) -> tuple[object, ...]:  # pickling keeps keyword-only arguments
         return (_rebuild_input_error, (type(self), self.__dict__.copy()))
 
 
@@ -56,7 +56,7 @@ def _rebuild_input_error(kind: type[InputError], fields: dict[str, str]) -> Inpu
 def did_you_mean(
     name: str, known: Iterable[str], otherwise: str = "choose one of the expected", *, likeness: float = 0.6
 ) -> str:
-    """The remedy for a name that is not known: the nearest one that is, upper or lower case, if any is so like it."""
+    """The remedy for an unknown name: the nearest known one, in either case, if one is similar."""
     by_lower = {other.lower(): other for other in known}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise

@@ -1,4 +1,4 @@
-"""Libraries that only some uses need: loaded when asked for, with the remedy where one is missing."""
+"""Optional libraries: loaded on demand, with the remedy if one is missing."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from vibrident.errors import InputError
 
 
 def library(name: str, extra: str, problem: str, where: str) -> Any:
-    """Import a library of an extra. What it has to say of its own future is not the user's concern.
+    """Import a library of an extra, without its deprecation warnings.
 
     Args:
         name: dotted name of the module.
         extra: the extra of this package that installs it.
-        problem: what its absence means, in words.
+        problem: what its absence means.
         where: the file or option that needs it.
 
     Raises:

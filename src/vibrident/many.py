@@ -1,4 +1,4 @@
-"""Many sensors, one after another or side by side, with memory that does not grow with their number."""
+"""Many sensors, in one process or several; memory does not grow with their number."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from vibrident.errors import VibridentError
 from vibrident.records import Calibration
 from vibrident.result import Result
 
-#: Calibrations in the hands of a worker, or waiting for it.
+#: Calibrations in work or waiting, for each worker.
 WINDOW = 2
-#: What keeps a worker's arithmetic on one core.
+#: Environment variables that keep a worker's arithmetic on one core.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -60,8 +60,8 @@ def identify_many(
         uncertainty: as for :func:`vibrident.identify`, the same for all.
         workers: processes, each with one thread of arithmetic; 1: this one. A script that asks for more needs the usual
             ``if __name__ == "__main__":``.
-        refused: what happens where data cannot be used, or model, estimator and data do not fit together: ``raise`` the
-            error, which ends the iteration, or ``return`` it in place of the result.
+        refused: on an error of input or model: ``raise`` it, which ends the iteration, or ``return`` it in place of the
+            result.
 
     Raises:
         ValueError: ``workers`` is below one, or ``refused`` is something else.
@@ -92,7 +92,7 @@ def _identified(calibration: Calibration, given: dict[str, Any]) -> Result | Vib
 def _beside(
     calibrations: Iterable[Calibration], given: dict[str, Any], workers: int
 ) -> Iterator[Result | VibridentError]:
-    """In processes of their own, a few calibrations ahead of what was asked for."""
+    """In worker processes, a few calibrations ahead of the caller."""
     import multiprocessing
     from concurrent.futures import Future, ProcessPoolExecutor
 

@@ -1,4 +1,4 @@
-"""Memory: how much reading a file may take, and what was freed given back to the system."""
+"""How much memory reading a file may take; freed memory returned to the system."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import ctypes
 import math
 import os
 
-#: Environment variable with the most megabytes that the numbers of a file may take; it stands for all rules below.
+#: Environment variable with the most megabytes for the numbers of a file; it replaces all rules below.
 VARIABLE = "VIBRIDENT_MEMORY_MB"
-#: A small file may hold this much, however well it is compressed: 16 million samples.
+#: Allowed for any file: 16 million samples.
 ALWAYS_BYTES = 128 << 20
-#: Beyond it, numbers may take so many times the size of their file. Compression of measured signals gains a factor of
-#: ten at most, and float64 takes four times the room of the usual 16 bit.
+#: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor of 10 at most;
+#: float64 takes four times the room of 16 bit.
 EXPANSION = 64
-#: Of the memory that is free, for the numbers of one file: as much again is needed to scale them, and for the rest.
+#: Part of the free memory for the numbers of one file; scaling them and the rest need as much again.
 _SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
 
 
 def give_back() -> None:
-    """Give freed memory back, where the C library can: a compiler or a large file leaves hundreds of megabytes."""
+    """Return freed memory to the system (glibc): a compiler or a large file leaves hundreds of megabytes."""
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -41,7 +41,7 @@ def most_bytes(file_bytes: int) -> float:
 
 
 def free_bytes() -> float:
-    """Memory that is free, within the limits of this process; infinite where the system does not say."""
+    """Free memory within the limits of this process; infinite if the system does not tell."""
     free = math.inf
     with contextlib.suppress(OSError, ValueError, StopIteration), open("/proc/meminfo", encoding="ascii") as stream:
         free = 1024.0 * int(next(line for line in stream if line.startswith("MemAvailable")).split()[1])

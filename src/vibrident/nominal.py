@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 #: Nominal values of one decade, ISO 266:1997 (the R10 series of ISO 3).
 NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
-#: Relative distance within which a frequency is taken for another: far more than a tone's uncertainty, far less than
-#: what lies between a nominal value and the exact one.
+#: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far below the distance
+#: of nominal and exact values.
 SAME = 1e-4
 #: The reference frequency where none is stated: of accelerometers (ISO 16063-21), and of seismometers and geophones.
 REFERENCES_HZ = (160.0, 1.0)
@@ -35,15 +35,15 @@ def nominal_value(n: int) -> float:
 
 
 def same(one_hz: float, other_hz: float) -> bool:
-    """Whether two frequencies are the same but for how well a tone's frequency is known."""
+    """Whether two frequencies are the same within a tone's uncertainty."""
     return abs(one_hz / other_hz - 1.0) <= SAME
 
 
 def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> tuple[Nominal, ...]:
-    """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; empty where none is.
+    """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; may be empty.
 
-    Each stands for the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz); where more of the data were taken
-    at nominal values (160.00 Hz) than at exact ones, all of them stand for themselves.
+    Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the data were taken at
+    nominal values (160.00 Hz) than at exact ones.
 
     Args:
         low_hz: lower end of the band, positive.
@@ -76,7 +76,7 @@ def _literal(measured_hz: Iterable[float]) -> bool:
 def reference(
     low_hz: float, high_hz: float, measured_hz: Iterable[float] = (), stated_hz: float | None = None
 ) -> tuple[Nominal | None, str]:
-    """The reference frequency, and in words how it was chosen.
+    """The reference frequency, and how it was chosen.
 
     Args:
         low_hz: lower end of the measured band.
@@ -85,7 +85,7 @@ def reference(
         stated_hz: what the calibration file asks for.
 
     Returns:
-        the frequency, None where the stated one lies outside the band or the band holds no nominal frequency; and why.
+        the frequency (None if the stated one lies outside the band, or the band holds no nominal one), and the reason.
     """
     available = series(low_hz, high_hz, measured_hz)
     if stated_hz is not None:

@@ -1,4 +1,4 @@
-"""Values as bytes and back, without pickle: whoever sends them can make no other objects than these.
+"""Values as bytes and back, without pickle: a sender can make no other objects than these.
 
 Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this package.
 """
@@ -23,7 +23,7 @@ def pack(value: Any) -> list[bytes | memoryview]:
     """Return the pieces to be sent, in order.
 
     Raises:
-        TypeError: the value holds something that is not sent.
+        TypeError: the value holds an object of another type.
     """
     buffers: list[memoryview] = []
     tree = json.dumps(_plain(value, buffers)).encode()
@@ -37,7 +37,7 @@ def unpack(content: bytearray) -> Any:
     """Return what was packed; its arrays live in ``content``.
 
     Raises:
-        ValueError, TypeError, KeyError, RecursionError: the bytes are no parcel.
+        ValueError, TypeError, KeyError, RecursionError: the bytes were not packed by :func:`pack`.
     """
     length = int.from_bytes(content[:_HEAD], "little")
     tree = json.loads(content[_HEAD : _HEAD + length])
@@ -55,7 +55,7 @@ class _Buffers:
     def take(self, length: int) -> memoryview:
         piece = self._content[self._place : self._place + length]
         if length < 0 or len(piece) != length:
-            raise ValueError("a parcel cut short")
+            raise ValueError("a truncated parcel")
         self._place += length + -length % _ALIGNED
         return piece
 

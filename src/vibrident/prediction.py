@@ -1,10 +1,8 @@
-"""The response that a result foretells for the motion of other records, and how well it meets the response measured
-there.
+"""The predicted response of other records, and its deviation from the measured one.
 
-The network runs with the result's parameters, the discretisation it was trained with, and its learned residual where
-it has one. What
-belongs to a record and not to the sensor, the state at its first sample and its offset, is fitted to the record's own
-response; a record of n samples has n − 3 left to judge the prediction by.
+The network runs with the result's parameters, its discretisation and, if there is one, its learned residual. Initial
+state and offset belong to a record: they are fitted to its response, which leaves n − 3 degrees of freedom of n
+samples.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from vibrident.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
 
-#: The band of coordinates bounds what a search may find; here nothing is searched.
+#: Coordinates need a band to bound a search; nothing is searched here.
 UNBOUNDED_HZ = (1e-9, 1e12)
 
 
@@ -32,8 +30,8 @@ class Prediction:
     """One record and its predicted response.
 
     Attributes:
-        record: as screened: clipped samples are marked as not valid.
-        predicted: shape (samples,), response unit; NaN where there is none (at the ends, the band-limited
+        record: as screened: clipped samples are marked invalid.
+        predicted: shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited
             interpolation of the reference lacks neighbours).
     """
 
@@ -52,12 +50,12 @@ class Prediction:
 
     @property
     def rmse(self) -> float | None:
-        """Root mean square of the residual, response unit; None where nothing can be compared."""
+        """Root mean square of the residual, response unit; None if nothing can be compared."""
         return root_mean_square(self.residual)
 
     @property
     def nrmse(self) -> float | None:
-        """``rmse`` over the standard deviation of the measured response; None where there is no such ratio."""
+        """``rmse`` over the standard deviation of the measured response; None if undefined."""
         deviation = float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
         return None if self.rmse is None or deviation == 0.0 else self.rmse / deviation
 
@@ -110,7 +108,7 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
 
 
 def root_mean_square(values: FloatArray) -> float | None:
-    """√mean(v²); None of nothing."""
+    """√mean(v²); None for no values."""
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
@@ -149,7 +147,7 @@ def _check_units(result: Result, calibration: Calibration) -> None:
     theirs = result.reference.get("quantity", "acceleration")
     if (calibration.quantity == "drive") != (theirs == "drive"):
         raise InputError(
-            "The reference is not of the kind that the result was made with.",
+            "The reference is of another kind than the result's.",
             expected='quantity = "drive"' if theirs == "drive" else "acceleration | velocity | displacement",
             found=f'quantity = "{calibration.quantity}"',
             where=f"{calibration.source or 'calibration in memory'}, [reference]",

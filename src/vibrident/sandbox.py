@@ -1,8 +1,8 @@
-"""A function run in a process of its own, with a limit on memory and time: for files that nobody vouches for.
+"""A function run in its own process, with limits on memory and time: for untrusted files.
 
-The process protects its caller from what a file may cost (memory, time) and from what it may break (a crash of a native
-library). It is not a prison: it runs as the same user and may read what that user may read. What it says is taken for
-data, never for code: no pickle comes back, only numbers, text, containers, arrays and this package's own dataclasses.
+The process protects its caller from a file's cost (memory, time) and from a crash of a native library. It does not
+confine code: it runs as the same user and may read that user's files. Its answer is data, never code: no pickle, only
+numbers, text, containers, arrays and this package's dataclasses.
 """
 
 from __future__ import annotations
@@ -23,28 +23,27 @@ from vibrident import parcel
 from vibrident.errors import InputError, NotConverged, VibridentError
 
 _WORK = "from vibrident.sandbox import work; work()"
-#: One thread of arithmetic: the stack of each counts as memory. No plug-ins of HDF5: they are code, looked for by name.
+#: One thread of arithmetic, because the stack of each counts as memory; no HDF5 plug-ins, because they are code.
 _SURROUNDINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
 _LONGEST_TRACE = 20_000
 _T = TypeVar("_T")
 
 
 class WorkerError(RuntimeError):
-    """Something in the process failed that should not have; the message is its traceback."""
+    """An unexpected failure in the process; the message is its traceback."""
 
 
 def run(function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: float, file_bytes: int = 0) -> _T:
     """Run an importable function in a fresh process and return what it returns.
 
-    It can be called from a thread. Where the system sets no limits on memory (Windows, macOS), only the limit on time
-    holds.
+    It can be called from a thread. Without memory limits of the system (Windows, macOS), only the limit on time holds.
 
     Args:
         function: defined at the top of a module, which the process imports.
         args: anything that can be pickled; they come from the caller, who is trusted.
-        memory_bytes: most memory that the process may hold beside its code; also most bytes that may come back.
+        memory_bytes: most memory beside the process's code; also the longest answer.
         seconds: most time, of the clock and of the processor.
-        file_bytes: most bytes of a file that it writes; 0: it can write none.
+        file_bytes: most bytes of a file that it writes; 0: none.
 
     Raises:
         InputError, NotConverged: as the function does; or it needs more memory or time, or crashed (InputError).
@@ -54,9 +53,9 @@ def run(function: Callable[..., _T], *args: Any, memory_bytes: int, seconds: flo
 
 
 class Ready:
-    """Runs functions as ``run`` does, in a process that was started ahead: its libraries are loaded when it is needed.
+    """Runs functions as ``run`` does, in a process that was started ahead with its libraries loaded.
 
-    Each process still works once and is gone. It can be used from several threads.
+    Each process runs one function. It can be used from several threads.
 
     Args:
         modules: what the process loads while it waits.
@@ -69,7 +68,7 @@ class Ready:
         self._closed = False
 
     def prepare(self) -> None:
-        """Start a process, unless one waits."""
+        """Start a process, unless one is waiting."""
         with self._lock:
             if not self._closed and (self._waiting is None or self._waiting.poll() is not None):
                 self._waiting = _started(*self._modules)
@@ -88,7 +87,7 @@ class Ready:
             self.prepare()
 
     def close(self) -> None:
-        """End the process that waits, and start no other."""
+        """End the waiting process and start no other."""
         with self._lock:
             self._closed = True
             process, self._waiting = self._waiting, None
@@ -111,7 +110,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
     for stream in (process.stdin, process.stdout):
         if stream is not None:
-            with contextlib.suppress(OSError):  # what was not written before it died
+            with contextlib.suppress(OSError):  # the process may have died
                 stream.close()
 
 
@@ -142,7 +141,7 @@ def _run(
 
 
 def set_limits(memory_bytes: int, seconds: float | None = None, file_bytes: int | None = None) -> None:
-    """Limit this process for good, where the system can: memory for data, seconds of the processor, size of a file."""
+    """Limit this process, if the system can: memory for data, processor time, file size."""
     try:
         import resource
     except ImportError:  # Windows
@@ -159,19 +158,19 @@ def set_limits(memory_bytes: int, seconds: float | None = None, file_bytes: int 
 
 
 def work() -> None:
-    """A process's life: the modules that it is named, one task from stdin, one answer on stdout."""
+    """Main of the process: load modules, read one task from stdin, write one answer to stdout."""
     for module in sys.argv[1:]:
         importlib.import_module(module)
     task = pickle.loads(sys.stdin.buffer.read())
     sys.path[:] = task["path"]
     stream = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # keep what libraries print out of the answer
     memory_bytes, seconds, file_bytes = task["limits"]
     set_limits(memory_bytes, seconds, file_bytes)
     for piece in _answer(task):
         stream.write(piece)
     stream.flush()
-    os._exit(0)  # what a library does when it is taken down is nobody's concern
+    os._exit(0)  # skip the libraries' exit handlers
 
 
 def _answer(task: dict[str, Any]) -> list[bytes | memoryview]:
@@ -181,7 +180,7 @@ def _answer(task: dict[str, Any]) -> list[bytes | memoryview]:
             function = getattr(function, name)
         return parcel.pack({"done": function(*task["args"])})
     except MemoryError:
-        pass  # said outside, when what it held is gone
+        pass  # reported below, after its memory is freed
     except InputError as error:
         return parcel.pack({"input": vars(error)})
     except VibridentError as error:
@@ -192,7 +191,7 @@ def _answer(task: dict[str, Any]) -> list[bytes | memoryview]:
 
 
 def _exchange(process: subprocess.Popen[bytes], task: bytes, most_bytes: int) -> bytearray | None:
-    """Send the task and take the answer; None where it is longer than may be."""
+    """Send the task and take the answer; None if it is too long."""
     assert process.stdin is not None
     assert process.stdout is not None
     answer = bytearray()

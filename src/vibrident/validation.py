@@ -1,7 +1,7 @@
-"""Cross-validation: how well a model foretells measurements that it was not fitted to.
+"""Cross-validation: how well a model predicts measurements that it was not fitted to.
 
-The records (or the rows of a table) are dealt into folds; each fold is foretold by the model fitted to the others
-(Stone 1974). A model with too little physics foretells badly, and so does one with more parameters than the data carry.
+The records (or the rows of a table) are split into folds; each fold is predicted by the model fitted to the others
+(Stone 1974). A model with too little physics predicts badly, and so does one with more parameters than the data carry.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vibrident.records import BoolArray, Calibration, FloatArray, ResponseTable
 from vibrident.result import MeasuredCurve, Result
 
 FOLDS = 5
-#: Fewer records or rows than this are not dealt.
+#: Fewer records or rows than this are not split into folds.
 FEWEST = 4
 
 
@@ -29,9 +29,9 @@ class CrossValidation:
     """What the folds say.
 
     Attributes:
-        deviation_percent: rms of |model/measured − 1| at the points left out, 100 times.
-        deviation_in_u: rms of the same in standard uncertainties of the measurement; about one for a model that is
-            right. None where no uncertainty is known.
+        deviation_percent: rms of |model/measured − 1| at the points left out, %.
+        deviation_in_u: the same in standard uncertainties of the measurement; about 1 for a right model. None if none
+            is known.
         folds: how many fits were made.
     """
 
@@ -52,13 +52,13 @@ def cross_validate(
 
     Args:
         calibration: what the result was identified from.
-        result: of all data; its measured points are what is foretold.
+        result: of all data; its measured points are predicted.
         estimator: as for :func:`vibrident.identify`.
         folds: most fits.
         progress: called after each iteration of the optimiser.
 
     Returns:
-        the score; None where there are too few records or rows to deal, or where a fold cannot be fitted.
+        the score; None if there are too few records or rows, or a fold cannot be fitted.
     """
     owners = _owners(calibration, result.measured)
     count = calibration.table.points if calibration.table is not None else len(calibration.records)
@@ -66,7 +66,7 @@ def cross_validate(
     if count < FEWEST:
         return None
     measured = _complex(result.measured)
-    foretold = np.full(len(measured), np.nan, dtype=complex)
+    predicted = np.full(len(measured), np.nan, dtype=complex)
     frequency = np.array(result.measured.frequency_hz)
     model = parse(result.model)
     for fold in range(dealt):
@@ -77,9 +77,9 @@ def cross_validate(
             return None
         values = {name: part.parameters[name].value for name in model.parameter_names}
         here = out[owners]
-        foretold[here] = model.frequency_response(values, frequency[here], calibration.quantity)
+        predicted[here] = model.frequency_response(values, frequency[here], calibration.quantity)
     known = result.measured.phase_deg[0] is not None
-    off = np.abs(foretold / measured - 1.0) if known else np.abs(np.abs(foretold) / np.abs(measured) - 1.0)
+    off = np.abs(predicted / measured - 1.0) if known else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
     percent = 100.0 * float(np.sqrt(np.mean(off**2)))
     return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
 

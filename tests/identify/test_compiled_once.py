@@ -7,7 +7,7 @@ import logging
 import pytest
 
 import vibrident
-from vibrident.backend import jax, let_go_of_kernels
+from vibrident.backend import jax, release_kernels
 from vibrident.simulation import simulate, with_noise
 
 
@@ -22,9 +22,9 @@ def test_the_same_kind_of_data_compiles_nothing_twice(excitation, caplog):
     assert [r.getMessage()[:80] for r in caplog.records if r.getMessage().startswith("Compiling")] == []
 
 
-def test_kernels_are_let_go_of_only_where_there_are_many():
-    assert not let_go_of_kernels(10**9)
+def test_kernels_are_released_only_when_there_are_many():
+    assert not release_kernels(10**9)
     kept = jax.jit(lambda x: x + 1.0)
     assert kept(1.0) == 2.0
-    if let_go_of_kernels(1):  # where the system counts maps
+    if release_kernels(1):  # where the system counts maps
         assert kept(1.0) == 2.0

@@ -57,7 +57,7 @@ def lobe_rms(result: Result, shock: Calibration) -> float:
     [(0.0, 4.45e-4), *(pytest.param(part, marks=pytest.mark.slow) for part in ((1e-4, 4.6e-4), (2e-4, 4.5e-4)))],
 )
 def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float, float]) -> None:
-    """The main lobe is foretold within 1 %; by the sine table alone within some per cent. What remains is named.
+    """The main lobe is predicted within 1 %; by the sine table alone within some per cent. What remains is named.
 
     The shock alone determines neither damping nor delay; its own fit ends anywhere.
     """

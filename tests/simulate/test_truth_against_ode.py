@@ -135,7 +135,7 @@ def test_a_boxcar_averages_the_response_over_its_window(name, start):
 
 
 def test_what_averages_cannot_be_held_until_it_is_let_go():
-    with pytest.raises(InputError, match="averages"):
+    with pytest.raises(InputError, match="boxcar"):
         exact("accelerometer+boxcar", ACCELEROMETER | {"boxcar_length": 1e-3}, Decay(9.8))
 
 

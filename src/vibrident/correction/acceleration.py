@@ -66,9 +66,9 @@ class Correction:
         band: what was restored.
         bound: largest that the removed part can be, were all of it to meet at one instant (Eichstädt), m/s².
         surroundings: rest, offset and noise of the response.
-        peak: None where no sample is known.
-        reference: the reference as acceleration in the same band, shape (samples,); None where there is none.
-        agreement: with the reference; None where there is none.
+        peak: None if no sample is known.
+        reference: the reference as acceleration in the same band, shape (samples,); None if absent.
+        agreement: with the reference; None if absent.
         integrated_from_rest: how many times; zero for a sensor that responds to constant acceleration.
         findings: what its ends and its still parts show.
     """

@@ -19,7 +19,7 @@ class Agreement:
     Attributes:
         rmse: against the reference in the same band, m/s².
         nrmse: that over the reference's standard deviation.
-        rmse_unfiltered: against the reference as it is; None where the reference is no acceleration.
+        rmse_unfiltered: against the reference as it is; None if the reference is no acceleration.
         reference_peak: the reference's sample of largest magnitude, filtered to the band, m/s².
         within_95_percent: part of these samples whose deviation lies within k = 1.96 of its uncertainty.
     """
@@ -61,7 +61,7 @@ def agreement_with(
     components: Mapping[str, FloatArray],
     reference: FloatArray,
 ) -> Agreement | None:
-    """Compare, where both are known; None where nothing is.
+    """Compare, where both are known; None if nothing is.
 
     Args:
         record: with its reference.

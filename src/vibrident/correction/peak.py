@@ -55,7 +55,7 @@ def find_peak(
     around: Surroundings,
     components: Mapping[str, FloatArray],
 ) -> Peak | None:
-    """The peak of a record; None where no sample is known.
+    """The peak of a record; None if no sample is known.
 
     Args:
         acceleration: shape (samples,), NaN where it is not known.

@@ -82,8 +82,8 @@ class Method:
 
     Attributes:
         name: as in settings and on the command line.
-        order: order of convergence for smooth signals; None where it is faster than any power.
-        fixed_terms: inputs a step; None where the sensor's stiffness decides.
+        order: order of convergence for smooth signals; None if it is faster than any power.
+        fixed_terms: inputs a step; None if the sensor's stiffness decides.
         step: (system, sampling interval, fraction f, terms) → Weights.
     """
 

@@ -109,7 +109,7 @@ def _polished(c: np.ndarray) -> np.ndarray:
 def uncertainties(sensor: Sensor, which: str) -> np.ndarray | None:
     """Standard uncertainties of the real and imaginary parts of ``poles`` or ``zeros``, as a complex array.
 
-    From the parameters' uncertainties and correlation, to first order; None where one of them is not stated.
+    From the parameters' uncertainties and correlation, to first order; None if one of them is not stated.
     """
     known = sensor.known
     if not np.isfinite(known.covariance).all():

@@ -25,7 +25,7 @@ import numpy as np
 #: name → (value, unit, standard uncertainty or None), as in result.json.
 PARAMETERS = {{
 {parameters}}}
-#: Covariance of {names}; None where it is not stated.
+#: Covariance of {names}; None if it is not stated.
 COVARIANCE = {covariance}
 
 ZEROS = np.array([{zeros}], dtype=complex)  # rad/s

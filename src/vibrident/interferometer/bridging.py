@@ -18,7 +18,7 @@ NOISE = 2.0
 
 
 def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
-    """Turns to be added behind a gap to the phase that goes on from the nearest turn; None where nobody can know.
+    """Turns to be added behind a gap to the phase that goes on from the nearest turn; None if nobody can know.
 
     A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step of the right
     polynomial is a whole number of turns, which is the check.

@@ -70,7 +70,7 @@ def waves(phase: FloatArray) -> FloatArray:
 def cyclic_error(
     signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], fringes_a_sample: float
 ) -> Cyclic | None:
-    """Measure the cyclic error of a record; None where the record is too short, or lost where it was looked at."""
+    """Measure the cyclic error of a record; None if the record is too short, or lost where it was looked at."""
     length = int(np.clip(FRINGES / max(fringes_a_sample, 1e-9), SHORTEST, LONGEST))
     if signals.samples < 2 * length:
         return None

@@ -45,7 +45,7 @@ class Answer:
         noise: relative standard uncertainty of the reference there by the noise of the phase, shape (m,).
         group: of records with one ellipse.
         covariance: of the ellipse's shape, shape (4, 4).
-        cyclic: the cyclic error that was measured; None where it could not be.
+        cyclic: the cyclic error that was measured; None if it could not be.
     """
 
     frequency_hz: FloatArray

@@ -136,7 +136,7 @@ def circle(u: FloatArray) -> Ellipse:
 
 
 def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
-    """Fit an ellipse to sums of powers in the signals' own units; None where the samples show too little of it.
+    """Fit an ellipse to sums of powers in the signals' own units; None if the samples show too little of it.
 
     Args:
         blocks: of stretches of the signals, each of shape (5, 5).

@@ -24,7 +24,7 @@ class Interferometer:
         wavelength_relative_uncertainty: relative standard uncertainty of it.
         passes: times the beam goes to the target and back.
         carrier_hz: of a heterodyne signal, to begin with; estimated near this value.
-        direction: sign of the displacement for growing phase; None where it is not known.
+        direction: sign of the displacement for growing phase; None if it is not known.
         delay_s: the optical channel comes later than the response channel by this time.
         delay_standard_uncertainty_s: of that.
     """

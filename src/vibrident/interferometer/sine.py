@@ -32,7 +32,7 @@ class Sine:
 
 
 def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> Sine | None:
-    """Fit a sine, offset and slope to the valid samples; None where there is less than a period."""
+    """Fit a sine, offset and slope to the valid samples; None if there is less than a period."""
     index = np.flatnonzero(valid)
     if index.size < 8:
         return None

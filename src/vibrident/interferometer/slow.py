@@ -19,7 +19,7 @@ SLOW, ROUNDS = 1.0 / 3.0, 4
 def without_slow_motion(
     values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None
 ) -> tuple[FloatArray, Sine | None]:
-    """The values without slow motion, and the sine in them; None where there is less than a period.
+    """The values without slow motion, and the sine in them; None if there is less than a period.
 
     Args:
         values: shape (n,).

@@ -22,7 +22,7 @@ class Channel:
     Attributes:
         name: as the calibration file uses it.
         handle: by which the format's library finds it.
-        clock: what the file states of its sampling; None where it states nothing.
+        clock: what the file states of its sampling; None if it states nothing.
         in_seconds: True for times of a type of their own, which are loaded in seconds.
     """
 

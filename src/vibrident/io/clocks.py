@@ -71,7 +71,7 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
 
 
 def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) -> float | None:
-    """Return the rate of the file's own time column where it is another than the one in use; None where all is well.
+    """Return the rate of the file's own time column where it is another than the one in use; None if all is well.
 
     Nothing can be said without one even time column, nor by a counter. Where its name states no unit, a ratio between
     units of time is no contradiction: the rate says which one it is.
@@ -114,7 +114,7 @@ def _plainest(value: float, possible: Callable[[float], bool]) -> tuple[float, i
 def agreed_rate(
     stated_hz: float | None, channels: Sequence[tuple[ColumnFile, int]], where: str, file: str
 ) -> Clock | None:
-    """Return the rate that the calibration file and the channels' files agree on; None where nobody states one.
+    """Return the rate that the calibration file and the channels' files agree on; None if nobody states one.
 
     Each is allowed the rounding of its own form, and the least rounded one is taken.
 

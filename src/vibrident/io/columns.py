@@ -24,7 +24,7 @@ class Clock:
     Attributes:
         rate_hz: samples per second.
         rate_rounding: relative; how far the true rate may be from ``rate_hz`` by the digits that the file keeps.
-        start_ns: time of the first sample on the format's clock, in nanoseconds; None where the file states none.
+        start_ns: time of the first sample on the format's clock, in nanoseconds; None if the file states none.
     """
 
     rate_hz: float
@@ -60,7 +60,7 @@ class ColumnFile(ABC):
         """Positions that the column numbers 1, 2, … stand for; empty where numbers have no clear meaning."""
 
     def clock(self, position: int) -> Clock | None:
-        """Return what the file itself states of this column's sampling; None where it states nothing."""
+        """Return what the file itself states of this column's sampling; None if it states nothing."""
         return None
 
     def stated_unit(self, position: int) -> str:

@@ -50,7 +50,7 @@ class Columns:
             frequency and magnitude are known is one.
         quantity, scale, unit: of the reference; scale leads to SI.
         response_unit: of the response.
-        excitation: by the file's name; None where that does not say.
+        excitation: by the file's name; None if that does not say.
     """
 
     columns: tuple[int | str, ...]

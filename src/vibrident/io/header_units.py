@@ -224,7 +224,7 @@ def _known_elsewhere(found: str) -> bool:
 
 
 def _factor(found: str, unit: str) -> float | None:
-    """What one of the unit found is in the unit stated; None where they are not multiples of one unit."""
+    """What one of the unit found is in the unit stated; None if they are not multiples of one unit."""
     found, unit = (text.translate(_PLAIN).strip("()") for text in (found, unit))
     for base in ("V", "A", "C", "m/s^2", "m/s", "m"):
         multiples = {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}

@@ -50,7 +50,7 @@ def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
 
 
 def quantity_of(unit: str) -> str | None:
-    """Quantity that a unit in a file belongs to; None where it says nothing."""
+    """Quantity that a unit in a file belongs to; None if it says nothing."""
     plain = _plain(unit)
     for quantity, si in REFERENCE_UNITS.items():
         if si in _SPELLINGS and (plain in _SPELLINGS[si] or plain.lower() in _IN_SI[quantity]):
@@ -59,7 +59,7 @@ def quantity_of(unit: str) -> str | None:
 
 
 def si_scale(quantity: str, unit: str) -> float | None:
-    """What one of this unit in a file is in the SI unit of the quantity; None where that is not known."""
+    """What one of this unit in a file is in the SI unit of the quantity; None if that is not known."""
     plain = _plain(unit)
     if plain in _SPELLINGS.get(REFERENCE_UNITS[quantity], ()):
         return 1.0

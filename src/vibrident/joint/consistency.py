@@ -61,7 +61,7 @@ def compare(
     effects: Sequence[FloatArray],
     degrees_of_freedom: float,
 ) -> Consistency | None:
-    """Compare separate estimates; None where nothing is shared.
+    """Compare separate estimates; None if nothing is shared.
 
     Args:
         numbers: of the joint fit.

@@ -134,7 +134,7 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """The sine steps of an SM-3 seismometer: drive to laser; None where the files are not there.
+    """The sine steps of an SM-3 seismometer: drive to laser; None if the files are not there.
 
     Args:
         data: folder that holds ``sm3``.

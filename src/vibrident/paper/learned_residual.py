@@ -16,7 +16,7 @@ from vibrident.prediction import predict
 from vibrident.simulation import SENSORS, simulate
 
 RATE_HZ, SAMPLES, NOISE = 12800.0, 800, 1e-3
-#: Frequencies trained on, and others that are foretold.
+#: Frequencies trained on, and others that are predicted.
 TRAINED_HZ = (60.0, 125.0, 250.0, 315.0, 400.0, 500.0, 630.0, 800.0, 1000.0)
 OTHER_HZ = (80.0, 200.0, 280.0, 450.0, 560.0, 700.0, 900.0, 100.0, 160.0)
 PHYSICS = ("sensitivity", "natural_frequency", "damping_ratio")

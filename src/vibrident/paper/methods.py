@@ -36,9 +36,9 @@ class MethodResult:
     Attributes:
         name: for tables.
         weights: numbers that were fitted.
-        metrics: prediction of the test records, normalised; None where the method failed.
+        metrics: prediction of the test records, normalised; None if the method failed.
         parameters: the sensor's, SI units; None for a method that has none, or that failed.
-        epochs: of training; None where there was none.
+        epochs: of training; None if there was none.
         converged: whether the stopping rule ended training, and not the limit.
         seconds: of fitting, compilation included; differs from run to run.
     """

@@ -49,7 +49,7 @@ class CurveDeviation:
     Attributes:
         frequency_hz: where.
         percent: signed deviation there.
-        at_peak: signed deviation at the resonance; None where there is none.
+        at_peak: signed deviation at the resonance; None if absent.
     """
 
     frequency_hz: tuple[float, ...]

@@ -48,7 +48,7 @@ TABLE_5 = {
 
 @dataclass(frozen=True)
 class Deviation:
-    """Relative deviation of a sensitivity curve, %; None where the paper gives none."""
+    """Relative deviation of a sensitivity curve, %; None if the paper gives none."""
 
     mean: float | None
     largest: float | None

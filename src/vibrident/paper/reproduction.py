@@ -38,7 +38,7 @@ class Reproduction:
         settings: what was run.
         simulation: section 4.
         interferometer: section 5 on simulated data.
-        seismometer: section 5 on measured data; None where they are not at hand.
+        seismometer: section 5 on measured data; None if they are not at hand.
         full_range: section 4 from 0.1 Hz; None unless asked for.
         rates: the study of sampling rates.
         noise: the study of noise.

@@ -32,7 +32,7 @@ NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
 
 @dataclass(frozen=True)
 class RatePoint:
-    """One discretisation at one sampling rate; the values are None where the network is unstable.
+    """One discretisation at one sampling rate; the values are None if the network is unstable.
 
     Attributes:
         discretisation: its name.

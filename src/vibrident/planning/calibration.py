@@ -42,9 +42,9 @@ class Plan:
         correlation: of the estimated parameters.
         response: the sensitivity curve with its uncertainty.
         warnings: what will be weakly determined, in the words of an identification, and what is doubtful.
-        criterion: by which the points were chosen; None where all are measured.
+        criterion: by which the points were chosen; None if all are measured.
         candidates_hz: of which they were chosen.
-        efficiency: of the choice, against the best design of as much measuring time; None where all are measured.
+        efficiency: of the choice, against the best design of as much measuring time; None if all are measured.
         spread: standard uncertainty by parameter of as many points spread evenly over the candidates; empty where
             all are measured.
         all_points: standard uncertainty by parameter of all candidates.

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax, let_go_of_kernels
+from vibrident.backend import jax, jnp, lax, release_kernels
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.lines import RecordLines
@@ -105,7 +105,7 @@ class TimeProblem:
             InputError: no record is long enough.
         """
         if next(_builds) % LOOK_EVERY == 0:
-            let_go_of_kernels()
+            release_kernels()
         frame = Frame.of(records, model, method, quantity, start)
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
         terms, delay, order = frame.terms, frame.delay_s, frame.order

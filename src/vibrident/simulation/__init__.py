@@ -1,4 +1,4 @@
-"""Calibrations made up: excitations in continuous time, exact and Runge–Kutta truth, noise, records.
+"""Simulated calibrations: excitations in continuous time, exact and Runge–Kutta truth, noise, records.
 
     calibration = simulate("paper", "sine", excitation_snr_db=20.0, response_noise=0.01, seed=1)
 

@@ -1,8 +1,8 @@
-"""What a data-acquisition system does before it samples: both channels through one linear-phase anti-alias filter.
+"""The linear-phase anti-alias filter of a data-acquisition system, the same for both channels.
 
-A shock has corners, and with them content above half the sampling rate. Sampled as it is, that content folds back,
-and no discretisation can tell; through the filter the records are band-limited, as recorded ones are. Both channels
-pass the same filter, so the sensor's response to the reference stays what it was.
+A shock has corners, hence content above half the sampling rate. Sampled without a filter, that content aliases; with it
+the records are band-limited, like recorded ones. The same filter on both channels leaves the sensor's response to the
+reference unchanged.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from scipy import fft
 
 from vibrident.records import FloatArray
 
-#: Simulated this many times finer than sampled, then filtered and thinned. What folds back at the fine rate is
-#: smaller by the square of this number than the content beside it, for a corner's 1/f² spectrum.
+#: Ratio of the simulated rate to the sampling rate. For a corner's 1/f² spectrum, aliasing at the fine rate is smaller
+#: by its square.
 OVERSAMPLING = 64
 #: Edges of pass and stop band, as fractions of the sampling rate, and depth of the stop band.
 PASS_BAND, STOP_BAND, DEPTH_DB = 0.32, 0.42, 160.0
@@ -39,7 +39,7 @@ def margin_samples() -> int:
 
 
 def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int) -> FloatArray:
-    """A channel as it is sampled behind the filter; at rest before its first sample.
+    """A channel sampled behind the filter; at rest before its first sample.
 
     Args:
         fine: from (sampling rate, number of samples) to the channel's values, from t = 0 on.

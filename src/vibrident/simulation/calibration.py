@@ -1,4 +1,4 @@
-"""A calibration that is simulated from end to end: sensor, excitations, truth, channels."""
+"""A simulated calibration: sensor, excitations, truth, channels."""
 
 from __future__ import annotations
 
@@ -62,27 +62,27 @@ def simulate(
         amplitude: peak of sine, sweep and shock, and static value before a decay, m/s²; multisine and random have the
             rms of a sine of this peak. None: the sensor's usual.
         repeats: how often every motion is recorded, each time with noise of its own.
-        excitation_snr_db: excitation's rms within the record over that of noise that the sensor feels, dB (paper: 20).
+        excitation_snr_db: excitation's rms within the record over that of noise motion of the base, dB (paper: 20).
         excitation_noise_rms: the same noise by its own rms, m/s².
-        excitation_noise_band_hz: its lowest and highest frequency; None: all up to 0.4 of the sampling rate. With a
-            velocity or displacement reference, mind how large its lowest frequencies become.
+        excitation_noise_band_hz: its lowest and highest frequency; None: all up to 0.4 of the sampling rate. In
+            velocity or displacement its lowest frequencies dominate.
         reference_noise: of the reference channel: white, as a fraction of each record's rms, or a ``ChannelNoise``.
         response_noise: of the response channel, likewise.
         start: ``rest`` (as in the paper) or ``steady`` (as in a laboratory).
-        quantity: what the reference shows.
+        quantity: of the reference.
         method: ``exact``, or ``rk4`` (the paper's) with ``substeps`` steps a sample.
         substeps: for ``rk4``.
         antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose
             corners would alias. Needs ``exact`` and the start from rest.
         seed: of everything random; every record and purpose has a stream of its own.
-        keep_takes: a list that the motions and their sampling are added to.
+        keep_takes: a list to which the motions and their sampling are appended.
 
     Returns:
         Calibration with records in physical units; ``provenance.history`` of each says what was made.
 
     Raises:
         InputError: a setting cannot be used; the message says which.
-        ModelError: the model is unknown, or the parameters are not its own.
+        ModelError: the model is unknown, or the parameters are not those of the model.
     """
     chosen = _sensor(sensor)
     require_choice("The start", start, ("rest", "steady"))

@@ -1,4 +1,4 @@
-"""Checks at the edge of the simulator: what a user can get wrong, said once."""
+"""Checks of the simulator's settings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vibrident.errors import InputError
 
 
 def require(condition: bool, problem: str, *, expected: str, found: object, where: str, remedy: str) -> None:
-    """Raise InputError with these words unless ``condition`` holds."""
+    """Raise InputError unless ``condition`` holds."""
     if not condition:
         raise InputError(problem, expected=expected, found=str(found), where=where, remedy=remedy)
 

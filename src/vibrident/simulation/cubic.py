@@ -1,12 +1,12 @@
-"""The response of a sensor with cubic stiffness: what the spring's bend adds to the linear response, by Runge–Kutta.
+"""The response of a sensor with cubic stiffness: the nonlinear part, by Runge–Kutta.
 
 With V = V_lin + W, V_lin the exact response of the linear sensor,
 
     Ẅ + 2 δ ωn Ẇ + ωn² W = −ωn² k3 (V_lin + W)³,
 
 integrated by Cooper & Verner's eighth-order method of eleven stages (SIAM J. Numer. Anal. 9 (1972) 389; Hairer, Nørsett
-& Wanner 1993, II.5). V_lin is smoother than the acceleration by two derivatives, so corners of a shock need no care.
-Steps, method and unknowns have nothing in common with those of the network.
+& Wanner 1993, II.5). V_lin is smoother than the acceleration by two derivatives, so corners of a shock do no harm.
+Steps, method and unknowns are independent of the network's.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from vibrident.simulation.grid import SampleGrid
 
 Linear = Callable[[SampleGrid], FloatArray]
 
-#: Largest phase, rad, that the fastest motion runs through in a step.
+#: Largest phase of the fastest motion in a step, rad.
 PHASE = 0.15
-#: A steady state is reached when the free motion has died down to this.
+#: A steady state is reached when the free motion has decayed to this.
 FORGOTTEN = 1e-14
 
 _S = math.sqrt(21.0)
@@ -66,11 +66,11 @@ def cubic_response(
         parameters: of an accelerometer with ``cubic_stiffness``.
         grid: instants; before t = 0 the sensor is at rest, held, or in its steady motion.
         highest_hz: highest frequency of the motion.
-        forever: whether the motion has been there forever.
-        held: linear response to a static value that is let go at t = 0; None where there is none.
+        forever: whether the motion has no beginning.
+        held: linear response to a static value that is released at t = 0; None if absent.
 
     Raises:
-        InputError: the motion drives a softening spring over its crest, or an undamped sensor has no steady motion.
+        InputError: the softening spring becomes unstable, or an undamped sensor has no steady motion.
     """
     k3 = float(parameters["cubic_stiffness"])
     wn, damping = 2.0 * math.pi * float(parameters["natural_frequency"]), float(parameters["damping_ratio"])
@@ -95,8 +95,8 @@ def cubic_response(
     whole = linear(SampleGrid(first_s, grid.rate_hz, after.samples)) + bend[0]
     require(
         bool(np.all(np.isfinite(whole))) and float(np.max(np.abs(whole))) < 1e3 * largest,
-        "The motion drives the softening spring over its crest: the response runs away.",
-        expected=f"|V| below {1.0 / math.sqrt(abs(k3)) if k3 else math.inf:.3g}, where the spring has no force left",
+        "The motion makes the softening spring unstable: the response diverges.",
+        expected=f"|V| below {1.0 / math.sqrt(abs(k3)) if k3 else math.inf:.3g}, where the spring force is zero",
         found=f"k3 = {k3:g}, linear response {largest:.3g}",
         where="simulate, cubic_stiffness",
         remedy="lower the amplitude, or |cubic_stiffness|",
@@ -105,7 +105,7 @@ def cubic_response(
 
 
 def _static(k3: float, linear: float) -> float:
-    """V with V + k3 V³ = ``linear``, on the branch that begins at zero."""
+    """V with V + k3 V³ = ``linear``, on the branch through zero."""
     coefficients = [k3, 0.0, 1.0, -linear] if k3 else [1.0, -linear]
     roots = np.asarray(np.roots(coefficients), dtype=np.complex128)
     real = roots.real[np.abs(roots.imag) <= 1e-9 * (1.0 + np.abs(roots))]
@@ -122,7 +122,7 @@ def _static(k3: float, linear: float) -> float:
 
 
 def _memory(wn: float, damping: float) -> float:
-    """Time after which the free motion has died down, s."""
+    """Time in which the free motion decays, s."""
     slowest = damping if damping < 1.0 else damping - math.sqrt(damping * damping - 1.0)
     require(
         slowest > 0.0,

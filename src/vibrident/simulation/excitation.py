@@ -48,7 +48,7 @@ class Sine(Tonal):
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
+        """Description for a record's history."""
         return f"sine of {self.frequency_hz:.9g} Hz, {self.amplitude:.9g} m/s²"
 
     @cached_property
@@ -93,7 +93,7 @@ class Multisine(Tonal):
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
+        """Description for a record's history."""
         low, high = min(self.frequencies_hz), max(self.frequencies_hz)
         return f"multisine of {len(self.frequencies_hz)} tones, {low:.9g} to {high:.9g} Hz"
 
@@ -127,7 +127,7 @@ class Sweep:
     """a(t) = amplitude · w(t) · sin φ(t) for 0 ≤ t ≤ duration, zero elsewhere; φ̇/2π runs from start_hz to stop_hz.
 
     The ramp w(x) = x − sin(2πx)/2π over ``taper`` of the duration at either end has two continuous derivatives, so
-    little spills out of the band.
+    little power lies outside the band.
 
     Attributes:
         start_hz: frequency at t = 0.
@@ -164,7 +164,7 @@ class Sweep:
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
+        """Description for a record's history."""
         return f"{self.law} sweep from {self.start_hz:.9g} to {self.stop_hz:.9g} Hz in {self.duration_s:.9g} s"
 
     @property
@@ -212,7 +212,7 @@ class BandLimitedRandom(Tonal):
         high_hz: highest frequency, Hz.
         rms: m/s².
         seed: of the phases.
-        period_s: after which the signal repeats; take it longer than the record for a signal that does not.
+        period_s: after which the signal repeats; take it longer than the record to avoid repetition.
 
     Raises:
         InputError: a number cannot be used, or the band holds no multiple of 1/period_s.
@@ -246,7 +246,7 @@ class BandLimitedRandom(Tonal):
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
+        """Description for a record's history."""
         return f"random, {self.low_hz:.9g} to {self.high_hz:.9g} Hz, {self.rms:.9g} m/s² rms, seed {self.seed}"
 
     @cached_property
@@ -285,7 +285,7 @@ class HalfSineShock:
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
+        """Description for a record's history."""
         return f"half-sine shock of {self.peak:.9g} m/s², {self.duration_s:.9g} s, at {self.start_s:.9g} s"
 
     @property
@@ -301,13 +301,13 @@ class HalfSineShock:
 
 @dataclass(frozen=True)
 class Decay:
-    """The base rests; the mass is held off its position of rest and let go at t = 0.
+    """The base rests; the mass is held off its rest position and released at t = 0.
 
-    Held as a constant acceleration would hold it: the initial state is the static one under ``amplitude``, for any
-    sensor. (A geophone's coil lifted by a current and released is this experiment.)
+    The initial state is the static one under a constant acceleration ``amplitude``. (A geophone's coil lifted by a
+    current and released is this experiment.)
 
     Attributes:
-        amplitude: the static acceleration that would displace the mass as far, m/s².
+        amplitude: the static acceleration with the same displacement of the mass, m/s².
 
     Raises:
         InputError: the amplitude is not finite.
@@ -323,8 +323,8 @@ class Decay:
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
-        return f"free decay, released from what {self.amplitude:.9g} m/s² would hold"
+        """Description for a record's history."""
+        return f"free decay, released from the static state under {self.amplitude:.9g} m/s²"
 
     def value(self, time_s: FloatArray) -> FloatArray:
         """Zero: the base rests."""

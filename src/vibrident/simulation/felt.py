@@ -1,8 +1,7 @@
-"""Vibration that comes on top of the excitation: true motion, so the sensor answers it and the reference sees it.
+"""Noise motion of the base on top of the excitation: the sensor responds to it and the reference measures it.
 
-The paper superimposes white noise on the excitation (section 4). Between samples such a signal must be something
-definite: here it is Gaussian noise that is exactly band-limited, to 0.4 of the sampling rate by default, which is
-what an anti-alias filter leaves.
+The paper superimposes white noise on the excitation (section 4). Between samples it must be defined: here it is
+Gaussian noise that is exactly band-limited, by default to 0.4 of the sampling rate, as behind an anti-alias filter.
 """
 
 from __future__ import annotations
@@ -18,17 +17,17 @@ from vibrident.simulation.tones import Tones, fast_length
 
 #: Upper band limit as a fraction of the sampling rate.
 DEFAULT_BAND = 0.4
-#: The noise repeats after this many times the record's length, so its end is not tied to its beginning.
+#: The noise repeats after this many times the record's length, so that its end is independent of its beginning.
 _PERIOD = 1.25
 
 
 @dataclass(frozen=True, eq=False)
 class FeltNoise(Tonal):
-    """One realisation of felt noise: tones with Gaussian phasors at the multiples of one fundamental.
+    """One realisation of noise motion: tones with Gaussian phasors at the multiples of one fundamental.
 
     Attributes:
         realisation: the tones, m/s².
-        words: what it is, for a record's history.
+        words: for a record's history.
     """
 
     realisation: Tones

@@ -1,4 +1,4 @@
-"""A simulated calibration whose reference is an interferometer's raw signals: files, and the truth."""
+"""A simulated calibration with an interferometer's raw signals as its reference: files, and the truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LARGEST_TURN, CARRIER = 1.0, 0.25
 
 
 def drawn(optics: Optics, seed: int) -> Optics:
-    """The optics with an ellipse drawn at random where that is asked for."""
+    """The optics, with a random ellipse if requested."""
     if not optics.random:
         return optics
     random = np.random.default_rng([seed, 13])
@@ -47,16 +47,16 @@ def write_optical_calibration(
 ) -> Calibration:
     """Simulate a calibration and write it with an interferometer's raw signals in place of its reference.
 
-    A record becomes an HDF5 file with the signals (16 bit and less as int16) and the response; where the signals are
-    sampled faster than the response, they have a file of their own.
+    A record becomes an HDF5 file with the signals (up to 16 bit as int16) and the response. Signals that are sampled
+    faster than the response get their own file.
 
     Args:
-        folder: made where it does not exist.
+        folder: created if it does not exist.
         sensor: as of ``simulate``.
         excitation: as of ``simulate``.
         optics: the interferometer and its faults.
         seed: of everything random.
-        settings: others of ``simulate``.
+        settings: further settings of ``simulate``.
 
     Returns:
         The calibration with the true displacement as its reference.
@@ -95,7 +95,7 @@ def write_optical_calibration(
 def _fast_enough(optics: Optics, truth: Calibration) -> Optics:
     """The optics with a rate at which the phase of this motion can be followed, a multiple of the response's.
 
-    A carrier at its usual part of the response's rate moves with it.
+    A carrier at its default part of the response's rate scales with it.
     """
     if optics.rate_hz is not None:
         return optics

@@ -1,7 +1,7 @@
-"""The sensor as a linear system in NumPy: companion state space, its tones, and exact motion between instants.
+"""The sensor as a linear system in NumPy: companion state space, response to tones, exact motion between instants.
 
-This is written apart from ``vibrident.models.state_space``, which the estimators use, so that truth and estimate share
-the transfer function alone.
+Independent of ``vibrident.models.state_space``, which the estimators use: truth and estimate share only the transfer
+function.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vibrident.simulation.checks import require
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.tones import ComplexArray
 
-#: Condition number of the eigenvectors from which on they are not used.
+#: Largest condition number of the eigenvectors that are used.
 _PARALLEL = 100.0
 
 
@@ -104,7 +104,7 @@ class LinearSystem:
 
 
 def exponential(a: FloatArray, time_s: float) -> FloatArray:
-    """e^{A t}, shape (n, n); kept, because all records of a calibration need the same few.
+    """e^{A t}, shape (n, n); cached, because all records of a calibration need the same few.
 
     By eigenvectors where they are far from parallel: over thousands of periods of a lightly damped sensor they keep
     the phase to ε ω t, where scaling and squaring loses two digits. Near critical damping by scaling and squaring.

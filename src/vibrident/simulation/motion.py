@@ -1,4 +1,4 @@
-"""What the base under the sensor can do: the common shape of every excitation, and their sum."""
+"""Motion of the base: the interface of every excitation, and their sum."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from vibrident.simulation.tones import Tones
 
 
 class Motion(Protocol):
-    """An acceleration that is known at every instant. Anything with these members can be simulated.
+    """An acceleration that is known at every instant; anything with these members can be simulated.
 
-    ``breaks_s`` are the instants between which the acceleration is smooth; a motion that is no sum of tones is zero
-    before t = 0. ``highest_hz`` is the highest frequency that the sampling must show; 0 where there is none.
+    ``breaks_s`` are the instants between which the acceleration is smooth; a motion that is not a sum of tones is zero
+    before t = 0. ``highest_hz`` is the highest frequency that the sampling must resolve; 0 for none.
     """
 
     @property
     def kind(self) -> Excitation:
-        """What the record calls it."""
+        """Name of the excitation in the record."""
         ...
 
     @property
     def words(self) -> str:
-        """What it is, for a record's history."""
+        """Description for a record's history."""
         ...
 
     @property
@@ -46,7 +46,7 @@ class Motion(Protocol):
 
 
 class Tonal(ABC):
-    """A motion that is a sum of tones; it has always been there (t < 0 included) and has a steady response."""
+    """A motion that is a sum of tones, without beginning (t < 0 included); it has a steady response."""
 
     breaks_s: tuple[float, ...] = ()
 

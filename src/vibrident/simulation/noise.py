@@ -1,4 +1,4 @@
-"""What a recording channel adds to the truth: white and 1/f noise, mains hum, offset, drift, clipping, quantisation."""
+"""Errors of a recording channel: white and 1/f noise, mains hum, offset, drift, clipping, quantisation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ChannelNoise:
         flicker: rms of Gaussian 1/f noise, from 1/(2 · duration) to half the sampling rate.
         hum: rms of the mains fundamental, its phase random for every record.
         hum_frequency_hz: mains frequency, Hz.
-        hum_harmonics: rms of the fundamental and its harmonics relative to ``hum``; those that the sampling cannot show
+        hum_harmonics: rms of the fundamental and its harmonics relative to ``hum``; those above half the sampling rate
             are left out, as an anti-alias filter would.
         offset: constant.
         drift: change from the first to the last sample, linear in time.
@@ -65,7 +65,7 @@ class ChannelNoise:
 
     @property
     def words(self) -> str:
-        """What it adds, for a record's history; empty where it adds nothing."""
+        """Description for a record's history; empty without errors."""
         unit = " of the rms" if self.unit == "rms" else ""
         levels = ("white", "flicker", "hum", "offset", "drift")
         said = [f"{name} {getattr(self, name):.6g}{unit}" for name in levels if getattr(self, name)]

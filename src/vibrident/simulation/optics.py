@@ -1,4 +1,4 @@
-"""The photodetector signals that an interferometer would give of a motion, with the faults that real ones have."""
+"""The photodetector signals of an interferometer for a motion, with the faults of real ones."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Optics:
 
     Attributes:
         setting: as the calibration file states it.
-        rate_hz: of the optical signals; None: a multiple of that of the response, at which this motion can be followed.
+        rate_hz: of the optical signals; None: a multiple of the response's rate that suits this motion.
         offsets, amplitudes: of both signals (heterodyne: the first), V.
         quadrature_error_rad: the second signal is sin(phase + this).
         noise: of each signal, white, over its mean amplitude.
         bits: of the converter; 0 leaves the signals as they are.
-        dropouts: so many times a record the light is lost, each for ``dropout_s``.
+        dropouts: number of light losses in a record, each for ``dropout_s``.
         drift: offsets and ratio of the amplitudes change by this part of the amplitude over the record.
         fading: the common amplitude changes by this part over the record, as by speckle.
         cyclic_rad: amplitudes of the cyclic error, first, second and fourth harmonic of the phase.
@@ -68,7 +68,7 @@ class Optics:
 
     @property
     def volts_per_code(self) -> float:
-        """One step of the converter, V; 1 where there is none."""
+        """One step of the converter, V; 1 without a converter."""
         return self.full_scale / 2.0 ** (self.bits - 1) if self.bits else 1.0
 
 

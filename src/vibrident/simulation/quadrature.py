@@ -1,4 +1,4 @@
-"""States under an acceleration that is only known by its values: Gauss–Legendre quadrature with exact exponentials.
+"""States under an acceleration that is known by its values: Gauss–Legendre quadrature with exact exponentials.
 
     x(t + h) = e^{A h} x(t) + ∫₀^h e^{A (h − τ)} b a(t + τ) dτ
 

@@ -87,7 +87,7 @@ def rk4_response(
 
 
 class _Run(NamedTuple):
-    """Where a record's integration begins: its first instant, the state there, and what stands before it."""
+    """Where a record's integration begins: first instant, the state there, and the samples before it."""
 
     origin_s: float
     state: FloatArray

@@ -1,4 +1,4 @@
-"""Which motions and sampling rates make up a calibration."""
+"""Motions and sampling rates of a calibration."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ Seed = int | np.random.SeedSequence
 KINDS = ("sine", "multisine", "sweep", "random", "shock", "decay")
 #: A random excitation repeats after this many times the record's length.
 _RANDOM_PERIOD = 1.25
-#: Fewest samples that show the shape of a shock.
+#: Fewest samples of a shock's pulse.
 _SHOCK_SAMPLES = 4
 
 
 @dataclass(frozen=True)
 class Take:
-    """One record to be made: its name, what moves, and how it is sampled."""
+    """One record to be made: name, motion and sampling."""
 
     name: str
     motion: Motion
@@ -48,7 +48,7 @@ class Take:
         return self.samples / self.sampling_rate_hz
 
     def checked(self) -> Take:
-        """The take itself, if its sampling can show its motion.
+        """The take itself, if its sampling resolves its motion.
 
         Raises:
             InputError: a frequency lies at or above half the sampling rate, or the motion does not fit into the record.
@@ -57,7 +57,7 @@ class Take:
         half = 0.5 * self.sampling_rate_hz
         require(
             self.motion.highest_hz < half,
-            "The excitation has frequencies that the sampling rate cannot show.",
+            "The excitation has frequencies above half the sampling rate.",
             expected=f"below {half:g} Hz (half the sampling rate)",
             found=f"{self.motion.highest_hz:g} Hz",
             where=where,
@@ -87,7 +87,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the takes of a calibration have in common; the settings of ``simulate`` of the same names.
+    """Common settings of a calibration's takes; named as in ``simulate``.
 
     Raises:
         InputError: a setting cannot be used.
@@ -155,7 +155,7 @@ class Plan:
             return self.sampling_rate_hz
         require(
             isinstance(motion, Sine),
-            "Only a sine has a period that the sampling rate can follow.",
+            "Only a sine has a period.",
             expected="samples_per_period with sines alone",
             found=motion.words,
             where="simulate",
@@ -186,7 +186,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class FeltLevel:
-    """How much noise comes on top of every excitation, felt by the sensor.
+    """Level of the noise motion on top of every excitation.
 
     Attributes:
         snr_db: rms of the excitation within the record over rms of the noise, dB; None: see ``rms``.
@@ -216,13 +216,13 @@ class FeltLevel:
         """The take with noise from the stream of the record of that index.
 
         Raises:
-            InputError: the record is a free decay, whose motion nothing measures, or the noise cannot be made.
+            InputError: the record is a free decay, which has no reference, or the noise cannot be made.
         """
         if self.snr_db is None and self.rms is None:
             return take
         require(
             not isinstance(take.motion, Decay),
-            "A free decay has no excitation to carry noise.",
+            "A free decay has no excitation to add noise to.",
             expected="an excitation that moves the base",
             found="decay",
             where=f"record {take.name!r}",
@@ -247,7 +247,7 @@ def _name(motion: Motion) -> str:
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """Names with a number behind every repetition."""
+    """Names, repeated ones with a number."""
     seen: dict[str, int] = {}
     distinct = []
     for name in names:

@@ -1,4 +1,4 @@
-"""Sensors to simulate, by name."""
+"""Simulated sensors, by name."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def sensor_named(name: str) -> Sensor:
     """The sensor of that name.
 
     Raises:
-        InputError: there is none.
+        InputError: the name is unknown.
     """
     if name in SENSORS:
         return SENSORS[name]

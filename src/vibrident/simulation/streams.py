@@ -1,10 +1,10 @@
-"""Random streams: one of its own for every record and purpose, so that records can be added without changing others."""
+"""Random streams: one for every record and purpose, so that added records leave the others unchanged."""
 
 from __future__ import annotations
 
 import numpy as np
 
-#: Streams of one record. The numbers are part of what a seed means; never reuse one.
+#: Streams of one record. The numbers define what a seed means; never reuse one.
 PURPOSES = {"excitation": 0, "felt": 1, "reference": 2, "response": 3, "optics": 4}
 
 

@@ -13,7 +13,7 @@ from vibrident.simulation.grid import SampleGrid
 
 ComplexArray = NDArray[np.complex128]
 
-#: Tones taken at once where many meet many instants: bounds the memory.
+#: Tones evaluated at once; bounds the memory.
 _BLOCK = 4096
 #: From this many tones on, harmonics of a fundamental that fits the grid are summed by FFT.
 _FFT_FROM = 64
@@ -27,7 +27,7 @@ class Tones:
     Attributes:
         frequency_hz: f_m, shape (tones,), positive.
         phasor: p_m, complex, shape (tones,), in the unit of the signal (peak, not rms).
-        fundamental_hz: where all f_m are distinct whole multiples of one frequency, that frequency; else None.
+        fundamental_hz: the frequency of which all f_m are distinct whole multiples, if any; else None.
     """
 
     frequency_hz: FloatArray
@@ -35,7 +35,7 @@ class Tones:
     fundamental_hz: float | None = None
 
     def scaled_by(self, factor: ComplexArray) -> Tones:
-        """The same tones with phasors multiplied by ``factor``, shape (tones,): what a linear system makes of them."""
+        """The same tones with phasors multiplied by ``factor``, shape (tones,): the output of a linear system."""
         return replace(self, phasor=self.phasor * factor)
 
     def at(self, time_s: FloatArray) -> FloatArray:
@@ -48,7 +48,7 @@ class Tones:
         return value.reshape(instants.shape)
 
     def on(self, grid: SampleGrid) -> FloatArray:
-        """Values on a grid, shape (samples,): by FFT where the tones' period is a whole number of samples."""
+        """Values on a grid, shape (samples,): by FFT if the tones' period is a whole number of samples."""
         period = self._period_samples(grid.rate_hz)
         return self._by_blocks(grid) if period is None else self._by_fft(grid, period)
 
@@ -61,7 +61,7 @@ class Tones:
         return whole if fits and np.max(self.frequency_hz) < 0.5 * rate_hz * (1.0 - 1e-9) else None
 
     def _by_fft(self, grid: SampleGrid, period: int) -> FloatArray:
-        assert self.fundamental_hz is not None  # or there would be no period
+        assert self.fundamental_hz is not None  # it has a period
         harmonic = np.rint(self.frequency_hz / self.fundamental_hz).astype(int)
         spectrum = np.zeros(period // 2 + 1, dtype=complex)
         spectrum[harmonic] = 0.5 * self.phasor * _turn(self.frequency_hz * grid.start_s)
@@ -83,7 +83,7 @@ class Tones:
 
 
 def fast_length(least: int) -> int:
-    """Smallest 2^a 3^b 5^c at or above ``least``: a length that an FFT is fast for."""
+    """Smallest 2^a 3^b 5^c at or above ``least``: a length with a fast FFT."""
     best, fives = 2 ** max(0, (least - 1).bit_length()), 1
     while fives < best:
         threes = fives
@@ -95,7 +95,7 @@ def fast_length(least: int) -> int:
 
 
 def _turn(cycles: FloatArray) -> ComplexArray:
-    """e^{j 2π cycles}, with whole cycles taken off before π comes in."""
+    """e^{j 2π cycles}, reduced to a fraction of a cycle first."""
     return np.exp(2j * np.pi * (cycles - np.rint(cycles)))
 
 

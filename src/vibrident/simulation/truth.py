@@ -1,9 +1,10 @@
-"""The exact response of a sensor, and the exact motion that the reference sees, at the sample times.
+"""The exact response of a sensor, and the exact motion that the reference measures, at the sample times.
 
-Sums of tones: steady response through the frequency response, plus the free motion that meets the start condition.
+Sums of tones: steady response through the frequency response, plus the free motion that satisfies the initial
+condition.
 Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
-Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`). Cubic stiffness: what it adds to the
-linear sensor's response, integrated (:mod:`vibrident.simulation.cubic`). An average over a window: the difference of
+Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`). Cubic stiffness: its part of the
+response, integrated (:mod:`vibrident.simulation.cubic`). An average over a window: the difference of
 the response's integral at the window's ends.
 """
 
@@ -25,8 +26,8 @@ from vibrident.simulation.linear import LinearSystem, exponential, propagate
 from vibrident.simulation.motion import Motion, Superposition, Tonal, acceleration_on
 from vibrident.simulation.quadrature import driven_states
 
-#: ``rest``: mass and base at rest until t = 0. ``steady``: tones have been there forever. Shocks, sweeps and decays
-#: begin at or after t = 0, so for them the two are the same.
+#: ``rest``: mass and base at rest until t = 0. ``steady``: tones without beginning. Shocks, sweeps and decays begin at
+#: or after t = 0; for them the two are the same.
 Start = Literal["rest", "steady"]
 
 
@@ -80,7 +81,7 @@ def _averaged(
     """The mean of the response over the window that ends at each instant (``boxcar``)."""
     require(
         not isinstance(motion, Decay) and model.is_linear,
-        "A sensor that averages is simulated with a linear core, and with motion that begins at or after t = 0.",
+        "A boxcar needs a linear core, and motion that begins at or after t = 0.",
         expected="an excitation other than 'decay', and a model without 'cubic'",
         found=f"{motion.kind!r} with {model.name!r}",
         where="simulate",
@@ -98,12 +99,12 @@ def _has_tones(motion: Motion) -> bool:
 
 
 def _held(system: LinearSystem, motion: Motion) -> float | None:
-    """Response to a static value that is let go at t = 0; None where the motion is no decay."""
+    """Response to a static value that is released at t = 0; None unless the motion is a decay."""
     return float(system.c @ system.static_state(motion.amplitude)) if isinstance(motion, Decay) else None
 
 
 def exact_reference(motion: Motion, quantity: Quantity, *, sampling_rate_hz: float, samples: int) -> FloatArray:
-    """What an ideal reference shows at t = k / sampling_rate_hz, shape (samples,), in SI units of ``quantity``.
+    """The output of an ideal reference at t = k / sampling_rate_hz, shape (samples,), in SI units of ``quantity``.
 
     Velocity and displacement of tones are the steady ones (no constant, no trend); of anything else they are
     integrated from rest at t = 0. A drive is the acceleration.
@@ -139,7 +140,7 @@ def system_response(system: LinearSystem, motion: Motion, grid: SampleGrid, star
 
 
 def _tonal_response(system: LinearSystem, parts: Sequence[Tonal], grid: SampleGrid, start: Start) -> FloatArray:
-    """Steady response to tones, and from rest the free motion that makes the state zero at t = 0."""
+    """Steady response to tones; from rest plus the free motion that makes the state zero at t = 0."""
     steady, missing = np.zeros(grid.samples), np.zeros(system.order)
     for tones in (part.tones for part in parts):
         states = system.tone_states(tones.frequency_hz)
@@ -156,7 +157,7 @@ def _tonal_response(system: LinearSystem, parts: Sequence[Tonal], grid: SampleGr
 def initial_state(system: LinearSystem, motion: Motion, time_s: float, start: Start) -> FloatArray:
     """State at an instant at or before t = 0, shape (n,).
 
-    Zero, but for tones that have been there forever (``steady``) and for a decay, which is held until t = 0.
+    Zero, except for tones without beginning (``steady``) and for a decay, which is held until t = 0.
     """
     if isinstance(motion, Superposition):
         return np.sum([initial_state(system, part, time_s, start) for part in motion.parts], axis=0)

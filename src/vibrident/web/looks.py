@@ -40,7 +40,7 @@ class Guess:
 
     Attributes:
         columns: by their names; not more than can be shown.
-        excitation: by the file's name or the motion; None where nothing can be seen.
+        excitation: by the file's name or the motion; None if nothing can be seen.
         all_columns: how many the file has.
         chart: the columns that were guessed, as ``chart`` draws them; empty where that fails.
     """

@@ -65,7 +65,7 @@ def compare(
         Path | None, typer.Option("--truth", metavar="FILE", help="truth.json of a simulation, to deviate from.")
     ] = None,
     validate: Annotated[
-        bool, typer.Option("--cross-validate", help="Fit again without each fifth of the records, and foretell it.")
+        bool, typer.Option("--cross-validate", help="Fit again without each fifth of the records, and predict it.")
     ] = False,
     folder: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for comparison.json, and each result.")
@@ -91,20 +91,20 @@ def compare(
         if files[0].suffix.lower() == ".toml":
             methods = _methods(named or _usual(), names or (None,), steps or (None,))
             results = _identified(files, methods, must=bool(named))
-            foretold = _foretold(files[0], methods, results) if validate and len(results) > 1 else {}
+            scores = _cross_validated(files[0], methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
                 result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
         else:
             _refuse_for_results({"--estimators": named, "--models": names, "--discretisations": steps})
-            results, foretold = _loaded(files), {}
-        text = json.dumps(document(results, known, foretold), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+            results, scores = _loaded(files), {}
+        text = json.dumps(document(results, known, scores), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         (output.path / "comparison.json").write_text(text, encoding="utf-8")
     from vibrident import terminal
 
     console = out()
     console.print(terminal.compare_table(list(results.values()), list(results), known))
     if len({result.model for result in results.values()}) > 1:
-        console.print(terminal.model_table(results, foretold))
+        console.print(terminal.model_table(results, scores))
     wrote(output.files)
 
 
@@ -149,7 +149,7 @@ def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict
     return results
 
 
-def _foretold(file: Path, methods: list[Method], results: dict[str, Result]) -> dict[str, dict[str, Any]]:
+def _cross_validated(file: Path, methods: list[Method], results: dict[str, Result]) -> dict[str, dict[str, Any]]:
     from vibrident.cli.progress import Busy
     from vibrident.io import read_guarded
     from vibrident.validation import cross_validate

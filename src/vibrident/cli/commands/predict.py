@@ -1,4 +1,4 @@
-"""``vibrident predict``: the response that a result foretells, beside the measured one."""
+"""``vibrident predict``: the predicted response, beside the measured one."""
 
 from __future__ import annotations
 

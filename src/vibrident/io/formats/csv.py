@@ -103,7 +103,7 @@ class CsvFile(ColumnFile):
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
     def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
-        """The columns of a small file of nothing but numbers; None where it takes the parser."""
+        """The columns of a small file of nothing but numbers; None if it takes the parser."""
         if self._numbers is None or self._numbers.size != self._row_lines.size * self._layout.fields:
             return None
         table = self._numbers.reshape(-1, self._layout.fields)
