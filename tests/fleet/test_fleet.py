@@ -3,6 +3,7 @@
 import os
 import shutil
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -17,6 +18,7 @@ from vibrident.fleet import parts
 from vibrident.result import Result
 
 GOOD = 6
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the names and pipes of this fleet are none of Windows")
 HOSTILE = ("a\nb", '\'; DROP "x" <script>alert(1)</script>', "-o", "ключ 鍵", os.fsdecode(b"\xff\xfe"))
 FAILED = {"segfault": "signal 11", "exits": "status 7", "hungry": "memory", "hangs": "too long"}
 
@@ -30,6 +32,10 @@ def data(tmp_path_factory) -> Path:
     for number, name in enumerate(HOSTILE):
         good(folder / "hostile" / name, 700 + number, type_='<b>\\"type\\"</b>\\u202e')
     shutil.copytree(folder / "good" / "s000", folder / "same" / "again")
+    (folder / "same" / "dangling").mkdir()
+    (folder / "same" / "dangling" / "c.toml").symlink_to("nowhere")
+    (folder / "same" / "pipe").mkdir()
+    os.mkfifo(folder / "same" / "pipe" / "c.toml")
     (folder / "pyproject.toml").write_text("[project]\nname = 'x'\n")
     return folder
 
@@ -45,7 +51,7 @@ def table(outcome, rows) -> dict[str, dict]:
 
 
 def test_every_calibration_has_one_row(table, outcome):
-    assert outcome.tally.rows == len(table) == GOOD + len(BROKEN) + len(FAILED) + len(HOSTILE) + 1
+    assert outcome.tally.rows == len(table) == GOOD + len(BROKEN) + len(FAILED) + len(HOSTILE) + 3
     assert outcome.left_out == 1
 
 
@@ -86,6 +92,11 @@ def test_what_is_refused_says_why(table, way):
 def test_what_ends_its_process_is_a_row_and_takes_no_other_along(table, way):
     assert table[way]["status"] == "failed"
     assert FAILED[way] in table[way]["message"]
+
+
+def test_what_is_no_file_is_refused_and_waited_for_by_nobody(table):
+    assert "no file of that name" in table["dangling"]["message"]
+    assert "This is no file" in table["pipe"]["message"]
 
 
 def test_the_same_content_under_two_names_is_computed_once(table, outcome):

@@ -32,6 +32,13 @@ def keys(parts: Path) -> list[str]:
     return [key for part in parts.glob("*.parquet") for key in pq.read_table(part, columns=["key"])["key"].to_pylist()]
 
 
+def children(parent: int | None = None) -> set[str]:
+    """Numbers of processes that identify, of one parent or of any, that are not ended yet."""
+    listed = subprocess.run(["ps", "-eo", "pid,ppid,stat,args"], capture_output=True, text=True, check=False).stdout
+    found = (line.split(None, 3) for line in listed.splitlines()[1:] if "vibrident.fleet.worker" in line)
+    return {pid for pid, of, state, _ in found if parent in (None, int(of)) and not state.startswith("Z")}
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_killed_three_times_it_goes_on_and_two_at_once_do_no_harm(tmp_path, deadly_site):
     fleet(tmp_path / "data/good", 6)
@@ -45,8 +52,11 @@ def test_killed_three_times_it_goes_on_and_two_at_once_do_no_harm(tmp_path, dead
         while len(keys(tmp_path / "out/parts")) == begun and process.poll() is None and time.monotonic() < until:
             time.sleep(0.05)
         time.sleep(when.uniform(0.0, 0.5))
+        beside = children(process.pid)
         process.send_signal(signal.SIGKILL)
         process.communicate()
+        time.sleep(0.3)
+        assert beside.isdisjoint(children())
         there.append(len(keys(tmp_path / "out/parts")))
     first, second = start(deadly_site, *arguments, "-q"), start(deadly_site, *arguments, "-q")
     end(first, 0)
@@ -65,12 +75,15 @@ def test_killed_three_times_it_goes_on_and_two_at_once_do_no_harm(tmp_path, dead
 def test_an_interrupt_ends_with_130_and_leaves_no_process(tmp_path, deadly_site):
     deadly(tmp_path / "data", "hangs")
     process = start(deadly_site, tmp_path / "data", "--out", tmp_path / "out", "--workers", 1)
-    time.sleep(2.5)
+    until = time.monotonic() + 60
+    while not (beside := children(process.pid)) and time.monotonic() < until:
+        time.sleep(0.1)
+    time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     end(process, 130)
-    time.sleep(0.5)
-    told = subprocess.run(["ps", "-eo", "ppid,args"], capture_output=True, text=True, check=False).stdout
-    assert f" {process.pid} " not in told
+    time.sleep(0.3)
+    assert beside
+    assert beside.isdisjoint(children())
 
 
 def test_strict_and_store_and_bad_options(tmp_path, run_command):

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident import memory
+from vibrident.errors import InputError
 from vibrident.fleet import parts, patterns
 from vibrident.fleet.batch import Done, look_at, lost, work_off
 from vibrident.fleet.batching import BATCH_S, Batches, Task
@@ -153,6 +154,16 @@ def _usable(orders: Orders) -> set[bytes]:
     return {bytes.fromhex(key.decode()) for key in index.keys[index.stands].tolist()}
 
 
+def _not_seen(path: str) -> InputError:
+    return InputError(
+        "A worker does not see the calibrations.",
+        expected="the same files under the same names on all machines",
+        found="no file of that name, where the worker runs",
+        where=os.path.abspath(path),
+        remedy="put data and output on a drive that all machines share, or start the workers on this machine",
+    )
+
+
 class _Work:
     """The calls that are out, and what is still to be done."""
 
@@ -236,6 +247,8 @@ class _Work:
             self._seen += 1
             if self.named.in_folder[place] and not one.calibration:
                 continue
+            if not one.there and os.path.exists(self.named.paths[place]):
+                raise _not_seen(self.named.paths[place])
             key = self.keys[place] = bytes.fromhex(one.key)
             if key not in self._there:
                 self._there.add(key)

@@ -32,16 +32,20 @@ class Look:
             settings and the version.
         shape: alike for calibrations that take about the same time.
         calibration: False for a TOML file of something else.
+        there: False where no such file is seen.
     """
 
     key: str
     shape: str
     calibration: bool = True
+    there: bool = True
 
 
 def look(path: str, orders: Orders) -> Look:
     """Hash a calibration's files. A file that cannot be used has a key too, and is refused when it is read."""
     file = Path(path)
+    if not file.is_file():
+        return Look(_key(file, [], orders), "not readable", there=file.exists())
     try:
         document = read_calibration_file(file)
     except InputError:
@@ -61,11 +65,13 @@ def sensor_text(path: str) -> dict[str, str]:
 
 
 def _key(file: Path, names: list[str], orders: Orders) -> str:
+    digest = _digest(file)
     content = {
         "schema": SCHEMA,
         "settings": orders.settings,
-        "calibration": _digest(file),
+        "calibration": digest,
         "data": [[name, _digest(file.parent / name)] for name in names],
+        "place": os.path.abspath(file) if digest == _ABSENT else "",  # two that cannot be read are not the same
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 

@@ -55,15 +55,15 @@ class Index:
         return np.where(self.keys[found] == keys, found, -1)
 
 
-def write_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
-    """Write a file that appears whole or not at all; ``durable``: also where the power fails."""
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that appears whole or not at all, whatever ends this process.
+
+    Where the power fails, what the system had not brought to the disk is gone or empty, and is made again: nobody waits
+    for the disk here, which takes a busy one longer than a batch.
+    """
     partial = path.with_name(f".{uuid.uuid4().hex}{_ENDING}")
     try:
-        with partial.open("wb") as stream:
-            stream.write(content)
-            if durable:
-                stream.flush()
-                os.fsync(stream.fileno())
+        partial.write_bytes(content)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
@@ -105,7 +105,7 @@ def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_li
     name = hashlib.sha256("".join(sorted(row["key"] for row in rows)).encode()).hexdigest() + ".parquet"
     sink = pa.BufferOutputStream()
     pq.write_table(as_table(rows, time_limit_s, memory_limit_bytes), sink, compression="zstd")
-    write_whole(folder / name, sink.getvalue().to_pybytes(), durable=True)
+    write_whole(folder / name, sink.getvalue().to_pybytes())
     return name
 
 
@@ -158,10 +158,14 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
         empty = np.zeros(0, dtype=np.int32)
         return Index(np.zeros(0, dtype="S64"), empty, empty, empty.astype(bool), [], [])
     keys, part, row, stands, ended, seconds, memory = (np.concatenate(one) for one in zip(*blocks, strict=True))
+    del blocks
     order = np.lexsort((memory, seconds, ended, keys))
-    last = np.append(keys[order][1:] != keys[order][:-1], True)
+    ordered = keys[order]
+    last = np.append(ordered[1:] != ordered[:-1], True)
     best = order[last]
-    return Index(keys[best], part[best].astype(np.int32), row[best].astype(np.int32), stands[best], names, parameters)
+    return Index(
+        ordered[last], part[best].astype(np.int32), row[best].astype(np.int32), stands[best], names, parameters
+    )
 
 
 def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:

@@ -182,5 +182,6 @@ def unwritable(found: str, folder: str) -> InputError:
         expected="a folder that can be written, with room for the files",
         found=found,
         where=folder,
-        remedy="make room, or mend the right to write; then the same command goes on where it stopped",
+        remedy="make room, or mend the right to write (workers elsewhere must see the folder under the same name); "
+        "then the same command goes on where it stopped",
     )
