@@ -121,6 +121,21 @@ def test_list_and_due_of_all_sensors(store):
     assert "--tolerance" in refused.output
 
 
+def test_tolerances_may_differ_by_type(store, tmp_path):
+    limits = tmp_path / "limits.toml"
+    entry = '[[limits]]\ntype = "{}"\nparameter = "sensitivity"\nnominal = 0.1\ntolerance_percent = 5\n'
+    limits.write_text(entry.format("type A"))
+    asked = ("history", "due", "--limits", str(limits), "--store", store)
+    rows = json.loads(printed(*asked, "--format", "json"))
+    assert [row["limits"] for row in rows] == [pytest.approx([0.095, 0.105])] * 2
+    assert "by type" in printed(*asked)
+    limits.write_text(entry.format("type B"))
+    rows = json.loads(printed(*asked, "--format", "json"))
+    assert {row["why"] for row in rows} == {"no tolerance for its type"}
+    assert "no tolerance" in printed(*asked)
+    assert ran(*asked, "--tolerance", "1%").exit_code == 2
+
+
 def test_what_was_approved_counts_and_other_evaluations_of_its_data_are_superseded(tmp_path):
     url = str(tmp_path / "h.db")
     for i, value in enumerate((0.1, 0.101)):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,9 +33,10 @@ class Question:
     Attributes:
         quantity: name of a parameter, or the sensitivity at the reference frequency.
         until: date to predict for; None for the end of the interval in force.
-        tolerance: None for no due date.
+        tolerance: of all sensors; None for no due date.
         interval_years: in force; None for the time between the last two calibrations.
         today: the date that counts as today.
+        tolerances: where sensors differ, the tolerance of each; None for no due date of that sensor.
     """
 
     quantity: str = REFERENCE_SENSITIVITY
@@ -43,6 +44,12 @@ class Question:
     tolerance: Tolerance | None = None
     interval_years: float | None = None
     today: datetime.date | None = None
+    tolerances: Callable[[Sensor], Tolerance | None] | None = None
+
+
+def _of(sensor: Sensor, question: Question) -> Question:
+    """The question as it is asked of one sensor."""
+    return question if question.tolerances is None else replace(question, tolerance=question.tolerances(sensor))
 
 
 def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict[str, Any]:
@@ -51,6 +58,7 @@ def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict
     Raises:
         InputError: no calibration of the sensor has the quantity.
     """
+    question = _of(sensor, question)
     entries = query.entries(store, sensor.id, question.quantity).get(sensor.id, [])
     if all(entry.value is None for entry in entries):
         raise InputError(
@@ -95,10 +103,18 @@ def all_due(
             continue
         found = life(entries, events.get(key, []))
         if found.entries:
-            told = _due(found, question) or {}
+            told = _due(found, _of(sensors[key], question)) or _no_limit(found, question)
             last = {"last": found.entries[-1].date.isoformat(), "calibrations": len(found.entries)}
             rows.append(sensors[key].as_dict() | last | told)
     return sorted(rows, key=lambda row: (row.get("date") or row["by_interval"], row["serial_number"]))
+
+
+def _no_limit(found: Life, question: Question) -> dict[str, Any]:
+    """What can be said of a sensor without a tolerance: the interval in force."""
+    interval = question.interval_years or interval_in_force(found)
+    by_interval = later(found.entries[-1].date, interval).isoformat()
+    unknown = dict.fromkeys(("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase"))
+    return unknown | {"why": "no tolerance for its type", "interval_years": interval, "by_interval": by_interval}
 
 
 def _quantity(found: Life, name: str) -> dict[str, Any]:

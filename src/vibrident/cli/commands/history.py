@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,9 @@ from vibrident.cli.results import load_result
 from vibrident.errors import InputError
 
 if TYPE_CHECKING:
+    from vibrident.history.document import Question
     from vibrident.history.due import Tolerance
+    from vibrident.history.query import Sensor
     from vibrident.result import Result
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
@@ -50,6 +53,10 @@ _Tolerance = Annotated[
 _Nominal = Annotated[
     float | None,
     typer.Option("--nominal", metavar="VALUE", help="Value it is used with.", show_default="the last calibration's"),
+]
+_Limits = Annotated[
+    Path | None,
+    typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type, as for `vibrident fleet`."),
 ]
 _Interval = Annotated[
     float | None,
@@ -114,6 +121,7 @@ def show(
     ] = None,
     tolerance: _Tolerance = None,
     nominal: _Nominal = None,
+    limits: _Limits = None,
     interval: _Interval = None,
     form: _Form = "text",
     target: Annotated[
@@ -123,12 +131,12 @@ def show(
 ) -> None:
     """Show every calibration of a sensor, their agreement, drift, what to expect, and control charts."""
     from vibrident.history import query
-    from vibrident.history.document import Question, shown
+    from vibrident.history.document import shown
     from vibrident.history.store import Store
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
-    asked = Question(quantity, _date(at, "--at"), _tolerance(tolerance, nominal), _interval(interval))
+    asked = _question(quantity, _date(at, "--at"), _tolerance(tolerance, nominal), limits, interval)
     with Store(store) as opened:
         document = shown(opened, query.find(opened, serial, type_name, axis), asked)
     if form == "json":
@@ -150,25 +158,26 @@ def due(
     axis: _Axis = None,
     quantity: _Quantity = "reference_sensitivity",
     nominal: _Nominal = None,
+    limits: _Limits = None,
     interval: _Interval = None,
     form: _Form = "text",
 ) -> None:
     """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
     given = _tolerance(tolerance, nominal)
-    if given is None:
+    if (given is None) == (limits is None):
         raise InputError(
-            "It is not said how far a sensor may be off.",
-            expected="a tolerance such as 1%",
-            found="none",
-            where="--tolerance",
-            remedy="give --tolerance 1%",
+            "It is not said how far a sensor may be off." if limits is None else "Two tolerances are given.",
+            expected="a tolerance such as 1%, or a file of limits by type",
+            found="none" if limits is None else "both",
+            where="--tolerance, --limits",
+            remedy="give one of the two",
         )
     from vibrident.history import query, tables
-    from vibrident.history.document import Question, all_due, shown
+    from vibrident.history.document import all_due, shown
     from vibrident.history.store import Store
     from vibrident.present.views import count
 
-    asked = Question(quantity, None, given, _interval(interval))
+    asked = _question(quantity, None, given, limits, interval)
     with Store(store) as opened:
         if serial is None:
             rows = all_due(opened, asked, type_name)
@@ -179,10 +188,8 @@ def due(
     if form == "json":
         print_json(rows)
     elif serial is None:
-        print_table(
-            tables.all_due(rows),
-            f"{count(len(rows), 'sensor')}, the soonest first; tolerance ±{100 * given.relative:g} %",
-        )
+        within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
+        print_table(tables.all_due(rows), f"{count(len(rows), 'sensor')}, the soonest first; {within}")
     else:
         print_pairs("Next calibration", tables.due(document))
 
@@ -320,6 +327,32 @@ def _tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
             remedy="give a number between 0 and 100 with %, or between 0 and 1",
         )
     return Tolerance(value, nominal)
+
+
+def _question(
+    quantity: str, at: datetime.date | None, tolerance: Tolerance | None, limits: Path | None, interval: float | None
+) -> Question:
+    from vibrident.history.document import Question
+
+    of_each = None if limits is None else _by_type(limits, quantity)
+    return Question(quantity, at, tolerance, _interval(interval), tolerances=of_each)
+
+
+def _by_type(limits: Path, quantity: str) -> Callable[[Sensor], Tolerance | None]:
+    """The tolerance of a sensor, from a limits file; of the reference sensitivity as of the sensitivity."""
+    from vibrident.fleet.limits import read_limits
+    from vibrident.history.due import Tolerance
+
+    known = read_limits(limits)
+    name = "sensitivity" if quantity == "reference_sensitivity" else quantity
+
+    def tolerance(sensor: Sensor) -> Tolerance | None:
+        limit = known.limit(sensor.type or None, name)
+        if limit is None or not limit.nominal:
+            return None
+        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
+
+    return tolerance
 
 
 def _interval(years: float | None) -> float | None:
