@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Any
+
+from vibrident.registry import MODELS
 
 
 @dataclass(frozen=True)
@@ -17,30 +18,30 @@ class Name:
     symbol: str
 
 
-#: Name in result.json to name in words.
-PARAMETERS: Mapping[str, Name] = MappingProxyType(
-    {
-        "sensitivity": Name("sensitivity", "S0"),
-        "generator_constant": Name("generator constant", "G"),
-        "natural_frequency": Name("natural frequency", "fn"),
-        "damping_ratio": Name("damping ratio", "δ"),
-        "delay": Name("delay", "τ"),
-        "highpass_frequency": Name("high-pass frequency", "fhp"),
-        "mode2_frequency": Name("second-mode frequency", "f2"),
-        "mode2_damping": Name("second-mode damping ratio", "δ2"),
-        "mode2_gain": Name("second-mode gain", "g2"),
-        "cubic_stiffness": Name("cubic stiffness", "k3"),
-        "boxcar_length": Name("boxcar length", "Tb"),
-        "natural_angular_frequency": Name("natural angular frequency", "ωn"),
-        "resonance_frequency": Name("resonance frequency", "f0"),
-        "conversion_coefficient": Name("conversion coefficient", "K"),
-    }
-)
+def described(name: str) -> Any:
+    """What the model says that has a parameter or derived quantity of this name; None where no model has.
+
+    Returns:
+        ``vibrident.models.base.ParameterSpec`` or ``Derived``.
+    """
+    for part in MODELS.one_by_one():
+        for quantity in (*part.parameters, *getattr(part, "derived", ())):
+            if quantity.name == name:
+                return quantity
+    return None
+
+
+def parameter_names() -> tuple[str, ...]:
+    """Names of all parameters and derived quantities of all models."""
+    parts = MODELS.one_by_one()
+    names = (quantity.name for part in parts for quantity in (*part.parameters, *getattr(part, "derived", ())))
+    return tuple(dict.fromkeys(names))
 
 
 def parameter_name(name: str) -> Name:
-    """Words and symbol of a parameter; its own name with spaces where it is not a standard one."""
-    return PARAMETERS.get(name, Name(name.replace("_", " "), ""))
+    """Words and symbol of a parameter; its own name with spaces where its model is not known."""
+    found = described(name)
+    return Name((found.words if found else "") or name.replace("_", " "), found.symbol if found else "")
 
 
 def in_words(name: str) -> str:

@@ -29,6 +29,8 @@ REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(
 LARGEST = 1e30  # of a channel's largest value in its unit; the least is one over it
 #: Standard acceleration of free fall, m/s² (CGPM 1901; ISO 80000-3).
 STANDARD_GRAVITY = 9.80665
+#: The sensor model of a calibration that names none.
+USUAL_MODEL = "accelerometer"
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -324,7 +326,7 @@ class Calibration:
 
     records: tuple[Record, ...] = ()
     table: ResponseTable | None = None
-    model: str = "accelerometer"
+    model: str = USUAL_MODEL
     quantity: Quantity = "acceleration"
     reference_unit: str = ""
     reference_standard_uncertainty: float = 0.0

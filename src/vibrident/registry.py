@@ -116,6 +116,10 @@ class Registry(Generic[T]):
         """Name to object of everything that can be used."""
         return {name: found for name in self.names() if (found := self._object(name)) is not None}
 
+    def one_by_one(self) -> Iterator[T]:
+        """Every object that can be used; a plug-in is loaded when its turn comes."""
+        return (found for name in self.names() if (found := self._object(name)) is not None)
+
     def __getitem__(self, name: str) -> T:
         """The object of this name.
 
@@ -137,6 +141,14 @@ class Registry(Generic[T]):
                 else "mend, update or uninstall that package",
             )
         return found
+
+    def find(self, name: str) -> T | None:
+        """The object of this name; None where there is none.
+
+        Raises:
+            InputError: its package cannot be loaded.
+        """
+        return self[name] if name in self._built_in or name in self._added else None
 
     def _object(self, name: str) -> T | None:
         if name in self._loaded or name in self._problems:
@@ -210,6 +222,15 @@ EXPORTS: Registry[Any] = Registry(
 READERS: Registry[Any] = Registry(
     "reader", "vibrident.readers", ("io/formats",), ("vibrident.io.reader:Reader",), "file ending"
 )
+#: ``vibrident.models.base.Core`` and ``AddOn`` objects.
+MODELS: Registry[Any] = Registry(
+    "sensor model",
+    "vibrident.models",
+    ("models/cores", "models/add_ons"),
+    ("vibrident.models.base:Core", "vibrident.models.base:AddOn"),
+    "model",
+    ModelError,
+)
 #: ``vibrident.estimators.base.Estimator`` objects, each with its settings at their defaults.
 ESTIMATORS: Registry[Any] = Registry(
     "estimator",
@@ -220,4 +241,4 @@ ESTIMATORS: Registry[Any] = Registry(
     ModelError,
 )
 
-REGISTRIES = (ESTIMATORS, READERS, EXPORTS)
+REGISTRIES = (MODELS, ESTIMATORS, READERS, EXPORTS)

@@ -125,7 +125,7 @@ def _distorted(
         evidence.records,
         judgement.predicted,
         [tones.get(index) for index in range(len(evidence.records))],
-        over_gain if model.core.name == "accelerometer" else None,
+        over_gain if model.core.output == "displacement" else None,
     )
     index = model.parameter_names.index(gain)
     u = float(np.sqrt(max(covariance[index, index], 0.0)) / max(abs(float(estimate.z[index])), np.finfo(float).tiny))

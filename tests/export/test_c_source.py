@@ -227,7 +227,7 @@ def test_comments_state_the_errors_that_the_code_has(name, compiled):
     assert stated == pytest.approx(np.max(np.abs(made.model.response(f) / wanted - 1)), rel=0.01)
     assert stated < 1e-9
     assert code.number(r"error \S+ \(double\), (\S+) \(float\)") < 1e-5
-    cell = made.cell.response(f) / sensor.without([p for p in ("delay", "boxcar") if sensor.has(p)]).response(f)
+    cell = made.cell.response(f) / sensor.without(sensor.apart).response(f)
     assert code.number(r"hold, the best.*\n \*   error (\S+)") == pytest.approx(np.max(np.abs(cell - 1)), rel=0.01)
 
 

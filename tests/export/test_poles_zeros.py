@@ -38,13 +38,13 @@ def test_poles_and_zeros_are_the_model(name):
     sensor = sensor_of(made)
     f = sensor.band
     own = poles_zeros(sensor)
-    rational = sensor.without([part for part in ("delay", "boxcar") if sensor.has(part)])
+    rational = sensor.without(sensor.apart)
     np.testing.assert_allclose(own.response(f), rational.response(f), rtol=1e-12)
     assert np.all(own.poles.real <= 0)
     whole, words = held(sensor)
     np.testing.assert_allclose(whole.response(f), model_response(made, f), rtol=1e-10)
     assert np.all(whole.poles.real <= 0)
-    assert bool(words) == (sensor.has("delay") or sensor.has("boxcar"))
+    assert bool(words) == bool(sensor.apart)
 
 
 def test_roots_far_apart_are_exact():

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from vibrident.errors import InputError, did_you_mean
-from vibrident.registry import ESTIMATORS, EXPORTS
+from vibrident.registry import ESTIMATORS, EXPORTS, MODELS
 from vibrident.workflow.estimators import estimator_names, estimators_with
 
 DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
@@ -59,6 +59,13 @@ def _setting(name: str) -> str:
     return ", ".join(estimators_with(name))
 
 
+def not_rational() -> tuple[str, ...]:
+    """Add-ons that an export may leave out."""
+    from vibrident.export.sensor import not_rational as names
+
+    return names()
+
+
 def _with(option: str) -> str:
     """Export formats that an option concerns."""
     return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
@@ -67,6 +74,8 @@ def _with(option: str) -> str:
 #: What stands in a help text for the names that are registered, and gives them.
 REGISTERED: Mapping[str, Callable[[], str]] = {
     "{exports}": lambda: "|".join(EXPORTS.names()),
+    "{add-ons apart}": lambda: ", ".join(not_rational()),
+    "{models}": lambda: ", ".join(MODELS.names()),
     "{estimators}": lambda: "|".join(estimator_names()),
     "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
     **{f"{{estimators: {setting}}}": partial(_setting, setting) for setting in SETTINGS},

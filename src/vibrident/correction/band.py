@@ -189,7 +189,7 @@ def _with_envelope(
 def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str]:
     """Where the low-pass must have ended, Hz, and why."""
     last, why = LAST_OF_HALF * 0.5 * rate, "half the sampling rate"
-    length = sensor.values.get("boxcar_length")
+    length = max((sensor.values[name] for name in sensor.model.windows), default=0.0)
     if length and LAST_OF_ZERO / length < last:
         last, why = LAST_OF_ZERO / length, "the first zero of the averaging window"
     return last, why

@@ -69,7 +69,9 @@ class Compensation:
     def pad(self) -> int:
         """Samples by which the record is continued on either side."""
         slope = min(self.band.high_hz, 0.5 * self.band.low_hz or np.inf)
-        reach = KERNEL_PERIODS * self.rate / slope + abs(self.sensor.values.get("delay", 0.0)) * self.rate
+        reach = (
+            KERNEL_PERIODS * self.rate / slope + abs(float(self.sensor.model.delay_s(self.sensor.values))) * self.rate
+        )
         numerator = np.trim_zeros(np.array(self.sensor.model.rational(self.sensor.values).numerator, dtype=float), "f")
         roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
         if roots.size:  # the inverse rings at the sensor's own zeros

@@ -84,23 +84,26 @@ def decay_deviations(
     """
     found = []
     for record in records:
-        if record.excitation != "decay" or not model.is_linear:
+        if record.excitation != "decay" or not model.is_linear or model.core.oscillator is None:
             continue
         own = _own(record)
         stretch = own.stretches[0]
-        more = _other_motion(values, stretch.time_s)
-        parts = parts_of(replace(stretch, more=more), values["natural_frequency"], values["damping_ratio"])
+        more = _other_motion(model, values, stretch.time_s)
+        natural, damping = (values[name] for name in model.core.oscillator)
+        parts = parts_of(replace(stretch, more=more), natural, damping)
         found.append(DecayDeviation(record.name, parts, own.natural_frequency_hz, own.damping_ratio))
     return tuple(found)
 
 
-def _other_motion(values: Mapping[str, float], time_s: FloatArray) -> FloatArray | None:
+def _other_motion(model: SensorModel, values: Mapping[str, float], time_s: FloatArray) -> FloatArray | None:
     """Free motion of a model's further poles, shape (samples, n); None where it has none."""
     columns = []
-    if "highpass_frequency" in values:
-        columns.append(np.exp(-2.0 * np.pi * values["highpass_frequency"] * time_s)[:, None])
-    if "mode2_frequency" in values:
-        columns.append(free_motion(values["mode2_frequency"], values["mode2_damping"], time_s))
+    for addon in reversed(model.add_ons):
+        if addon.corner:
+            columns.append(np.exp(-2.0 * np.pi * values[addon.corner] * time_s)[:, None])
+        if addon.oscillator is not None:
+            natural, damping = (values[name] for name in addon.oscillator)
+            columns.append(free_motion(natural, damping, time_s))
     return np.concatenate(columns, axis=1) if columns else None
 
 

@@ -20,11 +20,11 @@ from vibrident import __version__
 from vibrident.decay.examine import Change, Decays, examine, motion_of
 from vibrident.errors import InputError, ModelError
 from vibrident.measure.quality import Finding, screen
-from vibrident.models import SensorModel, parse
+from vibrident.models import CORES, SensorModel, parse
+from vibrident.models.oscillator import OSCILLATOR as NAMES
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training
 
-NAMES = ("natural_frequency", "damping_ratio")
 #: A parameter is weakly determined above this relative standard uncertainty.
 WEAK = 0.1
 COVERAGE = 0.95
@@ -80,12 +80,14 @@ def require_plain(estimator: object, *, sampled: bool) -> None:
 
 
 def _require_one_oscillator(model: SensorModel) -> None:
-    more = [name for name in model.parameter_names if name.startswith(("mode2", "highpass", "cubic"))]
-    if more:
+    parts = [addon for addon in model.add_ons if addon.rational is not None or addon.force is not None]
+    more = [spec.name for addon in parts for spec in addon.parameters]
+    if more or model.core.oscillator != NAMES:
+        fitting = [core.name for core in CORES.values() if core.oscillator == NAMES]
         raise InputError(
             "Free decays alone tell one natural frequency and one damping ratio.",
-            expected="the model accelerometer or velocity-pickup",
-            found=f"{model.name!r} with {', '.join(more)}",
+            expected=f"the model {' or '.join(fitting)}",
+            found=f"{model.name!r} with {', '.join(more)}" if more else repr(model.name),
             where="model",
             remedy=f"identify with {model.core.name!r}, or add records with a reference",
         )
@@ -145,8 +147,8 @@ def parameters(
     u_log, u_damping = np.sqrt(np.diag(covariance))
     sure = _determined(damping_ratio, covariance)
     table = {
-        "natural_frequency": _positive(natural_frequency_hz, "Hz", float(u_log), k, sure[0]),
-        "damping_ratio": Parameter(
+        NAMES[0]: _positive(natural_frequency_hz, "Hz", float(u_log), k, sure[0]),
+        NAMES[1]: Parameter(
             damping_ratio,
             "1",
             float(u_damping),
@@ -158,7 +160,7 @@ def parameters(
     def values(log_shift: float, damping_shift: float, gain: float = 1.0) -> dict[str, float]:
         names = dict.fromkeys(model.parameter_names, gain)
         frequency = natural_frequency_hz * np.exp(log_shift)
-        return names | {"natural_frequency": frequency, "damping_ratio": damping_ratio + damping_shift}
+        return names | dict(zip(NAMES, (frequency, damping_ratio + damping_shift), strict=True))
 
     for derived in model.derived(values(0.0, 0.0)):
         value = float(derived.value(values(0.0, 0.0)))
@@ -170,7 +172,7 @@ def parameters(
             for up, down in (((step, 0.0), (-step, 0.0)), ((0.0, step), (0.0, -step)))
         ]
         relative = float(np.sqrt(np.array(slope) @ covariance @ np.array(slope)))
-        identifiable = sure[0] and (derived.name != "resonance_frequency" or sure[1])
+        identifiable = all(known for name, known in zip(NAMES, sure, strict=True) if name in derived.needs)
         table[derived.name] = _positive(value, derived.unit, relative, k, identifiable, derived=True)
     return table
 
@@ -225,7 +227,7 @@ def _warnings(
             text = f"The data hardly determine {name}: standard uncertainty {100 * size:.2g} % of its value."
             warnings.append(ResultWarning("weakly_determined", text))
     if decays.fit.damping_ratio == 0.0:
-        warnings.append(ResultWarning("at_bound", "damping_ratio lies at its bound, zero."))
+        warnings.append(ResultWarning("at_bound", f"{NAMES[1]} lies at its bound, zero."))
     return tuple(warnings)
 
 

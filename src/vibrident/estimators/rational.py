@@ -28,7 +28,7 @@ def two_modes(
 
     Args:
         sought: the response, with its phase.
-        model: linear, with the add-on ``mode2``.
+        model: linear, with two modes.
         quantity: what the reference is.
         known: values of the parameters; the delay and what is no pole are taken from there.
     """
@@ -87,8 +87,9 @@ def _dealt(poles: ComplexArray, model: SensorModel, known: dict[str, float]) -> 
     stable = -np.abs(poles.real) + 1j * poles.imag
     upper = stable[stable.imag > 0]
     real = np.sort(-stable[stable.imag == 0].real)
-    names = model.parameter_names
-    corners: list[float | None] = [*real.tolist()] if "highpass_frequency" in names else [None]
+    (natural, damping), (natural_2, damping_2) = model.oscillators
+    corner_name = next((addon.corner for addon in model.add_ons if addon.corner), "")
+    corners: list[float | None] = [*real.tolist()] if corner_name else [None]
     for corner in corners:
         left = real.tolist()
         if corner is not None:
@@ -103,17 +104,18 @@ def _dealt(poles: ComplexArray, model: SensorModel, known: dict[str, float]) -> 
             continue
         for first, second in (modes, modes[::-1]):
             values = dict(known)
-            values["natural_frequency"], values["damping_ratio"] = first[0] / (2.0 * np.pi), first[1]
-            values["mode2_frequency"], values["mode2_damping"] = second[0] / (2.0 * np.pi), second[1]
+            values[natural], values[damping] = first[0] / (2.0 * np.pi), first[1]
+            values[natural_2], values[damping_2] = second[0] / (2.0 * np.pi), second[1]
             if corner is not None:
-                values["highpass_frequency"] = corner / (2.0 * np.pi)
+                values[corner_name] = corner / (2.0 * np.pi)
             yield values
 
 
 def _with_gains(values: dict[str, float], sought: Sought, model: SensorModel, quantity: Quantity) -> dict[str, float]:
     """The values with gain and share of the second mode by linear least squares."""
-    alone = model.frequency_response(values | {model.gain_name: 1.0, "mode2_gain": 0.0}, sought.frequency_hz, quantity)
-    both = model.frequency_response(values | {model.gain_name: 1.0, "mode2_gain": 1.0}, sought.frequency_hz, quantity)
+    share = model.shares[0]
+    alone = model.frequency_response(values | {model.gain_name: 1.0, share: 0.0}, sought.frequency_hz, quantity)
+    both = model.frequency_response(values | {model.gain_name: 1.0, share: 1.0}, sought.frequency_hz, quantity)
     weight = 1.0 / (np.abs(sought.response) * np.maximum(sought.deviation, LEAST))
     columns = np.stack([alone, both - alone], axis=1) * weight[:, None]
     goal = sought.response * weight
@@ -121,4 +123,4 @@ def _with_gains(values: dict[str, float], sought: Sought, model: SensorModel, qu
         np.concatenate([columns.real, columns.imag]), np.concatenate([goal.real, goal.imag]), rcond=None
     )[0]
     gain = gain if gain != 0.0 else np.finfo(float).tiny
-    return values | {model.gain_name: float(gain), "mode2_gain": float(second / gain)}
+    return values | {model.gain_name: float(gain), share: float(second / gain)}

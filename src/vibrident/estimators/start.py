@@ -22,7 +22,6 @@ from vibrident.models import SensorModel
 from vibrident.problem import FrequencyProblem
 from vibrident.records import FloatArray
 
-DAMPING_GRID = (0.0005, 0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
 FREQUENCIES_PER_DECADE = 24
 DECADES_OUTSIDE = 1.5
 #: Points of the search, of the grid of add-ons, and of the last step.
@@ -181,7 +180,7 @@ def optima(sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, fl
 
 def _with_two_modes(u: FloatArray, sign: FloatArray, chart: Chart, sought: Sought) -> tuple[FloatArray, FloatArray]:
     """The candidates, and for a model with a second mode what linear algebra makes of the first ones' delays."""
-    if "mode2_gain" not in chart.model.parameter_names:
+    if len(chart.model.oscillators) != 2 or not chart.model.shares:
         return u, sign
     found = [
         chart.place(v)
@@ -215,23 +214,28 @@ def _candidates(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> F
 
 
 def _cores(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> FloatArray:
-    """The best and most different natural frequencies and damping ratios by magnitude, add-ons as if not there."""
+    """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
     log_measured = np.log(np.abs(sought.response))
     weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
-    naturals = _naturals(sought.frequency_hz, band_hz)
     model = chart.model
-    grid = {"natural_frequency": naturals[:, None, None], "damping_ratio": np.array(DAMPING_GRID)[None, :, None]}
-    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in model.parameter_names}
-    unit = model.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (naturals, dampings, points)
+    specs = [spec for spec in model.core.parameters if spec.grid]
+    axes = [_naturals(sought.frequency_hz, band_hz) if s.grid == "band" else np.array(s.grid) for s in specs]
+    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
+    alone = SensorModel(model.core.name, model.core)
+    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in alone.parameter_names}
+    unit = alone.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (one axis a parameter, points)
     difference = log_measured - np.log(np.abs(unit))
     mean = difference @ weight / np.sum(weight)
     score = (difference - mean[..., None]) ** 2 @ weight
     chosen: list[FloatArray] = []
+    index = [model.parameter_names.index(s.name) for s in specs]
+    apart = [0.2 if s.grid == "band" else 1.0 for s in specs]
     for flat in np.argsort(score, axis=None):
-        i, j = np.unravel_index(flat, score.shape)
-        own = {"natural_frequency": naturals[i], "damping_ratio": DAMPING_GRID[j], model.gain_name: np.exp(mean[i, j])}
+        at = np.unravel_index(flat, score.shape)
+        own = {s.name: axis[k] for s, axis, k in zip(specs, axes, at, strict=True)}
+        own[model.gain_name] = np.exp(mean[at])
         u, _ = chart.place({name: float(own.get(name, 0.0)) for name in model.parameter_names})
-        if all(np.any(np.abs(u - other)[1:3] > (0.2, 1.0)) for other in chosen):
+        if all(np.any(np.abs(u - other)[index] > apart) for other in chosen):
             chosen.append(u)
         if len(chosen) == CORES:
             break

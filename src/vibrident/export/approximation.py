@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import Sensor, require_linear
+from vibrident.models import AddOn
 
 #: Relative error over the band below which an approximation counts as holding the model.
 TOLERANCE = 1e-10
@@ -28,29 +30,33 @@ def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
     """
     require_linear(sensor)
     system, words = poles_zeros(sensor), []
-    if sensor.has("delay") and sensor.delay_s != 0.0:
-        delay = sensor.delay_s
+    if sensor.model.has_delay and sensor.delay_s != 0.0:
+        delay, name = sensor.delay_s, next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
         if delay < 0:
             raise InputError(
                 "The response is ahead of the reference, which poles and zeros of a stable sensor cannot say.",
                 expected="a delay of 0 or above",
                 found=f"delay = {delay!r} s",
-                where="result.json, parameters.delay",
-                remedy="give --without delay: the file then says what that costs over the band",
+                where="result.json, parameters",
+                remedy=f"give --without {name}: the file then says what that costs over the band",
             )
-        order = _order(lambda n: _delay(delay, n), lambda s: np.exp(-s * delay), sensor, "delay")
+        order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
         system = system.times(_delay(delay, order))
         words.append(
-            f"delay of {delay!r} s: {order} poles and {order} zeros, the last but those of a boxcar, are its all-pass "
-            f"approximation of order {order} (Pade)"
+            f"delay of {delay!r} s: {order} poles and {order} zeros, the last but those of an average, are its "
+            f"all-pass approximation of order {order} (Pade)"
         )
-    if sensor.has("boxcar"):
-        length = sensor.values["boxcar_length"]
-        order = _order(lambda n: _boxcar(length, n), lambda s: _window(s * length), sensor, "boxcar")
+    for addon in sensor.model.add_ons:
+        if addon.factor is None:
+            continue
+        if not addon.window:
+            raise _not_held(addon)
+        length = float(sensor.values[addon.window])
+        order = _order(partial(_boxcar, length), partial(_averaged, length), sensor, addon.name, length)
         system = system.times(_boxcar(length, order))
         words.append(
-            f"boxcar of {length!r} s: the last {order} poles and {len(_boxcar(length, order).zeros)} zeros are its "
-            f"approximation of order {order} (Pade)"
+            f"{addon.name} of {length!r} s: the last {order} poles and {len(_boxcar(length, order).zeros)} zeros are "
+            f"its approximation of order {order} (Pade)"
         )
     if words:
         error = float(np.max(np.abs(system.response(sensor.band) / sensor.response(sensor.band) - 1.0)))
@@ -59,12 +65,30 @@ def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
     return system, words
 
 
+def _not_held(addon: AddOn) -> InputError:
+    return InputError(
+        f"Poles and zeros cannot hold {addon.name!r}.",
+        expected="add-ons that are ratios of polynomials, delays or averages",
+        found=f"{addon.name}: {addon.title}",
+        where="--format",
+        remedy=f"give --without {addon.name}: the file then says what that costs over the band",
+    )
+
+
+def _averaged(length_s: float, s: np.ndarray) -> np.ndarray:
+    return _window(s * length_s)
+
+
 def _window(x: np.ndarray) -> np.ndarray:
     return -np.expm1(-x) / x
 
 
 def _order(
-    make: Callable[[int], PolesZeros], exact: Callable[[np.ndarray], np.ndarray], sensor: Sensor, what: str
+    make: Callable[[int], PolesZeros],
+    exact: Callable[[np.ndarray], np.ndarray],
+    sensor: Sensor,
+    what: str,
+    seconds: float,
 ) -> int:
     s = 2j * np.pi * sensor.band
     for order in range(2, MOST_ORDER + 1, 2):  # even, so that the delay's approximant is +1 far above the band
@@ -73,8 +97,7 @@ def _order(
     raise InputError(
         f"The {what} is too long for the band to be held by poles and zeros.",
         expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
-        found=f"{what} of {(sensor.delay_s if what == 'delay' else sensor.values['boxcar_length'])!r} s, "
-        f"band up to {sensor.band_hz[1]:g} Hz",
+        found=f"{what} of {seconds!r} s, band up to {sensor.band_hz[1]:g} Hz",
         where="--format",
         remedy=f"give --without {what} (the file then says what that costs), or a narrower --band",
     )

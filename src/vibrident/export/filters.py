@@ -114,14 +114,14 @@ def model_filter(sensor: Sensor, rate_hz: float) -> tuple[Filter, Cell]:
     _check_aliases(system, rate_hz)
     filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
     sections = sections_of(system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1])))
-    shift = (sensor.delay_s + 0.5 * (sensor.values["boxcar_length"] if sensor.has("boxcar") else 0.0)) * rate_hz
+    shift = (sensor.delay_s + 0.5 * sensor.window_s) * rate_hz
     if abs(shift) > LONGEST:
         raise InputError(
             "The delay is too long for a delay line.",
             expected=f"{LONGEST} samples at most",
             found=f"{shift:.0f} samples",
             where="--rate",
-            remedy="give --without delay, and delay the samples elsewhere",
+            remedy="leave the delay out with --without, and delay the samples elsewhere",
         )
     low = min(sensor.band_hz[0], 1e-3 * sensor.band_hz[1])  # nothing holds a model back below the band
     taps = fitted(

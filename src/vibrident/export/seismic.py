@@ -42,7 +42,7 @@ def codes(sensor: Sensor, options: Options) -> Codes:
     Raises:
         InputError: the codes are none.
     """
-    kind = "HH1" if sensor.model.core.name == "velocity-pickup" else "HN1"
+    kind = "HH1" if sensor.model.core.output == "velocity" else "HN1"
     text = options.channel or f"XX.SENS..{kind}"
     found = _CODES.fullmatch(text)
     if not found:

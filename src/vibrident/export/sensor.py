@@ -16,8 +16,6 @@ from vibrident.records import FloatArray, Quantity
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
 
-#: Add-ons that are no ratio of polynomials, so that some formats cannot hold them exactly.
-NOT_RATIONAL = tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 #: Points at which errors over the band are computed.
 POINTS = 400
 
@@ -89,11 +87,12 @@ class Sensor:
         Raises:
             InputError: an add-on cannot be left out.
         """
+        possible = not_rational()
         for name in names:
-            if name not in NOT_RATIONAL:
+            if name not in possible:
                 raise InputError(
                     f"{name!r} cannot be left out.",
-                    expected=" | ".join(NOT_RATIONAL),
+                    expected=" | ".join(possible),
                     found=repr(name),
                     where="--without",
                     remedy="identify with a model without it, if the sensor has none",
@@ -103,9 +102,20 @@ class Sensor:
         model = parse("+".join([self.model.core.name, *(addon.name for addon in kept)]))
         return replace(self, model=model, left_out=(*self.left_out, *gone))
 
-    def has(self, add_on: str) -> bool:
-        """True where the exported model has this add-on."""
-        return any(addon.name == add_on for addon in self.model.add_ons)
+    @property
+    def apart(self) -> list[str]:
+        """Add-ons of the exported model that its poles and zeros do not hold, a delay first."""
+        return [addon.name for addon in reversed(self.model.add_ons) if addon.rational is None and addon.force is None]
+
+    @property
+    def window_s(self) -> float:
+        """Length of the windows over which the exported model averages, s."""
+        return float(sum(self.values[name] for name in self.model.windows))
+
+
+def not_rational() -> tuple[str, ...]:
+    """Add-ons that are no ratio of polynomials, so that some formats cannot hold them exactly."""
+    return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 
 
 def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sensor:
@@ -133,13 +143,14 @@ def require_linear(sensor: Sensor) -> None:
     Raises:
         InputError: it has a cubic stiffness.
     """
-    if sensor.has("cubic"):
+    if not sensor.model.is_linear:
+        bent = [addon for addon in sensor.model.add_ons if addon.force is not None]
         raise InputError(
-            "This format describes linear sensors only, and this sensor's stiffness is cubic.",
-            expected="a linear model, or csv or dcc as format",
+            f"This format describes linear sensors only, and this sensor has a {bent[0].title}.",
+            expected="a linear model, or a format of tables and curves",
             found=sensor.model.name,
             where="--format",
-            remedy="give --without cubic for what the sensor is to small signals",
+            remedy=f"give --without {bent[0].name} for what the sensor is to small signals",
         )
 
 
@@ -179,9 +190,11 @@ def identity(sensor: Sensor) -> list[str]:
         lines.append("warnings of the result: " + ", ".join(result.warning_codes))
     for name in sensor.left_out:
         lines.append(f"left out on request: {name}")
-    if "cubic" in sensor.left_out:
-        lines.append("without the cubic stiffness this is the sensor's response to small signals only")
-    if set(sensor.left_out) - {"cubic"}:
+    bent = {addon.name: addon.title for addon in sensor.known.model.add_ons if addon.force is not None}
+    for name in sensor.left_out:
+        if name in bent:
+            lines.append(f"without the {bent[name]} this is the sensor's response to small signals only")
+    if set(sensor.left_out) - set(bent):
         error = sensor.error_of_leaving_out
         lines.append(f"without it, the response deviates from the model by up to {error:.2e} (relative) over the band")
     return [one_line(line) for line in lines]

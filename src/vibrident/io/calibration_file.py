@@ -18,7 +18,7 @@ from vibrident.io.columns import unreadable
 from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
 from vibrident.io.toml_text import MOST_BYTES, refuse_costly
-from vibrident.records import Excitation, Quantity
+from vibrident.records import USUAL_MODEL, Excitation, Quantity
 
 
 def _column(value: int | str) -> int | str:
@@ -51,7 +51,7 @@ class SensorSection(BaseModel):
     """[sensor]: the model, and free text for reports."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
-    model: _Text = "accelerometer"
+    model: _Text = USUAL_MODEL
 
 
 class ReferenceSection(_Section):

@@ -22,7 +22,7 @@ from vibrident.identification import Fitted
 from vibrident.information import inverse_normal
 from vibrident.joint.moments import Moments
 from vibrident.joint.score import Score
-from vibrident.joint.sharing import CHANNELS, Joint, Place, places
+from vibrident.joint.sharing import Joint, Place, places
 from vibrident.problem import Local
 from vibrident.records import FloatArray
 
@@ -210,7 +210,8 @@ def _starts(fitted: Sequence[Fitted], numbers: tuple[Joint, ...], parts: Sequenc
             owner, index = next((m for m in number.members if m[0] == preferred), number.members[0])
             offset, scale = parts[owner].offset[index], parts[owner].matrix[index, column]
             theta[column] = (fitted[owner].estimate.z[index] - offset) / scale
-            if by_preferred and number.name in CHANNELS:
+            model = fitted[owner].evidence.model
+            if by_preferred and model.parameters[index].describes == "channel":
                 unit = fitted[owner].estimate.coordinates.time_unit_s
                 theta[column] = (values.get(number.name, 0.0) / unit - offset) / scale
         if not any(np.allclose(theta, other, rtol=0.0, atol=1e-9) for other in starts):

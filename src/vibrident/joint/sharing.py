@@ -13,14 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.errors import InputError, did_you_mean
-from vibrident.models import SensorModel
+from vibrident.models import ParameterSpec, SensorModel
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 
-#: Parameters of the oscillator itself.
-MECHANICS = ("natural_frequency", "damping_ratio", "mode2_frequency", "mode2_damping")
-#: Parameters of a calibration's channels, shared only where asked for.
-CHANNELS = ("delay",)
 #: Kinds of coordinates that are logarithms.
 LOGARITHMIC = ("log", "duration")
 
@@ -56,9 +52,10 @@ def joined(
         _check(share, models)
     found: dict[tuple[object, ...], list[tuple[int, int]]] = {}
     for number, (calibration, model) in enumerate(zip(calibrations, models, strict=True)):
-        for index, name in enumerate(model.parameter_names):
-            key = _key(name, calibration, model)
-            alone = name in CHANNELS if share is None else name not in share
+        for index, spec in enumerate(model.parameters):
+            name = spec.name
+            key = _key(spec, calibration, model)
+            alone = spec.describes == "channel" if share is None else name not in share
             found.setdefault((number, name) if alone else key, []).append((number, index))
     numbers = tuple(
         Joint(models[members[0][0]].parameter_names[members[0][1]], tuple(members)) for members in found.values()
@@ -68,12 +65,12 @@ def joined(
     return numbers
 
 
-def _key(name: str, calibration: Calibration, model: SensorModel) -> tuple[object, ...]:
+def _key(spec: ParameterSpec, calibration: Calibration, model: SensorModel) -> tuple[object, ...]:
     """What two parameters of this name must have in common to be one."""
-    if name in MECHANICS or name in CHANNELS:
-        return (name,)
+    if spec.describes != "output":
+        return (spec.name,)
     drive = calibration.reference_unit if calibration.quantity == "drive" else None
-    return (name, model.core.name, calibration.response_unit, drive)
+    return (spec.name, model.core.name, calibration.response_unit, drive)
 
 
 def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:

@@ -1,27 +1,62 @@
 """Sensor models: one core a file, add-ons beside them, put together by name.
 
-``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core or add-on is one file and one line in the
-tables below.
+``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core or add-on is one file in ``cores/`` or
+``add_ons/``, or an entry point of the group ``vibrident.models``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
+
 from vibrident.errors import ModelError, did_you_mean
-from vibrident.models.accelerometer import ACCELEROMETER
 from vibrident.models.base import AddOn, Core, Derived, ParameterSpec, Rational, SensorModel
-from vibrident.models.boxcar import BOXCAR
-from vibrident.models.cubic import CUBIC
-from vibrident.models.delay import DELAY
-from vibrident.models.highpass import HIGHPASS
-from vibrident.models.mode2 import MODE2
-from vibrident.models.velocity_pickup import VELOCITY_PICKUP
+from vibrident.registry import MODELS
 
-CORES: dict[str, Core] = {core.name: core for core in (ACCELEROMETER, VELOCITY_PICKUP)}
-ADD_ONS: dict[str, AddOn] = {addon.name: addon for addon in (CUBIC, MODE2, HIGHPASS, BOXCAR, DELAY)}
-#: What the equation of a nonlinear add-on stands for: V is the core's own response, with nothing but a delay behind it.
-_BESIDE_NONLINEAR = {"delay"}
+__all__ = [
+    "ADD_ONS",
+    "CORES",
+    "AddOn",
+    "Core",
+    "Derived",
+    "ParameterSpec",
+    "Rational",
+    "SensorModel",
+    "installed",
+    "parse",
+]
 
-__all__ = ["ADD_ONS", "CORES", "Derived", "ParameterSpec", "Rational", "SensorModel", "parse"]
+_Part = TypeVar("_Part", Core, AddOn)
+
+
+class _Parts(Mapping[str, _Part]):
+    """Name → every core, or every add-on in the order of their places; those of plug-ins too."""
+
+    def __init__(self, kind: type[_Part]) -> None:
+        self._kind = kind
+
+    def _all(self) -> dict[str, _Part]:
+        found = [part for part in MODELS.all().values() if isinstance(part, self._kind)]
+        if self._kind is AddOn:
+            found.sort(key=_in_chain)
+        return {part.name: part for part in found}
+
+    def __getitem__(self, name: str) -> _Part:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+
+CORES: Mapping[str, Core] = _Parts(Core)
+ADD_ONS: Mapping[str, AddOn] = _Parts(AddOn)
+
+
+def _in_chain(addon: Any) -> tuple[int, str]:
+    return addon.place, addon.name
 
 
 def parse(name: str) -> SensorModel:
@@ -31,12 +66,15 @@ def parse(name: str) -> SensorModel:
         ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them do not go together.
     """
     first, *rest = (part.strip() for part in name.split("+"))
-    if first not in CORES:
+    core = MODELS.find(first)
+    if not isinstance(core, Core):
         raise _unknown("sensor model", first, CORES, name)
-    for index, part in enumerate(rest):
-        if part not in ADD_ONS:
+    add_ons: list[AddOn] = []
+    for part in rest:
+        addon = MODELS.find(part)
+        if not isinstance(addon, AddOn):
             raise _unknown("add-on", part, ADD_ONS, name)
-        if part in rest[:index]:
+        if addon in add_ons:
             raise ModelError(
                 f"The add-on {part!r} is named twice.",
                 expected="each add-on at most once",
@@ -44,27 +82,52 @@ def parse(name: str) -> SensorModel:
                 where="model",
                 remedy=f"leave one {part!r} out",
             )
-    ordered = [addon for addon in ADD_ONS if addon in rest]
-    model = SensorModel("+".join([first, *ordered]), CORES[first], tuple(ADD_ONS[part] for part in ordered))
+        add_ons.append(addon)
+    add_ons.sort(key=_in_chain)
+    model = SensorModel("+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons))
+    _check_names(model)
     if not model.is_linear:
         _check_nonlinear(model)
     return model
 
 
+def installed(name: str) -> SensorModel | None:
+    """The model of this name; None where a part of it is not installed, or two do not go together."""
+    try:
+        return parse(name)
+    except ModelError:
+        return None
+
+
+def _check_names(model: SensorModel) -> None:
+    names = model.parameter_names
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ModelError(
+            "Two parts of the model have a parameter of the same name.",
+            expected="parts with parameters of their own",
+            found=f"{', '.join(twice)} twice in {model.name!r}",
+            where="model",
+            remedy="leave one of the parts out",
+        )
+
+
 def _check_nonlinear(model: SensorModel) -> None:
+    """What the equation of a nonlinear add-on stands for: V is the core's own response, with at most a delay behind."""
     nonlinear = [addon.name for addon in model.add_ons if addon.force is not None]
-    others = [addon.name for addon in model.add_ons if addon.force is None and addon.name not in _BESIDE_NONLINEAR]
-    if model.core is not ACCELEROMETER or others:
+    others = [addon.name for addon in model.add_ons if addon.force is None and not addon.is_delay]
+    if model.core.output != "displacement" or others:
+        fitting = next(core.name for core in CORES.values() if core.output == "displacement")
         raise ModelError(
             f"The add-on {nonlinear[0]!r} does not go with this model.",
-            expected=f"'accelerometer+{nonlinear[0]}', with or without '+delay'",
+            expected=f"'{fitting}+{nonlinear[0]}', with or without a delay",
             found=repr(model.name),
             where="model",
             remedy=f"leave out {', '.join(repr(o) for o in others) or repr(nonlinear[0])}",
         )
 
 
-def _unknown(kind: str, part: str, table: dict[str, Core] | dict[str, AddOn], name: str) -> ModelError:
+def _unknown(kind: str, part: str, table: Mapping[str, Core] | Mapping[str, AddOn], name: str) -> ModelError:
     return ModelError(
         f"The {kind} {part!r} is not known.",
         expected=" | ".join(table),

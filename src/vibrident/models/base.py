@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from vibrident.errors import ModelError
 from vibrident.records import Quantity
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up to a constant.
@@ -30,13 +31,19 @@ class ParameterSpec:
     """One parameter of a model.
 
     Attributes:
-        name: contracted name.
+        name: in result.json and in Python; an identifier.
         unit: unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive.
         kind: how the optimiser sees it. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
             by its logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at
             zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear;
             ``inverse``, ``inverse_square``: linear, in units of one over the response's size, or over its square.
         guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
+        words: name in words; empty: the name with spaces.
+        symbol: usual symbol.
+        describes: what calibrations of one sensor share it: the ``oscillator`` itself, whatever is read from it; an
+            ``output``, where response unit and kind of reference are alike; the ``channel`` of one calibration alone.
+        grid: of a core's parameter: the values from which start values are looked for, or ``band`` for frequencies over
+            the band of the data and beyond; empty: the gain, which follows from the rest.
         guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``; ``band``: the
             guesses are places in the logarithm of frequency, from zero at the lowest to one at the highest.
     """
@@ -46,6 +53,13 @@ class ParameterSpec:
     kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse", "inverse_square"]
     guesses: tuple[float, ...] = ()
     guess_at: Literal["lowest", "highest", "period", "one", "band"] = "one"
+    words: str = ""
+    symbol: str = ""
+    describes: Literal["oscillator", "output", "channel"] = "output"
+    grid: tuple[float, ...] | Literal["band"] = ()
+
+    def __post_init__(self) -> None:
+        _require_identifier(self.name)
 
 
 @dataclass(frozen=True)
@@ -63,23 +77,78 @@ class Rational:
 
 @dataclass(frozen=True)
 class Derived:
-    """A function of the estimated parameters that the contract names; it may not exist for all values."""
+    """A function of the estimated parameters; it may not exist for all values.
+
+    Attributes:
+        name: in result.json; an identifier.
+        unit: as of a parameter; ``{conversion}`` stands for response unit per metre.
+        value: of the parameters' values.
+        exists: whether there is one for these values.
+        words: name in words; empty: the name with spaces.
+        symbol: usual symbol.
+        needs: parameters without which it is not known, the gain left aside.
+        positive: whether it is above zero, so that its interval is symmetric in its logarithm.
+    """
 
     name: str
     unit: str
     value: Callable[[Parameters], Any]
     exists: Callable[[Parameters], bool] = lambda parameters: True
+    words: str = ""
+    symbol: str = ""
+    needs: tuple[str, ...] = ()
+    positive: bool = True
+
+    def __post_init__(self) -> None:
+        _require_identifier(self.name)
+
+
+#: Name → value.
+Values = Mapping[str, Any]
+#: Takes and gives values by name, real or complex; analytic.
+Relabelling = Callable[[Values], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Which of several parts that give the same response has which name.
+
+    Attributes:
+        others: (core, values) → every other way to name the parts that leaves the response as it is.
+        in_order: (values, those of the first other way) → whether these have the one form that is stated.
+        undecided: (values, standard uncertainties) → whether the data leave the form open.
+        question: what the response does not tell, in words.
+    """
+
+    others: Callable[[Core, Values], tuple[Relabelling, ...]]
+    in_order: Callable[[Values, Values], bool]
+    undecided: Callable[[Values, Values], bool]
+    question: str
 
 
 @dataclass(frozen=True)
 class Core:
-    """The sensor proper, without add-ons."""
+    """The sensor proper, without add-ons.
+
+    Attributes:
+        name: in calibration files and results.
+        title: what it is, in a few words.
+        parameters: the gain first.
+        rational: values → transfer function from acceleration to response; the response is proportional to the gain.
+        derived: what follows from the parameters.
+        oscillator: names of natural frequency (Hz) and damping ratio, where D(s) = s² + 2 δ ωn s + ωn²; None where the
+            sensor is no damped oscillator.
+        output: ``displacement`` where the gain is the response to static acceleration, N(s) = ωn²; ``velocity`` where
+            N(s) = s; ``other``.
+    """
 
     name: str
     title: str
     parameters: tuple[ParameterSpec, ...]
     rational: Callable[[Parameters], Rational]
-    derived: tuple[Derived, ...]
+    derived: tuple[Derived, ...] = ()
+    oscillator: tuple[str, str] | None = None
+    output: Literal["displacement", "velocity", "other"] = "other"
 
 
 @dataclass(frozen=True)
@@ -90,6 +159,24 @@ class AddOn:
     rational, given s = jω, and ``factor_slopes`` are its derivatives by name. ``force`` makes the sensor nonlinear:
     given the core's response V it is F in V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V). ``beside`` is what a ``rational``
     adds in parallel to the core, which such a force does not see.
+
+    Attributes:
+        name: in the names of models, behind a "+".
+        title: what it is, in a few words.
+        parameters: each with ``guesses``, but for a delay and what acts back on the mass.
+        rational: (values, system) → the system with it.
+        delay: values → delay, s.
+        factor: (values, s) → factor on the frequency response.
+        factor_slopes: (values, s) → its derivatives by name.
+        force: (values, V) → F(V).
+        beside: (values, core) → what stands in parallel to the core.
+        in_series: whether ``rational`` multiplies the whole response; False: it adds something beside the core.
+        oscillator: names of natural frequency (Hz) and damping ratio of a mode that it adds.
+        corner: name of the corner frequency (Hz) of a real pole that it adds.
+        share: name of the parameter that what it adds beside the core is proportional to.
+        window: name of the length, s, of a window over which it averages.
+        labels: which of several like parts has which name, where it adds one like another.
+        remark: what a report says beside the results of such a model.
     """
 
     name: str
@@ -101,6 +188,27 @@ class AddOn:
     factor_slopes: Callable[[Parameters, Any], Mapping[str, Any]] | None = None
     force: Callable[[Parameters, Any], Any] | None = None
     beside: Callable[[Parameters, Rational], Rational] | None = None
+    in_series: bool = True
+    oscillator: tuple[str, str] | None = None
+    corner: str = ""
+    share: str = ""
+    window: str = ""
+    labels: Labels | None = None
+    remark: str = ""
+
+    @property
+    def place(self) -> int:
+        """Where it stands in a model's name and in the chain: forces, modes beside, filters behind, average, delay."""
+        if self.force is not None:
+            return 0
+        if self.rational is not None:
+            return 2 if self.in_series else 1
+        return 3 if self.factor is not None else 4
+
+    @property
+    def is_delay(self) -> bool:
+        """True where it does nothing but delay."""
+        return self.delay is not None and not (self.rational or self.factor or self.force)
 
 
 @dataclass(frozen=True)
@@ -120,6 +228,37 @@ class SensorModel:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all parameters, core first."""
         return tuple(spec.name for spec in self.parameters)
+
+    @property
+    def oscillators(self) -> tuple[tuple[str, str], ...]:
+        """Names of natural frequency and damping ratio of every mode, the core's first."""
+        parts = (self.core.oscillator, *(addon.oscillator for addon in self.add_ons))
+        return tuple(pair for pair in parts if pair is not None)
+
+    @property
+    def shares(self) -> tuple[str, ...]:
+        """Names of the parameters that what add-ons add beside the core is proportional to."""
+        return tuple(addon.share for addon in self.add_ons if addon.share)
+
+    @property
+    def windows(self) -> tuple[str, ...]:
+        """Names of the lengths of windows over which the sensor averages."""
+        return tuple(addon.window for addon in self.add_ons if addon.window)
+
+    def fastest(self, parameters: Parameters) -> float:
+        """Largest |pole| of the core, rad/s."""
+        if self.core.oscillator is None:
+            poles = np.roots(np.array(self.core.rational(parameters).denominator, dtype=float)[::-1])
+            return float(np.max(np.abs(poles))) if poles.size else 0.0
+        natural, damping = (parameters[name] for name in self.core.oscillator)
+        faster = damping + np.sqrt(damping**2 - 1.0) if damping > 1.0 else 1.0
+        return float(2.0 * np.pi * natural * faster)
+
+    def typical_frequency(self, parameters: Parameters) -> float:
+        """Natural frequency of the core, Hz; the frequency of its fastest pole where it is no oscillator."""
+        if self.core.oscillator is not None:
+            return float(parameters[self.core.oscillator[0]])
+        return self.fastest(parameters) / (2.0 * np.pi)
 
     @property
     def gain_name(self) -> str:
@@ -199,6 +338,22 @@ class SensorModel:
     def derived(self, parameters: Parameters) -> tuple[Derived, ...]:
         """Derived quantities that exist for these parameters."""
         return tuple(quantity for quantity in self.core.derived if quantity.exists(parameters))
+
+
+def _require_identifier(name: str) -> None:
+    """Names go into files, code and tables.
+
+    Raises:
+        ModelError: the name is no plain identifier.
+    """
+    if not (name.isidentifier() and name.isascii()):
+        raise ModelError(
+            f"{name!r} cannot be the name of a parameter.",
+            expected="letters, digits and _, such as natural_frequency",
+            found=repr(name),
+            where="sensor model",
+            remedy="correct the model",
+        )
 
 
 def polynomial(coefficients: tuple[Any, ...], s: Any) -> Any:

@@ -64,7 +64,7 @@ def physics_from_weights(
         ModelError: the network has not two states, or its eigenvalues are not those of an oscillator.
     """
     phi = np.asarray(weights.transition, dtype=float)
-    if phi.shape != (2, 2):
+    if phi.shape != (2, 2) or model.core.oscillator is None:
         raise ModelError(
             "Only a network with two hidden states can be read back as one oscillator.",
             expected="W3 of shape (2, 2)",
@@ -72,12 +72,12 @@ def physics_from_weights(
             where="network weights",
             remedy="train the tied network for larger models",
         )
-    gain_name = model.gain_name
+    gain_name, (natural, ratio) = model.gain_name, model.core.oscillator
     if reading == "elements":
         wn = np.sqrt(-phi[1, 0] / sampling_interval_s)
         damping = (1.0 - phi[1, 1]) / (2.0 * wn * sampling_interval_s)
         gain = float(np.asarray(weights.drive)[1, 0]) / sampling_interval_s
-        gain = gain / wn**2 if gain_name == "sensitivity" else gain
+        gain = gain / wn**2 if model.core.output == "displacement" else gain
     else:
         poles = _continuous(np.linalg.eigvals(phi).astype(complex), sampling_interval_s, method)
         product = np.real(poles[0] * poles[1])
@@ -93,11 +93,11 @@ def physics_from_weights(
         wn = np.sqrt(product)
         damping = float(-np.real(poles.sum()) / (2.0 * wn))
         # An accelerometer's gain shows at zero frequency; a velocity pickup has none there and shows it at ωn.
-        at = np.array([0.0 if gain_name == "sensitivity" else wn / (2 * np.pi)])
-        unit = {gain_name: 1.0, "natural_frequency": wn / (2 * np.pi), "damping_ratio": damping, "delay": 0.0}
+        at = np.array([0.0 if model.core.output == "displacement" else wn / (2 * np.pi)])
+        unit = dict.fromkeys(model.parameter_names, 0.0) | {gain_name: 1.0, natural: wn / (2 * np.pi), ratio: damping}
         own = network_response(weights, at, sampling_interval_s, method)
         gain = float(np.real(own / model.frequency_response(unit, at + 0j))[0])
-    return {gain_name: float(gain), "natural_frequency": float(wn / (2 * np.pi)), "damping_ratio": float(damping)}
+    return {gain_name: float(gain), natural: float(wn / (2 * np.pi)), ratio: float(damping)}
 
 
 def _continuous(z: NDArray, ts: float, method: str) -> NDArray:

@@ -90,10 +90,10 @@ def with_residual(model: SensorModel, structure: tuple[str, ...]) -> SensorModel
     Raises:
         ModelError: the physics is not an accelerometer's, with or without a delay.
     """
-    if model.core.name != "accelerometer" or any(addon.name != "delay" for addon in model.add_ons):
+    if model.core.output != "displacement" or not all(addon.is_delay for addon in model.add_ons):
         raise ModelError(
             "The learned residual stands beside an accelerometer's own equation.",
-            expected="'accelerometer', with or without '+delay'",
+            expected="an accelerometer, with or without a delay",
             found=repr(model.name),
             where="residual network",
             remedy="leave the add-ons to the residual network, or the residual network out",

@@ -215,14 +215,14 @@ def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tup
     model = parse(name)
     given = dict(parameters or {})
     names = model.parameter_names
-    linear = "cubic" not in name.split("+")
+    linear = model.is_linear
     usable = set(given) == set(names) and all(np.isfinite(value) for value in given.values())
     positive = usable and all(given[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration"))
     if not (linear and positive and given[model.gain_name] != 0):
         raise InputError(
             "The sensor cannot be planned for."
             if linear
-            else "A cubic stiffness has no transfer function to plan with.",
+            else "A nonlinear sensor has no transfer function to plan with.",
             expected=f"for {model.name!r}: finite {', '.join(names)}; frequencies above 0, a gain that is not 0",
             found=", ".join(f"{key} = {value:g}" for key, value in given.items()) or "no parameters",
             where="plan, parameters",

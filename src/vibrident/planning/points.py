@@ -139,7 +139,7 @@ def of_records(
     response = np.abs(gain) * reference
     noise_y = (recording.response_noise * response) ** 2 / 2.0 + recording.response_noise_rms**2
     noise_x = (recording.reference_noise * reference) ** 2 / 2.0 + recording.reference_noise_rms**2
-    beside = np.array([_beside_free_motion(f, values, recording) for f in frequency_hz])
+    beside = np.array([_beside_free_motion(model, f, values, recording) for f in frequency_hz])
     deviation = np.sqrt(2.0 / recording.samples * (beside * noise_y + np.abs(gain) ** 2 * noise_x))
     freedom = np.array([_freedom(f, recording) for f in frequency_hz])
     duration = recording.samples / recording.sampling_rate_hz
@@ -150,7 +150,7 @@ def of_records(
             f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
             "and the sensor's own decay will take more of them than is planned for here.",
         )
-    findings += _sharp(values, frequency_hz, beside)
+    findings += _sharp(model, values, frequency_hz, beside)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
     return _points(model, values, quantity, data, False, True, deviation / response, freedom, findings)
 
@@ -213,9 +213,14 @@ def _points(
     return Points(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)
 
 
-def _sharp(values: Mapping[str, float], frequency_hz: FloatArray, beside: FloatArray) -> tuple[str, ...]:
+def _sharp(
+    model: SensorModel, values: Mapping[str, float], frequency_hz: FloatArray, beside: FloatArray
+) -> tuple[str, ...]:
     """What a sharp resonance does that a plan does not hold."""
-    natural, width = values["natural_frequency"], 2.0 * values["damping_ratio"] * values["natural_frequency"]
+    if model.core.oscillator is None:
+        return ()
+    natural, damping = (values[name] for name in model.core.oscillator)
+    width = 2.0 * damping * natural
     lasts = 1.0 / (np.pi * width) if width > 0 else np.inf
     findings = []
     if np.any(beside > RINGS):
@@ -231,12 +236,18 @@ def _sharp(values: Mapping[str, float], frequency_hz: FloatArray, beside: FloatA
     return tuple(findings)
 
 
-def _beside_free_motion(frequency: float, values: Mapping[str, float], recording: Recording) -> float:
+def _beside_free_motion(
+    model: SensorModel, frequency: float, values: Mapping[str, float], recording: Recording
+) -> float:
     """Variance of a tone beside the free motion and an offset over that of a tone alone, mean of its two parts."""
     time = np.arange(recording.samples) / recording.sampling_rate_hz
     angle = 2.0 * np.pi * frequency * time
     tone = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    motion = free_motion(values["natural_frequency"], max(values["damping_ratio"], 0.0), time)
+    if model.core.oscillator is None:
+        motion = np.exp(-model.fastest(values) * time)[:, None]
+    else:
+        natural, damping = (values[name] for name in model.core.oscillator)
+        motion = free_motion(natural, max(damping, 0.0), time)
     free, _ = np.linalg.qr(np.concatenate([motion, np.ones((time.size, 1))], axis=1))
     left = tone - free @ (free.T @ tone)
     inverse = np.linalg.inv(left.T @ left)

@@ -9,7 +9,7 @@ from decimal import Decimal
 import numpy as np
 
 from vibrident.comparison import normalized_error, not_comparable, shared_covariance, shared_sources
-from vibrident.naming import Scale, parameter_name, pretty, scaled
+from vibrident.naming import Scale, described, parameter_name, pretty, scaled
 from vibrident.nominal import Nominal
 from vibrident.present import axes, words
 from vibrident.present.curves import continuous, numbers, principal
@@ -97,7 +97,9 @@ def quantities(results: Sequence[Result]) -> list[Quantity]:
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
             scale = scaled(unit, known[0] if known else 0.0)
-            found.append(Quantity(parameter_name(key).words, scale, tuple(values), key != "delay"))
+            found.append(
+                Quantity(parameter_name(key).words, scale, tuple(values), getattr(described(key), "kind", "") != "time")
+            )
     return found
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-from vibrident.naming import PARAMETERS, parameter_name
+from vibrident.naming import parameter_name, parameter_names
 
 
 def symbol(name: str) -> str:
@@ -14,14 +15,15 @@ def symbol(name: str) -> str:
     return f"{known[0]}_{known[1:]}" if len(known) > 1 else known
 
 
-_SYMBOLS = sorted({symbol(name) for name in PARAMETERS if "_" in symbol(name)}, key=len, reverse=True)
-#: As it is written, its base, what is below or above the line, and which of the two.
-FORMULAS: tuple[tuple[str, str, str, str], ...] = (
-    ("e^{jωt}", "e", "jωt", "sup"),
-    *((text, text.partition("_")[0], text.partition("_")[2], "sub") for text in ("ν_eff", "E_n", "U_first", *_SYMBOLS)),
-)
 _BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
-_WRITTEN = {text: (base, small, kind) for text, base, small, kind in FORMULAS}
+
+
+@functools.cache
+def formulas() -> Mapping[str, tuple[str, str, str]]:
+    """As it is written → its base, what is below or above the line, and which of the two: ``sub`` or ``sup``."""
+    symbols = sorted({text for name in parameter_names() if "_" in (text := symbol(name))}, key=len, reverse=True)
+    below = (text.partition("_") for text in ("ν_eff", "E_n", "U_first", *symbols))
+    return {"e^{jωt}": ("e", "jωt", "sup")} | {base + line + small: (base, small, "sub") for base, line, small in below}
 
 
 def typeset(
@@ -34,7 +36,7 @@ def typeset(
         mark: from base, small text and ``sub`` or ``sup`` to what the medium writes.
         escape: what the medium made of the formula.
     """
-    found = {escape(text): parts for text, parts in _WRITTEN.items()}
+    found = {escape(text): parts for text, parts in formulas().items()}
     pattern = "|".join(re.escape(text) for text in found)
     return re.sub(rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])", lambda match: mark(*found[match[0]]), escaped)
 

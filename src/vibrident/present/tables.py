@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from vibrident.models import installed
 from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.present import words
 from vibrident.present.coverage import coverage, interval_text, parameter_factor
@@ -85,12 +86,14 @@ def parameters(result: Result) -> Table:
 
 def small_signals(result: Result) -> str:
     """What a sensitivity means where the spring is not linear; empty for a linear sensor."""
-    return words.SMALL_SIGNALS if "cubic" in result.model.split("+") else ""
+    model = installed(result.model)
+    return " ".join(addon.remark for addon in model.add_ons if addon.remark) if model else ""
 
 
 def per_g(result: Result) -> str:
     """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
-    sensitivity = result.parameters.get("sensitivity")
+    model = installed(result.model)
+    sensitivity = result.parameters.get(model.gain_name) if model else None
     if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
         return ""
     u, k = sensitivity.standard_uncertainty, parameter_factor(result)

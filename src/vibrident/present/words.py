@@ -54,9 +54,4 @@ COVERAGE = (
     "interval is stated as computed and need not be symmetric. Uncertainties are rounded to two significant "
     "digits, values to the place of u (GUM 7.2.6)."
 )
-SMALL_SIGNALS = (
-    "The spring is not linear: its force is V + k_3 V³ with the response V and the cubic stiffness k_3. Sensitivity "
-    "and curve are those for small signals; with an amplitude V of the response the stiffness is larger by the part "
-    "¾ k_3 V²."
-)
 PHASE = "Phase is φ(response) − φ(reference) for e^{jωt}: lag is negative. A positive delay means a later response."

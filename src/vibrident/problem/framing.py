@@ -60,24 +60,25 @@ class Frame:
         if not model.has_network:
             raise ModelError(
                 "This model has no network: it is not a rational function.",
-                expected="a model without 'boxcar'",
+                expected="a model without "
+                + " or ".join(repr(addon.name) for addon in model.add_ons if addon.factor is not None),
                 found=repr(model.name),
-                where="estimator 'ipnn'",
-                remedy="use the estimator 'ml', with sine records or a table",
+                where="estimator",
+                remedy="use the estimator 'auto', with sine records or a table",
             )
         delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
         system = model.rational(start, quantity)
         order = len(system.denominator) - 1
         direct = len(system.numerator) > order  # the response then contains the reference itself
-        fastest = 2.0 * np.pi * start["natural_frequency"] * _fastest(start["damping_ratio"])
+        fastest = model.fastest(start)
         intervals = {record.sampling_interval_s for record in records}
         terms = max(method.terms(fastest * interval, direct=direct) for interval in intervals)
         return cls(delay, order, terms, fastest)
 
-    def settled(self, values: Mapping[str, float], records: Sequence[Record]) -> bool:
-        """Whether the delay of ``values`` is nearly that of the inputs."""
+    def settled(self, delay_s: float, records: Sequence[Record]) -> bool:
+        """Whether a delay is nearly that of the inputs."""
         shortest = min(record.sampling_interval_s for record in records)
-        return abs(values.get("delay", 0.0) - self.delay_s) <= DELAY_SETTLED * shortest
+        return abs(delay_s - self.delay_s) <= DELAY_SETTLED * shortest
 
     @property
     def fewest(self) -> int:
@@ -91,7 +92,7 @@ class Frame:
             expected=f"more than {self.fewest} samples that can be used after interpolation",
             found=f"{max(r.samples for r in records)} samples in the longest record",
             where="records",
-            remedy="use longer records, or the estimator 'ml'",
+            remedy="use longer records, or the estimator 'auto' with sine records",
         )
 
 
@@ -106,8 +107,3 @@ def response_size(records: Sequence[Record]) -> float:
     """Largest distance of a valid response sample from its record's mean, response unit; one without any."""
     valid = [record.response[record.mask] for record in records]
     return max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
-
-
-def _fastest(damping: float) -> float:
-    """Largest |pole| over ωn: one when underdamped, δ + √(δ² − 1) when not."""
-    return damping + np.sqrt(damping * damping - 1.0) if damping > 1.0 else 1.0

@@ -101,9 +101,9 @@ class LineProblem:
 
     def at_delay_of(self, values: Mapping[str, float]) -> LineProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
-        if self.frame.settled(values, self.records):
-            return self
         trained = self.trained
+        if self.frame.settled(float(trained.model.delay_s(values)), self.records):
+            return self
         return LineProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
 
     @property

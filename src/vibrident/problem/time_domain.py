@@ -143,7 +143,7 @@ class TimeProblem:
     def at_delay_of(self, values: Mapping[str, float]) -> TimeProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
         layout = self.layout
-        if self.frame.settled(values, self.records):
+        if self.frame.settled(float(layout.model.delay_s(values)), self.records):
             return self
         return TimeProblem.build(self.records, layout.model, layout.method, layout.quantity, values)
 

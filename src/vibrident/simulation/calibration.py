@@ -89,7 +89,7 @@ def simulate(
     require_choice("The method", method, ("exact", "rk4"))
     require_choice("The reference quantity", quantity, QUANTITIES)
     rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
-    peak, natural = _peak(chosen, amplitude), chosen.parameters["natural_frequency"]
+    peak, natural = _peak(chosen, amplitude), parse(chosen.model).typical_frequency(chosen.parameters)
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, samples_per_period, peak, natural, seed)
     felt = FeltLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
     takes = [felt.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]

@@ -87,7 +87,8 @@ def _averaged(
         where="simulate",
         remedy="leave the boxcar or the decay out",
     )
-    length, rational = float(parameters["boxcar_length"]), model.rational(parameters)
+    (window,) = model.windows
+    length, rational = float(parameters[window]), model.rational(parameters)
     integral = LinearSystem.of(replace(rational, denominator=(0.0, *rational.denominator)))
     early = replace(grid, start_s=grid.start_s - length)
     end, begin = (system_response(integral, motion, instants, start) for instants in (grid, early))

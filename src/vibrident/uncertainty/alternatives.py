@@ -15,7 +15,7 @@ import numpy as np
 from vibrident.estimators.search import Chart, Sought, descend, differences
 from vibrident.estimators.start import Start
 from vibrident.models import SensorModel
-from vibrident.models.labels import canonical, relabellings
+from vibrident.models.labels import canonical, labels_of, relabellings
 from vibrident.naming import amount, in_words
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import ResultWarning
@@ -24,8 +24,6 @@ from vibrident.result import ResultWarning
 ALIKE = 9.0
 #: … and it is another one where a parameter differs by so many of its standard uncertainties, and by this part.
 FAR, DIFFERENT = 5.0, 0.01
-#: Labels are decided by noise where the shares of two modes differ by less than so many standard uncertainties.
-UNDECIDED = 3.0
 #: Steps on the way down, other optima tried.
 STEPS, MOST = 30, 4
 
@@ -63,10 +61,9 @@ def other_solutions(
     """
     values, uncertainty = solution.values, solution.uncertainty
     same = [{name: float(value) for name, value in change(values).items()} for change in relabellings(model, values)]
-    if "mode2_gain" in values and abs(abs(values["mode2_gain"]) - 1.0) > UNDECIDED * uncertainty["mode2_gain"]:
-        same = []
-    if same:
-        yield _same_response(values, same, units)
+    labels = labels_of(model)
+    if same and labels is not None and labels.undecided(values, uncertainty):
+        yield _same_response(labels.question, same, units)
     if begin is None or not begin.others:
         return
     found = _refined(model, quantity, sought, [dict(values), *(at for at, _ in begin.others[:MOST])])
@@ -76,7 +73,8 @@ def other_solutions(
     named: list[Mapping[str, float]] = [values]
     for cost, other in zip(costs[1:], refined[1:], strict=True):
         mine = canonical(model, other)
-        if cost < costs[0] + ALIKE and all(_differ(mine, one, uncertainty, sought) for one in named):
+        delays = [spec.name for spec in model.parameters if spec.kind == "time"]
+        if cost < costs[0] + ALIKE and all(_differ(mine, one, uncertainty, sought, delays) for one in named):
             named.append(mine)
             yield _as_good(mine, values, cost - costs[0], units)
 
@@ -96,28 +94,26 @@ def _refined(
 
 
 def _differ(
-    one: Mapping[str, float], other: Mapping[str, float], uncertainty: Mapping[str, float], sought: Sought
+    one: Mapping[str, float],
+    other: Mapping[str, float],
+    uncertainty: Mapping[str, float],
+    sought: Sought,
+    delays: Sequence[str],
 ) -> bool:
     """Whether these are two solutions; delays a period of the highest frequency apart are one, written twice."""
-    if abs(one.get("delay", 0.0) - other.get("delay", 0.0)) * float(np.max(sought.frequency_hz)) > 0.4:
+    later = sum(one[name] - other[name] for name in delays)
+    if abs(later) * float(np.max(sought.frequency_hz)) > 0.4:
         return False
     return any(
         abs(value - other[name]) > max(FAR * uncertainty[name], DIFFERENT * abs(other[name]))
         for name, value in one.items()
-        if name != "delay"
+        if name not in delays
     )
 
 
-def _same_response(
-    values: Mapping[str, float], same: Sequence[Mapping[str, float]], units: Mapping[str, str]
-) -> ResultWarning:
-    words = (
-        "which of its three real poles is the high-pass's; the lowest was taken"
-        if "highpass_frequency" in values
-        else "which mode is the main one; the shares of the static response are equal within their uncertainty"
-    )
+def _same_response(question: str, same: Sequence[Mapping[str, float]], units: Mapping[str, str]) -> ResultWarning:
     others = "; or ".join(_listed(other, units) for other in same)
-    return ResultWarning("weakly_determined", f"The response does not tell {words}. The same response: {others}.")
+    return ResultWarning("weakly_determined", f"The response does not tell {question}. The same response: {others}.")
 
 
 def _as_good(

@@ -21,8 +21,6 @@ from vibrident.result import Correlation, Parameter
 from vibrident.uncertainty.identifiability import NOTHING, unstated
 
 COVERAGE = 0.95
-#: What a derived quantity needs beside the natural frequency.
-_ALSO_NEEDED = {"resonance_frequency": ("damping_ratio",)}
 
 
 def coverage_factor(degrees_of_freedom: float) -> float:
@@ -115,19 +113,18 @@ def _derived(
         value, slope = _value_and_slope(coordinates, z, quantity)
         u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         relative = u / abs(value) if value else 0.0
-        if quantity.name == "conversion_coefficient" or relative > 0.5:
+        if not quantity.positive or relative > 0.5:
             interval = (value - k * u, value + k * u)
         else:  # positive: symmetric in the logarithm, as the natural frequency's
             interval = (value * np.exp(-k * relative), value * np.exp(k * relative))
-        needed = {"natural_frequency", *_ALSO_NEEDED.get(quantity.name, ())}
+        needed = set(quantity.needs)
         known = not needed & set(unknown) and relative <= NOTHING
-        needs_damping = quantity.name == "resonance_frequency" and "damping_ratio" in doubtful
         table[quantity.name] = Parameter(
             value=value,
             unit=_unit(quantity.unit, units),
             standard_uncertainty=u if known else None,
             interval_95=(float(interval[0]), float(interval[1])) if known else (None, None),
-            identifiable="natural_frequency" not in doubtful and not needs_damping,
+            identifiable=not needed & set(doubtful),
             derived=True,
         )
     return table

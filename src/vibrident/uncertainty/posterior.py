@@ -157,11 +157,12 @@ class _Unbounded:
     def of(cls, coordinates: Coordinates, z: FloatArray) -> _Unbounded:
         """Those of a model, ``at`` an estimate."""
         names = list(coordinates.model.parameter_names)
-        has = {"damping_ratio", "natural_frequency"} <= set(names)
-        damping = names.index("damping_ratio") if has else -1
-        frequency = names.index("natural_frequency") if has else -1
+        pair = coordinates.model.core.oscillator
         low, high = coordinates.edges
-        return cls(low, high, damping, frequency, float(z[frequency]) if has else 0.0)
+        if pair is None:
+            return cls(low, high, -1, -1, 0.0)
+        frequency, damping = (names.index(name) for name in pair)
+        return cls(low, high, damping, frequency, float(z[frequency]))
 
     def bounded(self, v: Any) -> Any:
         """Optimiser's z of v, shape (p,)."""

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.errors import InputError
+from vibrident.models import ADD_ONS, CORES
 from vibrident.web import frame
 from vibrident.web.description import Description, calibration_text, described
 from vibrident.web.looks import Guess, calibration, chart, guess
@@ -23,8 +24,6 @@ QUANTITIES = {
     "drive": "drive, its own unit",
 }
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "decay")
-CORES = ("accelerometer", "velocity-pickup")
-ADD_ONS = ("delay", "highpass", "mode2", "cubic", "boxcar")
 
 
 #: Fields that name a column.
@@ -214,8 +213,8 @@ class ColumnsStep:
         with _group("Sensor and model"):
             for key in form.given.sensor:
                 await self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
-            await self._select(form, CORES, "Model", "core", "core")
-            (await self._select(form, ADD_ONS, "Add-ons", "add_ons", "add-ons")).props("multiple use-chips")
+            await self._select(form, tuple(CORES), "Model", "core", "core")
+            (await self._select(form, tuple(ADD_ONS), "Add-ons", "add_ons", "add-ons")).props("multiple use-chips")
 
     async def _column(self, form: Form, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
         columns, chosen = form.guess.columns, form.get(name)

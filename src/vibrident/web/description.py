@@ -9,6 +9,13 @@ from typing import Any
 from vibrident.errors import InputError
 from vibrident.io.guess import Columns
 from vibrident.io.toml_text import toml_section
+from vibrident.models import ADD_ONS
+from vibrident.records import USUAL_MODEL
+
+
+def delays() -> list[str]:
+    """Add-ons that do nothing but delay: usual wherever there is a phase."""
+    return [addon.name for addon in ADD_ONS.values() if addon.is_delay]
 
 
 @dataclass
@@ -33,8 +40,8 @@ class Description:
     magnitude_uncertainty: int | str | None = None
     phase_uncertainty: int | str | None = None
     phase_unit: str = "deg"
-    core: str = "accelerometer"
-    add_ons: list[str] = field(default_factory=lambda: ["delay"])
+    core: str = USUAL_MODEL
+    add_ons: list[str] = field(default_factory=delays)
     sensor: dict[str, str] = field(default_factory=lambda: {"manufacturer": "", "type": "", "serial_number": ""})
 
     @property
@@ -49,7 +56,7 @@ def described(guess: Columns, excitation: str = "sine") -> Description:
     points = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
     known = {name: getattr(guess, name) for name in (*same, *points)}
     table = guess.is_table
-    known["add_ons"] = [] if table and guess.phase is None else ["delay"]
+    known["add_ons"] = [] if table and guess.phase is None else delays()
     radians = any("rad" in str(column).lower() for column in (guess.phase, guess.phase_uncertainty))
     return Description(table=table, excitation=excitation, phase_unit="rad" if radians else "deg", **known)
 

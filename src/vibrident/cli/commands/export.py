@@ -41,8 +41,8 @@ def export(
         typer.Option(
             "--without",
             metavar="NAMES",
-            help="Leave out delay, boxcar or cubic, where a form cannot hold them; the file says what that costs.",
-            callback=options.listed("--without", ("delay", "boxcar", "cubic")),
+            help="Leave out {add-ons apart}, where a form cannot hold them; the file says what that costs.",
+            callback=options.listed("--without", options.not_rational),
         ),
     ] = None,
     name: Annotated[str, typer.Option("--name", metavar="NAME", help="Name of files and functions.")] = "sensor",

@@ -107,7 +107,7 @@ def identify(
         typer.Option(
             "--model",
             metavar="NAME",
-            help="Sensor model, in place of the file's; add-ons with +. For several files "
+            help="Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
             "one for all, or one each, joined by commas.",
         ),
     ] = None,

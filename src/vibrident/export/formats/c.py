@@ -72,7 +72,7 @@ def description(made: Firmware) -> list[str]:
     f = sensor.band
     wanted = sensor.response(f)
     rational = np.asarray(poles_zeros(sensor).response(f))
-    apart = [name for name in ("delay", "boxcar") if sensor.has(name)]
+    apart = sensor.apart
     plain = f" (without {' and '.join(apart)}, which it does not hold)" if apart else ""
     low, high = sensor.band_hz
     ms = 1e3 / made.rate_hz

@@ -22,7 +22,7 @@ from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor
 from vibrident.present.coverage import coverage, interval_text
-from vibrident.present.words import SMALL_SIGNALS
+from vibrident.present.tables import small_signals
 from vibrident.result import Result
 
 VERSION = "3.2.1"
@@ -207,8 +207,8 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
     covered = result.settings.get("uncertainty_covers")
     said = [coverage(result).text, f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
     yield "uncertainty", ours(*(line for line in said if line))
-    if "cubic" in result.model.split("+"):
-        yield "small signals", ours(SMALL_SIGNALS)
+    if remark := small_signals(result):
+        yield "small signals", ours(remark)
     verdict = "describes" if result.fit.adequate else "does not describe"
     yield "adequacy", ours(f"The model {verdict} the data within their uncertainties.")
     for warning in result.warnings:

@@ -27,7 +27,7 @@ from vibrident.export.missing import library
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import Sensor, identity
-from vibrident.naming import PARAMETERS as WORDS
+from vibrident.naming import described
 
 _SLAVE = '''"""{about}
 """
@@ -165,7 +165,7 @@ def slave(sensor: Sensor, options: Options) -> str:
     f = sensor.band
     error = float(np.max(np.abs(model.response(f) / (sensor.response(f) * model.late(f)) - 1.0)))
     cell_error = float(np.max(np.abs(cell.response(f) / poles_zeros(sensor).response(f) - 1.0)))
-    apart = [name for name in ("delay", "boxcar") if sensor.has(name)]
+    apart = sensor.apart
     plain = f"; without {' and '.join(apart)}" if apart else ""
     late, once = (model.latency + 1) / rate, 1.0 / rate
     response_text = f"{sensor.output_unit}; late by response_latency; error over the band {error:.1e}, relative"
@@ -179,7 +179,7 @@ def slave(sensor: Sensor, options: Options) -> str:
     ]
     constants = [("response_latency", late, "s"), ("response_cell_latency", once, "s")]
     for name, p in sensor.result.parameters.items():
-        known = name in WORDS and p.value is not None and math.isfinite(p.value)
+        known = described(name) is not None and p.value is not None and math.isfinite(p.value)
         constants += [(name, p.value, p.unit)] if known else []
         if known and p.standard_uncertainty is not None and math.isfinite(p.standard_uncertainty):
             constants.append((f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty"))

@@ -111,7 +111,7 @@ def _response(sensor: Sensor) -> tuple[Any, list[str]]:
 
     system, words = described(sensor)
     zeros, quantity, order = system.zeros, "m/s^2", 0
-    if sensor.model.core.name == "velocity-pickup":  # per velocity, as seismometers are stated
+    if sensor.model.core.output == "velocity":  # per velocity, as seismometers are stated
         zeros, quantity, order = np.concatenate([np.zeros(1, complex), zeros]), "m/s", 1
     frequency = normal_frequency_hz(sensor)
     motion = (2j * np.pi * frequency) ** order

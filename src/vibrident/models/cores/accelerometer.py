@@ -13,20 +13,13 @@ from typing import Any
 import numpy as np
 
 from vibrident.models.base import Core, Derived, Parameters, ParameterSpec, Rational
+from vibrident.models.oscillator import ANGULAR_FREQUENCY, DAMPING_RATIO, NATURAL_FREQUENCY, OSCILLATOR, has_peak
 
 
 def _rational(parameters: Parameters) -> Rational:
     wn = 2.0 * np.pi * parameters["natural_frequency"]
     damping = parameters["damping_ratio"]
     return Rational(parameters["sensitivity"], (wn * wn,), (wn * wn, 2.0 * damping * wn, 1.0), wn)
-
-
-def _angular(parameters: Parameters) -> Any:
-    return 2.0 * np.pi * parameters["natural_frequency"]
-
-
-def _has_peak(parameters: Parameters) -> bool:
-    return 2.0 * parameters["damping_ratio"] ** 2 < 1.0
 
 
 def _resonance(parameters: Parameters) -> Any:
@@ -38,14 +31,23 @@ ACCELEROMETER = Core(
     name="accelerometer",
     title="accelerometer (displacement pickup, second order)",
     parameters=(
-        ParameterSpec("sensitivity", "{response}/({reference})", "gain"),
-        ParameterSpec("natural_frequency", "Hz", "log"),
-        ParameterSpec("damping_ratio", "1", "positive"),
+        ParameterSpec("sensitivity", "{response}/({reference})", "gain", symbol="S0"),
+        NATURAL_FREQUENCY,
+        DAMPING_RATIO,
     ),
     rational=_rational,
     derived=(
-        Derived("natural_angular_frequency", "rad/s", _angular),
-        Derived("resonance_frequency", "Hz", _resonance, _has_peak),
-        Derived("conversion_coefficient", "{conversion}", lambda p: p["sensitivity"] * _angular(p) ** 2),
+        ANGULAR_FREQUENCY,
+        Derived("resonance_frequency", "Hz", _resonance, has_peak, symbol="f0", needs=OSCILLATOR),
+        Derived(
+            "conversion_coefficient",
+            "{conversion}",
+            lambda p: p["sensitivity"] * ANGULAR_FREQUENCY.value(p) ** 2,
+            symbol="K",
+            needs=OSCILLATOR[:1],
+            positive=False,
+        ),
     ),
+    oscillator=OSCILLATOR,
+    output="displacement",
 )

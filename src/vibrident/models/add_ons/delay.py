@@ -7,6 +7,6 @@ from vibrident.models.base import AddOn, ParameterSpec
 DELAY = AddOn(
     name="delay",
     title="delay between the channels",
-    parameters=(ParameterSpec("delay", "s", "time"),),
+    parameters=(ParameterSpec("delay", "s", "time", symbol="τ", describes="channel"),),
     delay=lambda parameters: parameters["delay"],
 )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.models.base import Core, Derived, Parameters, ParameterSpec, Rational
+from vibrident.models.oscillator import ANGULAR_FREQUENCY, DAMPING_RATIO, NATURAL_FREQUENCY, OSCILLATOR, has_peak
 
 
 def _rational(parameters: Parameters) -> Rational:
@@ -31,13 +32,15 @@ VELOCITY_PICKUP = Core(
     name="velocity-pickup",
     title="velocity pickup (electrodynamic coil, second order)",
     parameters=(
-        ParameterSpec("generator_constant", "{response}/({reference_integrated})", "gain"),
-        ParameterSpec("natural_frequency", "Hz", "log"),
-        ParameterSpec("damping_ratio", "1", "positive"),
+        ParameterSpec("generator_constant", "{response}/({reference_integrated})", "gain", symbol="G"),
+        NATURAL_FREQUENCY,
+        DAMPING_RATIO,
     ),
     rational=_rational,
     derived=(
-        Derived("natural_angular_frequency", "rad/s", lambda p: 2.0 * np.pi * p["natural_frequency"]),
-        Derived("resonance_frequency", "Hz", _resonance, lambda p: 2.0 * p["damping_ratio"] ** 2 < 1.0),
+        ANGULAR_FREQUENCY,
+        Derived("resonance_frequency", "Hz", _resonance, has_peak, symbol="f0", needs=OSCILLATOR),
     ),
+    oscillator=OSCILLATOR,
+    output="velocity",
 )

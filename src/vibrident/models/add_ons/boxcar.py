@@ -25,7 +25,10 @@ def _slopes(parameters: Parameters, s: Any) -> dict[str, Any]:
 BOXCAR = AddOn(
     name="boxcar",
     title="average over a window",
-    parameters=(ParameterSpec("boxcar_length", "s", "duration", guesses=(0.1, 0.4, 0.8), guess_at="period"),),
+    parameters=(
+        ParameterSpec("boxcar_length", "s", "duration", guesses=(0.1, 0.4, 0.8), guess_at="period", symbol="Tb"),
+    ),
     factor=_factor,
     factor_slopes=_slopes,
+    window="boxcar_length",
 )

@@ -22,6 +22,11 @@ def _force(parameters: Parameters, response: Any) -> Any:
 CUBIC = AddOn(
     name="cubic",
     title="cubic stiffness",
-    parameters=(ParameterSpec("cubic_stiffness", "1/{response}^2", "inverse_square"),),
+    parameters=(ParameterSpec("cubic_stiffness", "1/{response}^2", "inverse_square", symbol="k3"),),
     force=_force,
+    remark=(
+        "The spring is not linear: its force is V + k_3 V³ with the response V and the cubic stiffness k_3. "
+        "Sensitivity and curve are those for small signals; with an amplitude V of the response the stiffness is "
+        "larger by the part ¾ k_3 V²."
+    ),
 )
