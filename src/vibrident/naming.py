@@ -32,9 +32,10 @@ def described(name: str) -> Any:
 
 
 def parameter_names() -> tuple[str, ...]:
-    """Names of all parameters and derived quantities of all models."""
-    parts = MODELS.one_by_one()
-    names = (quantity.name for part in parts for quantity in (*part.parameters, *getattr(part, "derived", ())))
+    """Names of all parameters of all models, then of all derived quantities."""
+    parts = list(MODELS.one_by_one())
+    names = [quantity.name for part in parts for quantity in part.parameters]
+    names += [quantity.name for part in parts for quantity in getattr(part, "derived", ())]
     return tuple(dict.fromkeys(names))
 
 

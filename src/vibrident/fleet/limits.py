@@ -15,7 +15,7 @@ from vibrident.errors import InputError, did_you_mean
 from vibrident.io.columns import unreadable
 from vibrident.io.schema_errors import schema_error
 from vibrident.io.toml_text import MOST_BYTES, refuse_costly
-from vibrident.naming import PARAMETERS
+from vibrident.naming import parameter_names
 
 #: Coverage factor of the uncertainty in a verdict.
 K = 2.0
@@ -104,13 +104,13 @@ def _check(found: Specification, where: str) -> None:
     seen: dict[tuple[str | None, str], int] = {}
     for number, one in enumerate(found.limits, start=1):
         here = f"{where}, [[limits]] entry {number}"
-        if one.parameter not in PARAMETERS:
+        if one.parameter not in parameter_names():
             raise InputError(
                 "There is no such parameter.",
-                expected="one of " + ", ".join(PARAMETERS),
+                expected="one of " + ", ".join(parameter_names()),
                 found=repr(one.parameter),
                 where=here,
-                remedy=did_you_mean(one.parameter, PARAMETERS),
+                remedy=did_you_mean(one.parameter, parameter_names()),
             )
         if (one.tolerance is None) == (one.tolerance_percent is None):
             raise InputError(

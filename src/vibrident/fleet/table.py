@@ -17,7 +17,7 @@ from vibrident.errors import InputError
 from vibrident.fleet import parts
 from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED, Row
-from vibrident.naming import PARAMETERS
+from vibrident.naming import parameter_names
 
 #: Rows that are in memory at once.
 _BLOCK = 4096
@@ -140,8 +140,8 @@ class _Rows:
         found = dict.fromkeys(name for part in used for name in self.index.parameters[part])
         if self.extra is not None:
             found |= dict.fromkeys(parts.parameters_of(self.extra.column_names))
-        known = [name for name in PARAMETERS if name in found]
-        return [*known, *sorted(name for name in found if name not in PARAMETERS)]
+        known = [name for name in parameter_names() if name in found]
+        return [*known, *sorted(name for name in found if name not in known)]
 
     def block(self, keys: NDArray[np.bytes_], places: NDArray[np.intp], schema: Any) -> Any:
         """Rows in the order of the keys, with all columns, those for the tally among them."""

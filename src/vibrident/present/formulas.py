@@ -21,9 +21,13 @@ _BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
 @functools.cache
 def formulas() -> Mapping[str, tuple[str, str, str]]:
     """As it is written → its base, what is below or above the line, and which of the two: ``sub`` or ``sup``."""
-    symbols = sorted({text for name in parameter_names() if "_" in (text := symbol(name))}, key=len, reverse=True)
-    below = (text.partition("_") for text in ("ν_eff", "E_n", "U_first", *symbols))
-    return {"e^{jωt}": ("e", "jωt", "sup")} | {base + line + small: (base, small, "sub") for base, line, small in below}
+    symbols: list[str] = sorted({symbol(name) for name in parameter_names()}, key=len, reverse=True)
+    symbols = [text for text in symbols if "_" in text]
+    found = {"e^{jωt}": ("e", "jωt", "sup")}
+    for text in ("ν_eff", "E_n", "U_first", *symbols):
+        base, _, small = text.partition("_")
+        found[text] = (base, small, "sub")
+    return found
 
 
 def typeset(

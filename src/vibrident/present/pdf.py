@@ -15,7 +15,7 @@ from vibrident.errors import InputError
 from vibrident.escaping import typst_data
 from vibrident.present import certificate as content
 from vibrident.present import drawing, figures
-from vibrident.present.formulas import FORMULAS
+from vibrident.present.formulas import formulas
 from vibrident.present.history import date_of
 from vibrident.present.views import Block, Document, Facts, Figure, Folded, Sentence, Table
 from vibrident.result import Result
@@ -102,8 +102,9 @@ def _require_typst() -> None:
 def _set(template: str, fields: Mapping[str, Any], day: datetime.date | None) -> bytes:
     import typst
 
-    formulas = [dict(zip(("text", "base", "small", "kind"), parts, strict=True)) for parts in FORMULAS]
-    document = json.dumps({**typst_data(dict(fields)), "formulas": formulas}, ensure_ascii=False)
+    keys = ("text", "base", "small", "kind")
+    written = [dict(zip(keys, (text, *parts), strict=True)) for text, parts in formulas().items()]
+    document = json.dumps({**typst_data(dict(fields)), "formulas": written}, ensure_ascii=False)
     # The same result gives the same file: no clock, and no fonts of this machine where ours have all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
     return typst.compile(
