@@ -296,7 +296,10 @@ def test_demo_meets_the_truth(run, tmp_path):
     result = Result.load(tmp_path / "demo" / "result.json")
     assert_close(result, read_truth(tmp_path / "demo" / "truth.json"))
     assert result.warnings == ()
-    assert {"report.md", "sensitivity.png", "deviation.png", "signals.png"} < set(shown(tmp_path / "demo"))
+    written = {file for file in shown(tmp_path / "demo") if not file.endswith(".csv")}
+    assert {"report.md", "sensitivity.png", "training.png", "network.json", "network.png"} < written
+    assert all(file in done.stdout for file in written)
+    assert "W3 feedback" in done.stdout
     assert "difference / u" in done.stdout
     assert "Look at" in done.stdout
 

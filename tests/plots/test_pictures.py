@@ -1,12 +1,15 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.support.sample_results import CALIBRATIONS, SAMPLES, table2, table_only, troubled
 
+import vibrident
 from vibrident import plots
-from vibrident.present import drawing
+from vibrident.present import drawing, figures
+from vibrident.present.curves import from_start
 from vibrident.result import Result
 
 
@@ -135,3 +138,33 @@ def test_import_loads_neither_jax_nor_matplotlib():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_loss_breaks_where_the_weights_change():
+    run = replace(table2().training, weighting_changes=(3,))
+    (stack,) = figures.training(replace(table2(), training=run)).stacks
+    loss = stack.panels[0]
+    assert [len(part.x) for part in loss.series] == [3, len(run.loss) - 3]
+    assert [place for place, _ in loss.marks] == [2.5]
+    assert "weights of the residual change" in figures.training(replace(table2(), training=run)).caption
+    (whole,) = figures.training(table2()).stacks
+    assert len(whole.panels[0].series) == 1
+    assert whole.panels[0].marks == ()
+
+
+def test_an_identification_says_where_its_weights_change():
+    found = vibrident.identify(
+        vibrident.simulate("paper", frequencies_hz=[100.0, 400.0, 700.0], seed=4), estimator="ipnn"
+    )
+    (change,) = found.training.weighting_changes
+    jumps = np.flatnonzero(np.diff(found.training.loss) > 1e-9 * np.array(found.training.loss[1:])) + 1
+    assert set(jumps) <= {change}
+
+
+def test_times_of_a_clock_that_counts_from_an_epoch_are_shown_from_the_start():
+    time = 1.7e9 + np.linspace(0.0, 0.5, 101)
+    shown, label = from_start(time)
+    assert shown[0] == 0.0
+    assert shown[-1] == pytest.approx(500.0, rel=1e-6)
+    assert label == "Time from 1700000000 s in ms"
+    assert from_start(np.linspace(1.0, 3.0, 101))[1] == "Time in s"

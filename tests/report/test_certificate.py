@@ -211,3 +211,10 @@ def test_without_typst_the_remedy_is_named(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"vibrident\[report\]"):
         report.content(table2(), "pdf")
+
+
+def test_the_signatures_end_the_certificate():
+    """What was signed stands before the signature, the hashes of the data among it."""
+    files = [{"file": f"{i}.csv", "sha256": f"{i:064x}"} for i in range(30)]
+    text = " ".join(pages(report.content(replace(stated(), provenance={"files": files}), "pdf")))
+    assert text.index("Calibrated by") > text.index(f"{29:064x}")

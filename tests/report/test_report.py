@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -93,3 +94,13 @@ def test_links_are_relative(tmp_path):
 def test_foreign_text_stays_text():
     text = report.render(pickup())
     assert "\\$1 & \\$2 \\| " in text  # GitHub takes what stands between dollars for a formula
+
+
+def test_the_budget_and_the_settings_are_tables():
+    row = {"source": "noise", "type": "A", "kind": "data", "unit": "", "contributions": {"sensitivity": 3.456e-6}}
+    settings = {"uncertainty_budget": [row], "start": {"sensitivity": 0.1040031}, "coverage_factor": 1.96136873162}
+    text = report.render(replace(table2(), settings=settings))
+    assert "| noise | A | data | – | – | 0.0035 |" in text
+    assert "| start · sensitivity | 0.104003 |" in text
+    assert "| coverage factor | 1.96137 |" in text
+    assert "\n- " not in text.partition("## Settings")[2]

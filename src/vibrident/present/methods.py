@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vibrident.comparison import criteria, deviations, recommendation
-from vibrident.naming import parameter_name, pretty, scaled
+from vibrident.naming import Scale, parameter_name, pretty, scaled
+from vibrident.nominal import Nominal
 from vibrident.present import words
-from vibrident.present.numbers import NONE, concise, fit_unit, percent, plain, stated
+from vibrident.present.numbers import NONE, concise, fit_unit, percent, plain, sensitivity_scale, stated
+from vibrident.present.points import sensitivity_at
 from vibrident.present.views import Column, Sentence, Table, columns
+from vibrident.present.weights import weight_rows
 from vibrident.result import Parameter, Result
+
+if TYPE_CHECKING:
+    from vibrident.planning import Plan
 
 #: Settings that may hold the time an identification took, in seconds.
 _TIME_KEYS = ("time_s", "elapsed_s", "wall_time_s", "duration_s")
@@ -155,3 +161,65 @@ def joint(result: Result) -> tuple[Table | Sentence, ...]:
 def _concise(number: Mapping[str, Any], factor: float) -> str:
     u = number["standard_uncertainty"]
     return concise(number["value"] * factor, None if u is None else u * factor)
+
+
+def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_curve: Mapping[float, float]) -> Table:
+    """Results of several estimators in one table: parameters, points of the curve, and the weights of the network.
+
+    Args:
+        results: of one calibration; the last is of the network.
+        truth: true values by parameter name, in the results' units.
+        true_curve: frequency in Hz to the true magnitude of the sensitivity.
+    """
+    called = labels(results)
+    values = []
+    for key, true in truth.items():
+        known = [result.parameters.get(key) for result in results]
+        unit = next((p.unit for p in known if p is not None), "")
+        scale = scaled(unit, abs(true))
+        pairs = [None if p is None else (p.value, p.standard_uncertainty) for p in known]
+        values += _against(parameter_name(key).words, scale, true, pairs)
+    curve = []
+    for frequency, true in true_curve.items():
+        points = [sensitivity_at(result, Nominal(frequency, frequency)) for result in results]
+        pairs = [None if p is None else (p.magnitude, p.magnitude_uncertainty) for p in points]
+        curve += _against(f"|S| at {frequency:g} Hz", sensitivity_scale(results[0]), true, pairs)
+    weights = []
+    for row in weight_rows(results[-1].weights, digits=3):
+        for i, line in enumerate(line for numbers in row.numbers for line in _by_two(numbers)):
+            weights.append((f"{row.name} {row.layer}" * (i == 0), "", "", *("" for _ in called[:-1]), line))
+    groups = {len(values): "the curve:"}
+    groups |= {len(values) + len(curve): "its weights (Table 1):"} if weights else {}
+    heads = (*columns("parameter", "unit"), *columns("true", *called, kind="number"))
+    notes = ("Below each value: difference / u, from the true one.",)
+    return Table(heads, (*values, *curve, *weights), notes=notes, title="value(u in its last digits)", groups=groups)
+
+
+def _against(
+    name: str, scale: Scale, true: float, pairs: Sequence[tuple[float, float | None] | None]
+) -> list[tuple[str, ...]]:
+    """Values with u beside the true one, and how many u they are from it."""
+    factor, unit = scale.factor, "" if scale.unit == "1" else scale.unit
+    cells = [NONE if p is None else concise(p[0] * factor, None if p[1] is None else p[1] * factor) for p in pairs]
+    off = ["" if p is None or not p[1] else f"{(p[0] - true) / p[1]:+.1f} u".replace("-0.0", "+0.0") for p in pairs]
+    return [(name, unit, plain(true * factor, 8), *cells), ("", "", "", *off)]
+
+
+def _by_two(numbers: tuple[str, ...]) -> list[str]:
+    return ["  ".join(numbers[i : i + 2]) for i in range(0, len(numbers), 2)]
+
+
+def planned(plan: Plan) -> Table:
+    """What u a planned calibration will reach for each parameter, rounded as GUM 7.2.6 asks."""
+    chosen = plan.criterion is not None
+    rows = []
+    for name, parameter in plan.parameters.items():
+        number, scale = stated(parameter), scaled(parameter.unit, abs(parameter.value))
+        u = parameter.standard_uncertainty
+        share = NONE if u is None or not parameter.value else f"{plain(100 * abs(u / parameter.value), 2)} %"
+        others = (plan.spread, plan.all_points) if chosen else ()
+        more = (plain(other[name] * scale.factor, 2) if name in other else NONE for other in others)
+        rows.append((parameter_name(name).words, number.value, number.standard, number.unit, share, *more))
+    heads = (*columns("value", "u", kind="number"), Column("unit"), Column("u / value", "number"))
+    heads += columns("u, evenly spread", "u, all", kind="number") if chosen else ()
+    return Table((Column("parameter"), *heads), tuple(rows), title=f"Uncertainty to be expected: {plan.model}")

@@ -237,9 +237,11 @@ def weights(result: Result) -> Table | None:
     """The network's weights as the paper's Table 1."""
     if not result.weights:
         return None
-    rows = tuple((row.name, row.layer, row.euler, "; ".join(row.lines)) for row in weight_rows(result.weights))
-    heads = columns("weight", "layer", "under forward Euler (paper, Table 1)", "value")
-    return Table(heads, rows, notes=("Rows of a matrix are separated by semicolons.",))
+    rows = tuple((row.name, row.layer, row.meaning, "; ".join(row.lines)) for row in weight_rows(result.weights))
+    single = {key: value for key, value in result.weights.items() if not isinstance(value, Mapping | list | tuple)}
+    others = ", ".join(f"{_spoken(key)} {leaf(value)}" for key, value in single.items())
+    notes = ("Rows of a matrix are separated by semicolons.", *((f"Of the network: {others}.",) if others else ()))
+    return Table(columns("weight", "layer", "is (paper, Table 1)", "value"), rows, notes=notes)
 
 
 def leaf(value: Any) -> str:

@@ -23,36 +23,40 @@ class WeightRow:
     Attributes:
         name: W1 … W4, or another name that the result holds.
         layer: which neurons it connects; empty for other names.
-        euler: what it is under forward Euler (other discretisations put their own matrices in its place).
-        lines: rows of the matrix as text.
+        meaning: what it is of the physics, under forward Euler at least.
+        numbers: rows of the matrix as text.
     """
 
     name: str
     layer: str
-    euler: str
-    lines: tuple[str, ...]
+    meaning: str
+    numbers: tuple[tuple[str, ...], ...]
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Rows of the matrix, each in a line."""
+        return tuple("  ".join(row) for row in self.numbers)
 
 
-def weight_rows(weights: Mapping[str, Any]) -> list[WeightRow]:
-    """W1 to W4 in the order of the paper's Table 1, then whatever else the result holds."""
-    ordered = sorted(weights, key=lambda name: name if name in _LAYERS else "X")  # sorted() keeps the rest's order
-    return [WeightRow(name, *_LAYERS.get(name, ("", "")), tuple(_lines(weights[name]))) for name in ordered]
+def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
+    """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
+    rows = []
+    for name in _LAYERS:
+        entry = weights.get(name)
+        if entry is None:
+            continue
+        layer, euler = _LAYERS[name]
+        if isinstance(entry, Mapping):
+            layer, euler, entry = entry.get("layer", layer), entry.get("meaning", euler), entry.get("value", ())
+        rows.append(WeightRow(name, layer, euler, tuple(_rows(entry, digits))))
+    return rows
 
 
-def _lines(values: Any) -> Iterator[str]:
-    if isinstance(values, Mapping):
-        for key, value in values.items():
-            yield f"{key}: {'; '.join(_lines(value))}"
-    elif not isinstance(values, (list, tuple)):
-        yield _scalar(values)
-    elif any(isinstance(value, (list, tuple)) for value in values):
+def _rows(values: Any, digits: int) -> Iterator[tuple[str, ...]]:
+    if not isinstance(values, list | tuple):
+        values = (values,)
+    if any(isinstance(value, list | tuple) for value in values):
         for value in values:
-            yield from _lines(value)
+            yield from _rows(value, digits)
     else:
-        yield "  ".join(_scalar(value) for value in values)
-
-
-def _scalar(value: Any) -> str:
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return plain(float(value))
-    return "–" if value is None else str(value)
+        yield tuple(plain(value, digits) for value in values)

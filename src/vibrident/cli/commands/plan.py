@@ -194,26 +194,11 @@ def _recording(rate: float | None, samples: int | None, *noise: float) -> Record
 
 
 def _show(planned: Plan) -> None:
-    from vibrident import terminal
-    from vibrident.naming import pretty, scaled
+    from vibrident.present import methods
+    from vibrident.present.terminal import shown
 
-    rows = []
-    for name, parameter in planned.parameters.items():
-        scale = scaled(parameter.unit, abs(parameter.value))
-        u = parameter.standard_uncertainty or 0.0
-        row: dict[str, Any] = {
-            "parameter": name.replace("_", " "),
-            "value": parameter.value * scale.factor,
-            "u": u * scale.factor,
-            "unit": "" if scale.unit == "1" else pretty(scale.unit),
-            "u / value": f"{100 * abs(u / parameter.value):.2g} %" if parameter.value else "–",
-        }
-        if planned.criterion is not None:
-            for label, other in (("u, evenly spread", planned.spread), ("u, all", planned.all_points)):
-                row[label] = other[name] * scale.factor if name in other else None
-        rows.append(row)
     console = out()
-    console.print(terminal.inspection_table(rows, f"Uncertainty to be expected: {planned.model}"))
+    console.print(shown(methods.planned(planned)))
     pairs = zip(planned.frequency_hz, planned.uses, strict=True)
     listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
     console.print(f"Frequencies in Hz: {listed}", soft_wrap=True)
