@@ -1,8 +1,8 @@
 """The acceleration of a displacement, within a band: second differences and a filter that makes them derivatives.
 
-A shock or a sweep ends elsewhere than it began, often still moving. Such a displacement is a ramp at which no spectrum
-can look, and its acceleration is none. The second difference answers (2 sin ½ω)², exactly; the filter beside it
-answers (½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate, to 1e-3 up to 0.4, and nothing at half
+A shock or a sweep ends elsewhere than it began, often still moving: its displacement is a ramp, which spoils a
+spectrum; its acceleration is not. The second difference has the response (2 sin ½ω)² exactly; the filter beside it has
+(½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate, to 1e-3 up to 0.4, and zero at half.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _filter() -> FloatArray:
     inside = frequency <= 0.5 * (PASS + 0.5)
     window = np.kaiser(2 * HALF_FILTER + 1, signal.kaiser_beta(ATTENUATION_DB))
     asked = wanted.copy()
-    for _ in range(8):  # the window smooths what is asked for: ask for more where that bends
+    for _ in range(8):  # the window smooths the target, so the target is raised where it is curved
         impulse = np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1] * window
         given = np.real(np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER)))
         asked += np.where(frequency <= PASS, wanted - given, 0.0)

@@ -39,20 +39,20 @@ class Aligned:
 
 
 def thinning(samples: int, rate_hz: float, highest_hz: float, *, sine: bool) -> int:
-    """Every so many samples of signals that are recorded together one is kept.
+    """Factor by which signals that are recorded together are decimated.
 
     Args:
         samples: of each.
         rate_hz: of them.
         highest_hz: frequency of a sine, or the highest that stands above the noise.
-        sine: a sine has harmonics; of other motion there is but noise above.
+        sine: a sine has harmonics; other motion has only noise above.
     """
     per_period, fewest = (PER_PERIOD, FEWEST) if sine else (PER_HIGHEST, FEWEST_OF_OTHERS)
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
 
 
 def finer(rate_hz: float, response_hz: float) -> int:
-    """Every so many optical samples one of the displacement, for a response of another rate."""
+    """Factor from optical samples to the displacement's, for a response of another rate."""
     return max(int(rate_hz / (FINER * response_hz)), 1)
 
 
@@ -61,14 +61,14 @@ def together(
 ) -> Aligned:
     """Displacement and response at the same instants.
 
-    Where both are recorded together they pass the same filter, so that what it does cancels.
+    If both are recorded together they pass the same filter, whose response cancels.
 
     Args:
         found: the displacement.
-        optical: what it was made of.
+        optical: the signals it was made from.
         offset_s: time of the first optical sample.
         response: one signal, its first sample at time zero.
-        every: so many samples of it one is kept.
+        every: decimation of the response.
         delay_s: the optical channel comes later by this.
 
     Raises:
@@ -89,7 +89,7 @@ def together(
 def _moved(
     values: FloatArray, valid: BoolArray, wanted: FloatArray, spacing: float
 ) -> tuple[slice, FloatArray, BoolArray]:
-    """The displacement at positions, in its samples: those that it covers, the values, and whether they are valid."""
+    """The displacement at positions, in its samples: the covered positions, the values, and their validity."""
     spacing, half = max(spacing, 1.0), reach(max(spacing, 1.0))
     inside = np.flatnonzero((wanted >= half) & (wanted <= values.shape[0] - 1 - half))
     kept = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)

@@ -1,4 +1,4 @@
-"""How many turns the phase made over a gap, from the motion on both sides of it."""
+"""Number of turns of the phase over a gap, from the motion on both sides."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ LENGTHS, FEWEST, MOST = (1, 4), 24, 1 << 14
 DEGREES = (3, 5, 7, 9)
 #: The step must be a whole number of turns to this part of one, and known to this part.
 WHOLE, KNOWN = 0.12, 0.08
-#: What is left may be so many times the noise.
+#: Largest rms of the residual over the noise.
 NOISE = 2.0
 
 
 def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
-    """Turns to be added behind a gap to the phase that goes on from the nearest turn; None if nobody can know.
+    """Turns to add behind a gap to the phase that continues from the nearest turn; None if they cannot be determined.
 
     A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step of the right
     polynomial is a whole number of turns, which is the check.

@@ -1,7 +1,7 @@
 """A heterodyne signal mixed down from its carrier: two signals in quadrature at a lower rate.
 
-Mixing and filtering are one product: the filter's coefficients times those of the carrier. What the estimated carrier
-is off by is left as a slope of the phase.
+Mixing and filtering are one product: the filter's coefficients times those of the carrier. The error of the estimated
+carrier remains as a slope of the phase.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from vibrident.interferometer.setting import FloatArray, Signals
 PIECES, PIECE, PART, FLOOR = 48, 8192, 1e-4, 30.0
 #: Band kept, over what the carrier's band is wide, and part of the room beside the carrier that may be used.
 MARGIN, ROOM = 1.6, 0.8
-#: Samples that are mixed down at a time.
+#: Samples mixed down at once.
 PART_LENGTH = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
 class Baseband:
-    """The two signals in quadrature that a heterodyne signal is mixed down to.
+    """A heterodyne signal mixed down to two signals in quadrature.
 
     Attributes:
         raw: the signal, one.
         carrier_hz: what it is mixed with.
-        factor: every so many samples one is kept.
+        factor: decimation.
     """
 
     raw: Signals
@@ -42,12 +42,12 @@ class Baseband:
         """Find the carrier near a frequency, and how wide its band is.
 
         Raises:
-            InputError: there is no carrier, or no room beside it.
+            InputError: no carrier is found, or the band beside it is too narrow.
         """
         half = 0.5 * raw.rate_hz
         if not 0 < near_hz < half:
             raise InputError(
-                "The carrier lies above what the sampling rate can show.",
+                "The carrier lies above half the sampling rate.",
                 expected=f"carrier_hz below {half:.9g} Hz, half the sampling rate of the signal",
                 found=f"carrier_hz = {near_hz!r}",
                 where=f"{where}, [interferometer] carrier_hz",
@@ -94,7 +94,7 @@ class Baseband:
 
 
 def _band(raw: Signals, near_hz: float, room: float, where: str) -> tuple[float, float]:
-    """Lowest and highest frequency of what belongs to the carrier."""
+    """Lowest and highest frequency of the carrier's band."""
     length = min(PIECE, raw.samples)
     starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
     window = np.blackman(length)
@@ -106,7 +106,7 @@ def _band(raw: Signals, near_hz: float, room: float, where: str) -> tuple[float,
     strong = inside & (power > max(PART * float(power[inside].max(initial=0.0)), FLOOR * floor))
     if not strong.any():
         raise InputError(
-            "There is no carrier.",
+            "No carrier was found.",
             expected=f"a line near carrier_hz = {near_hz!r}",
             found="nothing above the noise there",
             where=f"{where}, [interferometer] carrier_hz",

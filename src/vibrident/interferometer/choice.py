@@ -1,4 +1,4 @@
-"""Which ellipse each record of a set-up is demodulated with: its own, one for all, or that of a larger motion."""
+"""The ellipse for each record of a set-up: its own, a common one, or that of a larger motion."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from vibrident.interferometer.setting import FloatArray
 from vibrident.interferometer.summary import OpticalFinding
 from vibrident.interferometer.survey import SHAPE, Survey, shape, sound
 
-#: Ellipses of records are one ellipse unless their differences are rarer than this.
+#: Records share one ellipse unless their differences are less probable than this.
 CHANCE = 1e-3
-#: A change of centre, ratio or quadrature by this part of the amplitude is said.
+#: A change of centre, ratio or quadrature by this part of the amplitude is reported.
 UNSTABLE = 0.02
 #: From p, q, b − a, e back to p, q, a, b, e.
 _BACK = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -0.5, 0], [0, 0, 0.5, 0], [0, 0, 0, 1.0]])
@@ -26,11 +26,11 @@ class Choice:
     """An ellipse for a record.
 
     Attributes:
-        ellipse: to be used; its covariance is that of what is used.
+        ellipse: to be used, with its covariance.
         knots: sample index and ellipse, where it changes within the record; else empty.
-        origin: where it is from, in words.
-        group: records of one group have the error of the ellipse in common.
-        changes: how far the shape moves within the record.
+        origin: its origin, in words.
+        group: records of one group share the error of the ellipse.
+        changes: change of the shape within the record.
         findings: doubts.
     """
 
@@ -58,7 +58,7 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
 
 
 def of_carrier(found: Survey, index: int) -> Choice:
-    """The circle about zero of a heterodyne signal that was mixed down: there is no ellipse to be found."""
+    """The circle about zero of a heterodyne signal: it needs no ellipse."""
     radius = np.hypot(found.points[0], found.points[1])
     size = float(np.median(radius))
     noise = np.full(2, max(float(np.median(np.abs(radius - size))) / 0.6745, 1e-9 * size) ** 2)
@@ -80,7 +80,7 @@ class _Common:
 
 
 def _common(found: Sequence[Ellipse]) -> tuple[_Common | None, FloatArray]:
-    """One shape for all where they do not differ, and how much they scatter, shape (4,)."""
+    """The common shape of consistent ellipses, and their scatter, shape (4,)."""
     if len(found) < 2:
         return None, np.zeros(4)
     shapes = np.array([shape(found[0].difference(ellipse)) for ellipse in found])
@@ -122,9 +122,9 @@ def _borrowed(
     common: _Common | None,
     scatter: FloatArray,
 ) -> Choice:
-    """The ellipse of a larger motion; where there is none, its own arc or a circle, with a warning."""
+    """The ellipse of a larger motion; without one its own arc or a circle, with a warning."""
     if not steady:
-        kind = "an ellipse through this arc" if found.fitted else "a circle, as the arc does not tell an ellipse"
+        kind = "an ellipse through this arc" if found.fitted else "a circle, as the arc does not determine an ellipse"
         text = (
             f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and no record of "
             f"this calibration covers one. The phase is taken from {kind}; its uncertainty is in the budget. "
@@ -140,7 +140,7 @@ def _borrowed(
         ellipse, group = replace(ellipse, covariance=ellipse.covariance + shifted), index
         if float(np.max(scatter)) > UNSTABLE:
             text = (
-                f"{name}: its ellipse is that of a larger motion, and these differ between records by "
+                f"{name}: its ellipse is that of larger motions, whose ellipses differ by "
                 f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the uncertainty."
             )
             said.append(OpticalFinding("ellipse_unstable", text))

@@ -1,8 +1,8 @@
-"""The cyclic error that is left in the phase: what of it goes round with the phase itself, in harmonics 1, 2 and 4.
+"""The cyclic error left in the phase: harmonics 1, 2 and 4 of the phase itself.
 
-Short pieces of the unwrapped phase are taken for a polynomial of time (the motion) and harmonics of the phase. What the
-polynomial could be is taken out of both, and one set of harmonics is fitted to all pieces. Motion of less than a fringe
-a piece looks like a polynomial, which shows as a large uncertainty.
+Each short piece of the unwrapped phase is a polynomial of time (the motion) plus harmonics of the phase. The polynomial
+is projected out, and one set of harmonics is fitted to all pieces. Motion below a fringe a piece resembles a
+polynomial, which gives a large uncertainty.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ORDERS = (1, 2, 4)
 #: Pieces, their shortest and longest length, fringes of each, and the degree of the polynomial.
 PIECES, SHORTEST, LONGEST, FRINGES, DEGREE = 64, 256, 1 << 15, 5.0, 11
 FEWEST = 16
-#: Waves that (p, q, a, b, e) of an ellipse make.
+#: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
 _OF_ELLIPSE = np.zeros((6, 5))
 _OF_ELLIPSE[0, 1], _OF_ELLIPSE[1, 0], _OF_ELLIPSE[2, 4], _OF_ELLIPSE[3, 2], _OF_ELLIPSE[3, 3] = (
     1.0,
@@ -38,8 +38,8 @@ class Cyclic:
     Attributes:
         waves: amplitudes, rad, shape (6,).
         covariance: of them by noise, shape (6, 6).
-        freedom: degrees of freedom behind it.
-        by_ellipse: what the uncertainty of the ellipse lets them be, shape (6, 6).
+        freedom: its degrees of freedom.
+        by_ellipse: covariance of them by the uncertainty of the ellipse, shape (6, 6).
     """
 
     waves: FloatArray
@@ -70,7 +70,7 @@ def waves(phase: FloatArray) -> FloatArray:
 def cyclic_error(
     signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], fringes_a_sample: float
 ) -> Cyclic | None:
-    """Measure the cyclic error of a record; None if the record is too short, or lost where it was looked at."""
+    """Measure the cyclic error of a record; None if the record is too short, or its signal lost."""
     length = int(np.clip(FRINGES / max(fringes_a_sample, 1e-9), SHORTEST, LONGEST))
     if signals.samples < 2 * length:
         return None
@@ -84,7 +84,7 @@ def cyclic_error(
         phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))
         if path.gaps:
             continue
-        smooth = polynomials @ (polynomials.T @ phase)  # its own noise would make a wave look like one
+        smooth = polynomials @ (polynomials.T @ phase)  # otherwise the phase noise would correlate with the waves
         rows = np.concatenate([waves(smooth), phase[None, :]])
         rows = rows - (rows @ polynomials) @ polynomials.T
         normals.append(rows[:6] @ rows[:6].T)
@@ -103,7 +103,7 @@ def cyclic_error(
 
 
 def together(found: Sequence[Cyclic]) -> Cyclic | None:
-    """The mean of several records' by their covariances; None of none."""
+    """The mean of several records, weighted by their covariances; None without records."""
     if not found:
         return None
     weights = [np.linalg.inv(one.covariance) for one in found]

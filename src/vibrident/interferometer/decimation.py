@@ -1,8 +1,7 @@
 """Fewer samples, and samples at other instants, by linear-phase filters whose delay is known exactly.
 
-The filters pass all below 0.4 of the new rate to 1e-6 and hold back all above 0.6 of it to the same part, so that
-nothing folds to below 0.4. They are symmetric: a new sample stands at the middle of its filter, and only those whose
-filter lies wholly within the signal are made.
+Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so that nothing aliases
+to below 0.4. They are symmetric; only samples whose filter lies wholly within the signal are computed.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from vibrident.interferometer.setting import BoolArray, FloatArray
 PASS, STOP, ATTENUATION_DB = 0.4, 0.6, 130.0
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
-#: Places between two samples at which the filter for other instants is tabulated; between them it is a line.
+#: Positions between two samples at which the interpolation filter is tabulated; linear between them.
 PLACES = 4096
 
 
@@ -50,7 +49,7 @@ class Decimator:
     ``lost_at_an_end(factor) + k · factor`` of the input."""
 
     def __init__(self, factor: int, signals: int, kernel: FloatArray | None = None) -> None:
-        """Begin; ``kernel`` in place of :func:`taps` may be complex and then mixes as it filters."""
+        """Begin; a complex ``kernel`` in place of :func:`taps` mixes while filtering."""
         kernel = taps(factor) if kernel is None else kernel
         self._factor, self._rows = factor, -(-kernel.shape[0] // factor)
         padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
@@ -60,7 +59,7 @@ class Decimator:
         self._partial = np.zeros((signals, 0, self._rows), dtype=kernel.dtype)
 
     def feed(self, block: FloatArray) -> Any:
-        """The outputs that a block, shape (signals, n), completes, shape (signals, any number)."""
+        """The outputs that a block completes; shape (signals, n) → (signals, any number)."""
         values = np.concatenate([self._samples, block], axis=1)
         rows = values.shape[1] // self._factor
         used = values[:, : rows * self._factor].reshape(values.shape[0], rows, self._factor)
@@ -83,7 +82,7 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
     if factor == 1:
         return np.concatenate(list(blocks))
     filtered, values, done = Decimator(factor, 1), np.empty(decimated_length(samples, factor)), 0
-    for block in itertools.chain(blocks, [np.zeros(factor)]):  # the last filter ends before a whole step
+    for block in itertools.chain(blocks, [np.zeros(factor)]):  # completes the last filter
         part = filtered.feed(block[None, :])[0][: values.shape[0] - done]
         values[done : done + part.shape[0]] = part
         done += part.shape[0]

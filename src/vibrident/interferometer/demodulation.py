@@ -1,4 +1,4 @@
-"""The main path: optical signals → phase → displacement at fewer samples, with what was left out and why."""
+"""The main path: optical signals → phase → decimated displacement, with omitted parts and reasons."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from vibrident.interferometer.slow import without_slow_motion
 from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.interferometer.survey import Survey
 
-#: More of a record may not be left out; more gaps than this are not looked at one by one.
+#: Largest part of a record that may be left out; most gaps that are examined one by one.
 MOST_LEFT_OUT, MOST_GAPS = 0.5, 400
-#: Another piece of a sine record joins the longest one where the step is a whole number of turns to this part.
+#: A piece of a sine record joins the longest one if the step is a whole number of turns within this part.
 WHOLE = 0.12
 #: Samples of the excerpt, and of the points kept for pictures.
 EXCERPT, POINTS = 2000, 4000
 #: Rounds of the fits of carrier and sine.
 CARRIER_ROUNDS = 4
-#: Where the phase jumps, and changes by more than this from sample to sample elsewhere, turns are missed beside it.
+#: If the phase jumps and elsewhere changes by more than this between samples, turns are missed there too.
 NEARLY_TOO_FAST = 2.3
 
 
 @dataclass(frozen=True, eq=False)
 class Demodulated:
-    """A displacement made of optical signals.
+    """A displacement from optical signals.
 
     Attributes:
         displacement_m: shape (n,).
         valid: shape (n,), False where it is left out.
         first: position of the first sample, in samples of the optical signals.
         factor: distance of the samples, in those.
-        summary: what the signals said of themselves.
-        answer: what the ellipse's errors do to this record.
+        summary: what the signals show of their quality.
+        answer: effect of the ellipse's errors on this record.
     """
 
     displacement_m: FloatArray
@@ -69,15 +69,15 @@ def demodulate(
     Args:
         signals: two of them.
         setting: the interferometer.
-        seen: what the first look found.
+        seen: result of the first look.
         choice: the ellipse.
-        factor: every so many samples one of the displacement.
+        factor: optical samples for each of the displacement.
         name: of the record, for messages.
-        near_hz: frequency of a sine, nearly; None for other motion.
-        carrier_hz: of the heterodyne signal that the two were made of.
+        near_hz: approximate frequency of a sine; None for other motion.
+        carrier_hz: of the heterodyne signal, if any.
 
     Raises:
-        InputError: the signals are lost for most of the record.
+        InputError: most of the record is lost.
     """
     path = Path()
     values = _decimated(signals, choice, factor, path)
@@ -142,7 +142,7 @@ def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> Flo
 def _bridged(
     signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
 ) -> tuple[FloatArray, np.ndarray, int]:
-    """Values with the turns that gaps swallowed, the piece that each belongs to, and gaps of unknown turns."""
+    """Values with the turns lost in gaps restored, the piece of each value, and gaps of unknown turns."""
     shift, piece = np.zeros(values.shape[0]), np.zeros(values.shape[0], dtype=int)
     unknown = 0
     for number, gap in enumerate(gaps):
@@ -163,7 +163,7 @@ def _longest(piece: np.ndarray, usable: BoolArray) -> int:
 def _joined(
     values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float, near_hz: float
 ) -> tuple[FloatArray, np.ndarray]:
-    """Pieces of a sine put together: the sine of the longest one says how many turns the others are off."""
+    """Pieces of a sine joined: the sine of the longest one gives the turns by which the others are off."""
     if piece.size == 0 or piece[-1] == 0:
         return values, piece
     values, piece = values.copy(), piece.copy()
@@ -186,10 +186,9 @@ def _joined(
 def _without_carrier(
     values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None
 ) -> tuple[FloatArray, float]:
-    """Phase without what the carrier is off by, and its drift: a parabola, which no sensor of acceleration answers.
+    """Phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
 
-    Beside a sine it is fitted in rounds, so that neither takes part of the other. The second value is how far the
-    carrier is off in the mean, Hz.
+    With a sine both are fitted in rounds, to separate them. The second value is the mean error of the carrier, Hz.
     """
     t = np.linspace(-1.0, 1.0, values.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
@@ -242,7 +241,7 @@ def _slips(path: Path, unknown: int, left_out: float, name: str) -> list[Optical
         parts.append(f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase")
     text = f"{name}: {' and '.join(parts)}; {100 * left_out:.2g} % of the displacement is left out"
     if unknown:
-        text += f", and behind {unknown} of the gaps nobody knows the fringe by the motion beside it"
+        text += f", and for {unknown} of the gaps the motion does not determine the number of fringes"
     return [OpticalFinding("fringe_slip", text + ".")]
 
 

@@ -1,11 +1,11 @@
-"""What the uncertainty of the ellipse does to the measured response.
+"""Effect of the ellipse's uncertainty on the measured response.
 
-An ellipse that is off by p, q (centre), b − a (ratio), e (quadrature) gives a phase that is off by
+Errors p, q (centre), b − a (ratio), e (quadrature) of the ellipse give the phase error
 
     −p sin φ + q cos φ + (b − a)/2 sin 2φ + e/2 (1 + cos 2φ).
 
-Of a sine of phase amplitude Φ about φ₀ the part at its frequency is known: J₁(Φ) and J₁(2Φ) (Bessel). Other motion:
-the cross spectrum of that error with the phase, by bands.
+For a sine of phase amplitude Φ about φ₀ its part at the sine's frequency follows from J₁(Φ) and J₁(2Φ) (Bessel); for
+other motion from the cross spectrum of error and phase, by bands.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vibrident.interferometer.survey import SHAPE
 BANDS, MOST = 16, 1 << 18
 #: Most patterns that are kept, the largest ones; a pattern below this part of the noise of its points is dropped.
 MOST_PATTERNS, NEGLIGIBLE = 24, 0.05
-#: A harmonic of the cyclic error is there where it is rarer than this by chance.
+#: A harmonic of the cyclic error is significant below this probability.
 CHANCE = 1e-4
 SOURCE = "ellipse of the interferometer"
 CYCLIC = "cyclic error of the interferometer"
@@ -36,16 +36,16 @@ CYCLIC = "cyclic error of the interferometer"
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the errors of the ellipse do to the reference of one record.
+    """Effect of the ellipse's errors on the reference of one record.
 
     Attributes:
         frequency_hz: shape (m,).
         relative: change of the reference for one unit of p, q, b − a, e, complex, shape (4, m).
         harmonics: the same for one radian of cos nφ and sin nφ, n = 1, 2, 4, shape (6, m).
-        noise: relative standard uncertainty of the reference there by the noise of the phase, shape (m,).
-        group: of records with one ellipse.
+        noise: relative standard uncertainty of the reference by phase noise, shape (m,).
+        group: of records that share one ellipse.
         covariance: of the ellipse's shape, shape (4, 4).
-        cyclic: the cyclic error that was measured; None if it could not be.
+        cyclic: the measured cyclic error; None if it cannot be measured.
     """
 
     frequency_hz: FloatArray
@@ -99,7 +99,7 @@ def shape_covariance(ellipse: Ellipse) -> FloatArray:
 
 
 def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
-    """The systematic effects of the ellipses, and of the cyclic errors that were found, on a calibration."""
+    """The systematic effects of ellipses and measured cyclic errors on a calibration."""
     found: list[tuple[float, SystematicEffect]] = []
     grid = np.unique(np.concatenate([answer.frequency_hz for answer in answers]))
     for group in dict.fromkeys(answer.group for answer in answers):
@@ -120,7 +120,7 @@ def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
 
 
 def _cyclic(answers: Sequence[Answer]) -> FloatArray:
-    """Amplitudes of the cyclic error of the set-up, rad, shape (6,): of the orders that stand out of all records."""
+    """Amplitudes of the set-up's cyclic error, rad, shape (6,): of the orders significant over all records."""
     whole = together([answer.cyclic for answer in answers if answer.cyclic is not None])
     if whole is None:
         return np.zeros(6)

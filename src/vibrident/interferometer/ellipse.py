@@ -2,14 +2,14 @@
 
     u = centre + M (cos φ, sin φ)ᵀ,    M = ((A, 0), (B sin ε, B cos ε))
 
-In the coordinates v = M⁻¹(u − centre) the ellipse is the unit circle. What the right ellipse differs from the present
-one by, p, q (centre), a, b (amplitudes) and e (quadrature), changes |v|² by 2 (p c + q s + a c² + b s² + e s c), which
-is linear: Gauss–Newton steps on sums of powers without their noise (:mod:`moments`), repeated until nothing moves. The
-noise follows from what is left of |v|² − 1. A sample's weight is the same all round, as the distance from the circle
-is measured where the ellipse is round. The plain algebraic fit would be drawn inwards by the noise; this one is not.
+In the coordinates v = M⁻¹(u − centre) the ellipse is the unit circle. Errors p, q (centre), a, b (amplitudes) and e
+(quadrature) of the present ellipse change |v|² by 2 (p c + q s + a c² + b s² + e s c), which is linear: Gauss–Newton
+steps on noise-corrected sums of powers (:mod:`moments`), until convergence. The noise follows from the residual |v|² −
+1. All samples have the same weight, because the distance is taken from the unit circle. The plain algebraic fit is
+biased low by noise; this one is unbiased.
 
-Ratio of the amplitudes and quadrature have a prior that is far wider than any set-up: it matters only where the motion
-is less than a fringe and the arc does not tell them, and is then most of the uncertainty.
+Ratio of the amplitudes and quadrature have a prior far wider than any set-up. It matters only if the motion is below a
+fringe and the arc does not determine them; it is then most of the uncertainty.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from scipy import linalg
 from vibrident.interferometer import moments
 from vibrident.interferometer.setting import FloatArray
 
-#: Standard deviation of what is known beforehand of log(B/A) and of ε (rad).
+#: Standard deviation of the prior of log(B/A) and of ε (rad).
 PRIOR = 0.25
 #: Part of a direction's information that noise may leave of what the samples as they are seem to hold.
 LEAST_PART, LEAST_SHOWN = 0.02, 0.08
 ITERATIONS, TOLERANCE, LONGEST_STEP = 100, 1e-9, 0.3
-#: The area may change by this factor from the start; beyond it the samples do not tell.
+#: Largest change of the area from the start; beyond it the samples do not determine the ellipse.
 FURTHEST = 10.0
-#: Blocks of samples that tell how much more an ellipse scatters than white noise would make it; fewer tell nothing.
+#: Fewest blocks of samples from which the scatter beyond white noise is estimated.
 FEWEST_BLOCKS = 20
 #: Coefficients of |v|² − 1 and of c, s, c², s², s c in the six functions.
 _EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 _SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]
-#: What the prior is of: b − a and e.
+#: Directions of the prior: b − a and e.
 _BEFOREHAND = np.array([[0.0, 0.0, -1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0]])
 
 
@@ -73,16 +73,16 @@ class Ellipse:
 
     @functools.cached_property
     def radial_noise(self) -> float:
-        """Standard deviation of the noise over the amplitude, the mean of all round."""
+        """Standard deviation of the noise over the amplitude, its mean over the circle."""
         inverse = self.inverse
         return float(np.sqrt(0.5 * np.trace(inverse @ np.diag(self.noise) @ inverse.T)))
 
     @property
     def for_phase(self) -> Ellipse:
-        """The ellipse from which the mean phase of noisy samples is right.
+        """The ellipse that gives unbiased mean phases of noisy samples.
 
-        Noise that is not the same all round moves the angle by −cov(tangential, radial) in the mean:
-        ½ (N₁₁ − N₂₂) sin 2φ − N₁₂ cos 2φ, with N its covariance where the ellipse is round.
+        Anisotropic noise biases the angle by −cov(tangential, radial):
+        ½ (N₁₁ − N₂₂) sin 2φ − N₁₂ cos 2φ, with N its covariance in the coordinates of the unit circle.
         """
         inverse = self.inverse
         noise = inverse @ np.diag(self.noise) @ inverse.T
@@ -112,7 +112,7 @@ class Ellipse:
 
 
 def circle(u: FloatArray) -> Ellipse:
-    """A circle through samples, shape (2, n): the algebraic fit whose bias by noise cancels to the second order.
+    """A circle through samples, shape (2, n): the algebraic fit without second-order bias.
 
     Source: Al-Sharadqah & Chernov (2009), "Error analysis for circle fitting algorithms" (the fit they call Hyper).
     """
@@ -136,10 +136,10 @@ def circle(u: FloatArray) -> Ellipse:
 
 
 def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
-    """Fit an ellipse to sums of powers in the signals' own units; None if the samples show too little of it.
+    """Fit an ellipse to sums of powers in the signals' own units; None if the samples do not determine it.
 
     Args:
-        blocks: of stretches of the signals, each of shape (5, 5).
+        blocks: of pieces of the signals, each of shape (5, 5).
         start: to begin with; the ratio of its noise variances is kept.
     """
     whole = np.sum(blocks, axis=0)
@@ -163,18 +163,18 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
 
 
 def as_circle(u: FloatArray, samples: float) -> Ellipse:
-    """A circle through a short arc, with what the prior leaves open of the ellipse it may be.
+    """A circle through a short arc, with the uncertainty that the prior of the ellipse leaves.
 
     Args:
         u: samples, shape (2, n).
-        samples: how many there were in all.
+        samples: number of all samples.
     """
     found = circle(u)
     c, s = found.round(u) / np.hypot(*found.round(u))
     slopes = np.stack([c, s, np.ones_like(c), 0.5 * (s * s - c * c), s * c])
     products = slopes @ slopes.T / u.shape[1]
     inner = np.linalg.inv(products[:3, :3] + 1e-12 * np.eye(3))
-    follows = -inner @ products[:3, 3:]  # what the circle does where the ellipse is none
+    follows = -inner @ products[:3, 3:]  # response of the circle to these errors
     noise = inner * found.radial_noise**2 / samples
     part = np.block([[noise, np.zeros((3, 2))], [np.zeros((2, 5))]])
     both = np.concatenate([follows, np.eye(2)])
@@ -183,20 +183,20 @@ def as_circle(u: FloatArray, samples: float) -> Ellipse:
 
 
 def excess(block: FloatArray, ellipse: Ellipse) -> float:
-    """Mean of |v|² − 1 of a block without its noise: twice what its amplitude differs by."""
+    """Mean of |v|² − 1 of a block without its noise: twice the relative deviation of its amplitude."""
     clean = _rounded(block, ellipse, ellipse.noise)
     return float(_EXCESS @ clean[:, 0] / clean[0, 0])
 
 
 def _rounded(found: FloatArray, ellipse: Ellipse, noise: FloatArray | None) -> FloatArray:
-    """Matrix of products of the six functions of v, without the noise where that is given."""
+    """Matrix of products of the six functions of v; noise-corrected if the noise is given."""
     change = moments.moved(ellipse.centre, ellipse.inverse)
     clean = found if noise is None else moments.without_noise(found, np.diag(noise))
     return change @ moments.matrix(clean) @ change.T
 
 
 def _noise(whole: FloatArray, ellipse: Ellipse) -> FloatArray:
-    """Variances of the noise that make what is left of |v|² − 1: mean square 4 nᵀNn + 2 tr N² + (tr N)²."""
+    """Variances of the noise from the residual |v|² − 1: mean square 4 nᵀNn + 2 tr N² + (tr N)²."""
     count = whole[0, 0]
     inverse = ellipse.inverse
     shape = inverse @ np.diag(ellipse.noise) @ inverse.T
@@ -212,9 +212,9 @@ def _noise(whole: FloatArray, ellipse: Ellipse) -> FloatArray:
 
 
 def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, float]:
-    """Gauss–Newton step of (p, q, a, b, e), the information behind it, and what noise leaves of its worst direction.
+    """Gauss–Newton step of (p, q, a, b, e), its information, and the noise-free part of its worst direction.
 
-    Of a direction that the samples hardly show beside their noise a least part of what they seem to show is taken.
+    In a direction dominated by noise, a least part of the apparent information is used.
     """
     clean, seen = _rounded(whole, ellipse, ellipse.noise), _rounded(whole, ellipse, None)
     variance = ellipse.radial_noise**2
@@ -232,7 +232,7 @@ def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, 
 
 
 def _inflation(blocks: Sequence[FloatArray], whole: FloatArray, ellipse: Ellipse) -> float:
-    """By how much the variance is larger than white noise would make it, from the scatter of the blocks."""
+    """Factor of the variance over that of white noise, from the scatter of the blocks."""
     if len(blocks) < FEWEST_BLOCKS:
         return 1.0
     variance = ellipse.radial_noise**2

@@ -1,8 +1,8 @@
-"""Sums of powers of two signals up to the fourth degree: all that an ellipse fit needs of any number of samples.
+"""Sums of powers of two signals up to the fourth degree: sufficient for an ellipse fit to any number of samples.
 
 Of samples with Gaussian noise of covariance C, ``without_noise`` gives the sums that are expected of the samples
-without noise, exactly: monomials are replaced by what exp(−½ ∇ᵀC∇) makes of them (Hermite polynomials). So a fit that
-is built on them is consistent (Kukush, Markovsky & Van Huffel 2004, "Consistent estimation in an implicit quadratic
+without noise, exactly: exp(−½ ∇ᵀC∇) is applied to the monomials (Hermite polynomials). A fit to them is consistent
+(Kukush, Markovsky & Van Huffel 2004, "Consistent estimation in an implicit quadratic
 measurement error model").
 """
 
@@ -41,7 +41,7 @@ def matrix(found: FloatArray) -> FloatArray:
 
 
 def without_noise(found: FloatArray, noise: FloatArray) -> FloatArray:
-    """Sums that are expected of the samples without their noise.
+    """Expected sums of the samples without noise.
 
     Args:
         found: shape (5, 5).
@@ -65,7 +65,7 @@ def _step(found: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 def moved(centre: FloatArray, inverse: FloatArray) -> FloatArray:
-    """What a change of coordinates does to the six functions, shape (6, 6): f(v) = T f(u), v = inverse (u − centre)."""
+    """Effect of a change of coordinates on the six functions, shape (6, 6): f(v) = T f(u), v = inverse (u − centre)."""
     shift = -inverse @ centre
     lines = [np.array([shift[i], inverse[i, 0], inverse[i, 1], 0.0, 0.0, 0.0]) for i in range(2)]
     one = np.eye(6)[0]

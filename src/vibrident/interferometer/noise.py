@@ -14,9 +14,9 @@ PIECE, BANDS, MEDIAN = 4096, 12, float(np.log(2.0))
 
 
 def displacement_noise(values: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Amplitude density of what lies between the lines, in bands: frequencies in Hz and m/√Hz, both shape (bands,).
+    """Amplitude density between the lines, in bands: frequencies in Hz and m/√Hz, both shape (bands,).
 
-    Medians over the lines of each band, of pieces under a window that falls off fast, so that a tone is in few lines.
+    Medians over the lines of each band, of pieces under a window with low side lobes, so that a tone is in few lines.
 
     Args:
         values: shape (n,), m.

@@ -1,8 +1,8 @@
-"""Phase of two signals in quadrature, block by block: unwrapped, with what was lost and where it jumped.
+"""Phase of two signals in quadrature, block by block: unwrapped, with gaps and jumps.
 
-Where the amplitude is lost, or the phase jumps between two samples by nearly half a turn, nobody knows how many turns
-it made. Such samples are a gap: the phase is held over it, and goes on behind it from the nearest turn. How many turns
-that is off is found from the motion on both sides (:mod:`bridging`), or what is behind it is left out.
+Where the amplitude is lost, or the phase jumps by nearly half a turn, the number of turns is unknown. Such samples are
+a gap: the phase is held over it and continues from the nearest turn. The missing turns follow from the motion on both
+sides (:mod:`bridging`); otherwise the part behind the gap is left out.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from vibrident.interferometer.survey import BLOCK, TOO_LARGE, lost_radius
 
 #: Most change of phase from sample to sample, rad, and most change of that: beyond, a turn may have been missed.
 FASTEST, ROUGHEST = 2.8, 2.5
-#: Samples beside a lost one that are left out with it.
+#: Samples left out on either side of a lost one.
 GUARD = 3
 #: Counting fringes needs samples that are closer than this, rad, and a signal beyond this part of its amplitude.
 CLOSE, BEYOND = 1.0, 0.5
-#: Fringes are counted in so many samples.
+#: Most samples in which fringes are counted.
 MOST_COUNTED = 1 << 21
 TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Samples from ``start`` up to ``stop`` that are left out; ``jump`` where the phase jumped at sound amplitude."""
+    """Samples from ``start`` up to ``stop`` that are left out; ``jump`` for a jump of the phase at sufficient
+    amplitude."""
 
     start: int
     stop: int
@@ -38,7 +39,7 @@ class Gap:
 
 @dataclass
 class Path:
-    """What is learned on the way through a record."""
+    """Findings on the way through a record."""
 
     gaps: list[Gap] = field(default_factory=list)
     lowest: float = np.inf
@@ -53,7 +54,7 @@ class Path:
 def unwrapped(
     signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], path: Path
 ) -> Iterator[FloatArray]:
-    """The unwrapped phase, rad, block by block; ``path`` is filled on the way."""
+    """The unwrapped phase, rad, block by block; fills ``path``."""
     last, before = 0.0, None
     carried: tuple[float, int] | None = None
     for start in range(0, signals.samples, BLOCK):
@@ -151,7 +152,7 @@ def _add_gaps(path: Path, good: BoolArray, start: int) -> None:
 
 
 def _add(path: Path, gap: Gap) -> None:
-    """Add a gap, one with the last where they touch."""
+    """Add a gap, joined to the last if they touch."""
     if path.gaps and gap.start <= path.gaps[-1].stop:
         last = path.gaps.pop()
         gap = Gap(min(last.start, gap.start), max(last.stop, gap.stop), last.jump and gap.jump)

@@ -1,4 +1,4 @@
-"""The frequency of a motion from a piece of its phase, nearly: enough to say how many samples it needs."""
+"""The approximate frequency of a motion from a piece of its phase, to choose the number of samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LINES, SMOOTH, ABOVE = 1 << 14, 5, 6.0
 
 
 def rough_frequency(signals: Signals, choice: Choice) -> float:
-    """Frequency of the motion, Hz; that of one period in the piece where the motion is slower."""
+    """Frequency of the motion, Hz; at least one period in the piece."""
     samples = min(signals.samples, PIECE)
     piece = Held(signals.block(0, samples), signals.rate_hz)
     phase = np.concatenate(list(unwrapped(piece, choice.ellipse, (), Path())))

@@ -1,4 +1,4 @@
-"""The interferometer as it is set up, and what gives its signals block by block."""
+"""The interferometer's setting, and the source of its signals, block by block."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Kind = Literal["quadrature", "heterodyne"]
 
 @dataclass(frozen=True)
 class Interferometer:
-    """A laser interferometer that looks at the reference surface.
+    """A laser interferometer on the reference surface.
 
     Attributes:
         kind: ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier.
         wavelength_m: in the medium.
         wavelength_relative_uncertainty: relative standard uncertainty of it.
         passes: times the beam goes to the target and back.
-        carrier_hz: of a heterodyne signal, to begin with; estimated near this value.
-        direction: sign of the displacement for growing phase; None if it is not known.
+        carrier_hz: nominal carrier of a heterodyne signal; estimated near this value.
+        direction: sign of the displacement for growing phase; None if unknown.
         delay_s: the optical channel comes later than the response channel by this time.
         delay_standard_uncertainty_s: of that.
     """

@@ -11,7 +11,7 @@ from vibrident.interferometer.setting import BoolArray, FloatArray
 
 #: Most samples that the fit looks at, Gauss–Newton steps of the frequency, and the least periods.
 MOST, ITERATIONS, FEWEST_PERIODS = 1 << 16, 12, 0.9
-#: A frequency that is known nearly is right to this factor.
+#: An approximate frequency is right within this factor.
 NEAR = 1.3
 
 
@@ -32,7 +32,7 @@ class Sine:
 
 
 def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> Sine | None:
-    """Fit a sine, offset and slope to the valid samples; None if there is less than a period."""
+    """Fit a sine, offset and slope to the valid samples; None for less than a period."""
     index = np.flatnonzero(valid)
     if index.size < 8:
         return None

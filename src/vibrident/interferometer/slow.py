@@ -1,7 +1,7 @@
-"""Slow motion beside a sine that the sensor does not feel: of the optical table, of the carrier, of the air.
+"""Slow motion beside a sine that is not the sensor's: of the optical table, of the carrier, of the air.
 
-A displacement shows it far more than an acceleration does, and its ends leak into the sine. What lies below a third of
-the sine's frequency is taken out beside the fitted sine, in a few rounds, which is the joint fit of both.
+It is far larger in displacement than in acceleration, and its ends leak into the sine. Motion below a third of the
+sine's frequency is removed in a few rounds with the fitted sine, which is the joint fit of both.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ SLOW, ROUNDS = 1.0 / 3.0, 4
 def without_slow_motion(
     values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None
 ) -> tuple[FloatArray, Sine | None]:
-    """The values without slow motion, and the sine in them; None if there is less than a period.
+    """The values without slow motion, and the sine in them; None for less than a period.
 
     Args:
         values: shape (n,).
         valid: shape (n,).
         rate_hz: samples per second.
-        near_hz: frequency of the sine, nearly.
+        near_hz: approximate frequency of the sine.
     """
     found = fit_sine(values, valid, rate_hz, near_hz)
     if found is None:

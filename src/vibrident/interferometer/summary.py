@@ -1,4 +1,4 @@
-"""What an interferometer's signals said of themselves: kept with the record that was made of them."""
+"""Quality of an interferometer's signals: kept with the record made from them."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class OpticalSummary:
         setting: the interferometer.
         rate_hz: of the optical signals.
         samples: of each.
-        factor: every so many of them one sample of the displacement was made.
-        ellipse: that the phase was taken from.
-        origin: where the ellipse is from, in words.
-        changes: how far the shape of the ellipse moves within the record, relative; 0 where it does not.
+        factor: optical samples for each of the displacement.
+        ellipse: that the phase is from.
+        origin: origin of the ellipse, in words.
+        changes: relative change of the ellipse's shape within the record; 0 if none.
         fringes: range of the phase in turns.
         path_fringes: length of its path in turns.
         fastest_rad: largest change of phase from sample to sample.
-        gaps: stretches left out; ``jumps`` of them at sound amplitude, ``open_gaps`` whose turns nobody knows.
+        gaps: pieces left out; ``jumps`` of them at sufficient amplitude, ``open_gaps`` of unknown turns.
         left_out: part of the displacement's samples that is left out.
         counted, by_phase: half fringes by the signs of a signal, and by the phase; 0 where samples are too far apart.
         phase_noise_rad: standard deviation of the noise of one sample's phase.
@@ -78,7 +78,7 @@ class OpticalSummary:
 
     @property
     def noise_density_m(self) -> float:
-        """Displacement that the noise of the phase makes, m/√Hz, were it white."""
+        """Displacement noise for white phase noise, m/√Hz."""
         return abs(self.setting.metres_per_radian) * self.phase_noise_rad * float(np.sqrt(2.0 / self.rate_hz))
 
     def as_settings(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 
 #: Samples for the first guess and for pictures: so many stretches of so many samples, spread over the record.
 STRETCHES, STRETCH = 64, 1024
-#: Samples that are worked on at a time, and the most that an ellipse is fitted to; of more, stretches.
+#: Samples in a block, and most samples for the fit of an ellipse; of longer records, pieces.
 BLOCK, MOST = 1 << 17, 1 << 22
 #: Blocks of a record at least, and samples of each at least, so that their scatter tells.
 FEWEST_BLOCKS, LEAST_BLOCK = 64, 64
@@ -30,7 +30,7 @@ LEAST_WHOLE = 0.5
 #: Pieces of time of an ellipse that may change; an ellipse of a piece is known to this part of its amplitude; a change
 #: is believed below this chance.
 PIECES, KNOWN, CHANCE = 16, 0.05, 1e-5
-#: The amplitude fades where its variance from block to block is so many times that of noise; of so many blocks.
+#: The amplitude fades if its variance between blocks is this many times that of noise; fewest blocks to tell.
 FADES, FEWEST_TO_FADE = 8.0, 12
 
 
@@ -40,7 +40,7 @@ class Survey:
 
     Attributes:
         ellipse: of the whole record.
-        fitted: False for a circle, where the arc does not tell an ellipse.
+        fitted: False for if the arc does not determine an ellipse.
         covered_rad: part of the circle that the motion covers; 2π for a fringe or more.
         points: some samples, shape (2, n).
         knots: sample index and ellipse of pieces of time, where it changes; else empty.
@@ -100,7 +100,7 @@ def _sample(signals: Signals) -> FloatArray:
 
 
 def _coarse(points: FloatArray) -> Ellipse:
-    """An ellipse through the sample, without what is lost, and the ratio of the noise of the two signals."""
+    """An ellipse through the sample without lost parts, and the ratio of the signals' noise."""
     found = ellipses.circle(points)
     for _ in range(4):
         kept = points[:, sound(found, points)]
@@ -119,7 +119,7 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
         return np.ones(2)
     v = ellipse.round(u)
     radius = np.hypot(v[0], v[1])
-    pull = ellipse.inverse.T @ (v / radius)  # of noise of each signal on the radius
+    pull = ellipse.inverse.T @ (v / radius)  # of each signal's noise on the radius
     design = (pull * pull * ellipse.noise[:, None]).T
     square = (radius - np.mean(radius)) ** 2
     normal = design.T @ design
@@ -143,13 +143,13 @@ def _blocks(signals: Signals, coarse: Ellipse, scale: FloatArray) -> tuple[list[
         found.append(moments.sums((u[0] - coarse.centre[0]) / scale[0], (u[1] - coarse.centre[1]) / scale[1]))
         middles.append((index + 0.5) * length)
         whole.append(bool(good.all()))
-    if np.mean(whole or [True]) > LEAST_WHOLE:  # beside a lost stretch the light comes and goes
+    if np.mean(whole or [True]) > LEAST_WHOLE:  # next to a loss the light is unstable
         found, middles = ([v for v, kept in zip(values, whole, strict=True) if kept] for values in (found, middles))
     return found, middles
 
 
 def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
-    """Blocks with their common amplitude taken out where it fades: it moves no phase, and is no noise."""
+    """Blocks with a fading common amplitude removed: it does not change the phase."""
     count = np.array([block[0, 0] for block in blocks])
     excess = np.array([ellipses.excess(block, whole) for block in blocks])
     expected = 4.0 * whole.radial_noise**2 / count
@@ -164,7 +164,7 @@ def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
 
 
 def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse) -> list[tuple[float, Ellipse]]:
-    """Ellipses of pieces of time where they differ; empty where they do not, or cannot be told."""
+    """Ellipses of pieces of time if they differ; empty if they agree or are not determined."""
     pieces = min(PIECES, len(blocks) // 4)
     if pieces < 3:
         return []
@@ -181,12 +181,12 @@ def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellips
     return found if chdtrc(4 * (len(found) - 1), total) < CHANCE else []
 
 
-#: From (p, q, a, b, e) to what moves the phase: p, q, b − a, e.
+#: From (p, q, a, b, e) to the components that change the phase: p, q, b − a, e.
 SHAPE = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
 
 
 def shape(difference: FloatArray) -> FloatArray:
-    """What of (p, q, a, b, e) moves the phase: p, q, b − a, e."""
+    """The components of (p, q, a, b, e) that change the phase: p, q, b − a, e."""
     return SHAPE @ difference
 
 
