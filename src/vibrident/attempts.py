@@ -12,12 +12,16 @@ from vibrident.errors import NotConverged
 from vibrident.estimators import Estimate, Estimator
 from vibrident.estimators.canonical import in_one_form
 from vibrident.estimators.optimise import Progress
-from vibrident.problem import Evidence
+from vibrident.estimators.start import find_start
+from vibrident.problem import Evidence, FrequencyProblem
+from vibrident.problem.frequency_domain import response_residual
 from vibrident.systematic import allowing_for_effects
 
 #: Other starts tried where the fit explains nothing, of those whose cost was at most so many times the best's; a fit
 #: from there is taken where its χ² is this part of the first one's, or less.
 MORE_STARTS, COMPARABLE, CLEARLY_LESS = 2, 10.0, 0.8
+#: Searches in the response that the last fit left.
+SEARCHES = 3
 #: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
 OUTSIDE = 3.0
 
@@ -32,6 +36,7 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     begin = best[0].begin
     if best[1].adequacy.adequate or begin is None or evidence.bands is None:
         return best  # tones are searched with the residual that is fitted: no other start is better
+    best = _searched_again(evidence, estimator, best, progress)
     for start, cost in begin.others[:MORE_STARTS]:
         if cost > COMPARABLE * begin.costs[-1] or best[1].adequacy.adequate:
             break
@@ -42,6 +47,33 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     if start is not None and not best[1].adequacy.adequate:
         with contextlib.suppress(NotConverged):
             best = _better(best, _once(replace(evidence, start=start), estimator, progress))
+    return best
+
+
+def _searched_again(
+    evidence: Evidence, estimator: Estimator, best: tuple[Estimate, Judgement], progress: Progress
+) -> tuple[Estimate, Judgement]:
+    """The fit from a search in the response as the network's residual shows it, where that leads to a better one.
+
+    Free motion and what leaks over from other frequencies, which hide the response that the first search had, are gone
+    from it.
+    """
+    for _ in range(SEARCHES):
+        points, model = best[1].adequacy, evidence.model
+        if points.adequate or not model.is_linear or len(points.frequency_hz) <= len(best[0].z):
+            break
+        size = np.abs(points.measured)
+        data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
+        problem = FrequencyProblem(model, evidence.quantity, False, True, data)
+        with contextlib.suppress(NotConverged):
+            begin = find_start(problem, model)
+            here = response_residual(best[0].z, best[0].coordinates, False, True, evidence.quantity, data)
+            if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):
+                break
+            other = _better(best, _once(replace(evidence, start=begin.values), estimator, progress))
+            if other is best:
+                break
+            best = other
     return best
 
 

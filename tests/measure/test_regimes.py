@@ -63,6 +63,19 @@ def test_the_rest_before_and_behind_a_burst_has_no_gain(rng: np.random.Generator
         assert changes([Record("r", series, response, RATE, "random")], [series + skirts], [None]) == []
 
 
+def test_noise_of_the_reference_through_a_sharp_resonance_is_no_change(rng: np.random.Generator) -> None:
+    """It is alike over many blocks, and in the prediction too."""
+    lines = np.fft.rfftfreq(N, 1.0 / RATE)
+    through = 1.0 / (1.0 - (lines / 20.0) ** 2 + 0.01j * lines / 20.0)
+    alarms = 0
+    for _ in range(100):
+        motion, noise = prediction("random", rng)[0], 0.01 * rng.standard_normal(N)
+        response, unfelt = (np.fft.irfft(through * np.fft.rfft(v), N) for v in (motion, noise))
+        response = response + 1e-3 * rng.standard_normal(N)
+        alarms += len(changes([Record("r", motion + noise, response, RATE, "random")], [response + unfelt], [None]))
+    assert alarms == 0
+
+
 @pytest.mark.parametrize("kind", ["sine", "multisine", "random"])
 @pytest.mark.parametrize(("change", "size"), [(0.5, 1e-2), (0.1, 1e-2), (0.01, 1e-2), (1e-3, 1e-3)])
 def test_a_step_of_gain_is_found_with_its_time_and_size(

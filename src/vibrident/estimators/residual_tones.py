@@ -18,11 +18,16 @@ from vibrident.discretize import method
 from vibrident.discretize.inputs import half_width_for
 from vibrident.errors import InputError
 from vibrident.measure import MeasuredResponse, measure_tones
+from vibrident.measure.response import ComplexArray
 from vibrident.problem import Coordinates, Evidence, NetworkProblem, network_of
 from vibrident.records import FloatArray
 
 #: Interpolation by so many samples on either side is good to 1e-5.
 FINE = 32
+#: Noise of the reference passes the network, which may make it so many times louder elsewhere than beside the tone, and
+#: a fit of samples is drawn by all of it: there a plain sine, with the free motion, is fitted, unless that is so many
+#: times less certain.
+LOUD, NOISIER = 3.0, 1.5
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
@@ -52,31 +57,65 @@ def residual_tones(
     plain = evidence.tones
     assert plain is not None
     values = coordinates.values(z)
+
+    def at(frequency: FloatArray) -> ComplexArray:
+        found = evidence.model.frequency_response(values, frequency, evidence.quantity)
+        return np.asarray(found, dtype=complex)
+
     poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
     if predicted is None and problem is not None:
         predicted = problem.predict(coordinates, z)
+    if predicted is not None:
+        predicted = [predicted[index] for index in plain.record]
+    cleaned, rest = _cleaned(evidence, plain, predicted, values, poles)
+    samples = np.array([evidence.records[index].mask.sum() for index in plain.record])
+    deviation = cleaned.error_deviation(at)
+    loud = (rest > LOUD * deviation * np.sqrt(samples / 2.0)) | (deviation > NOISIER * plain.error_deviation(at))
+    if predicted is None or not np.any(loud):
+        return cleaned
+    by_sines, _ = _cleaned(evidence, plain, None, values, poles)
+    loud &= by_sines.error_deviation(at) < NOISIER * deviation
+    fewer = [np.full_like(p, np.nan) if worse else p for p, worse in zip(predicted, loud, strict=True)]
+    return _cleaned(evidence, plain, fewer, values, poles)[0]
+
+
+def _cleaned(
+    evidence: Evidence,
+    plain: MeasuredResponse,
+    predicted: Sequence[FloatArray] | None,
+    values: dict[str, float],
+    poles: ComplexArray,
+) -> tuple[MeasuredResponse, FloatArray]:
+    """The tones of the residuals, and the rms of what is left beside each (zero where a plain sine was fitted).
+
+    ``predicted`` responses are in the order of the tones.
+    """
     records, cleaned = [], []
-    for index in plain.record:
-        record, series = evidence.records[index], None if predicted is None else predicted[index]
+    for place, index in enumerate(plain.record):
+        record = evidence.records[index]
         reached = False
-        if series is not None:
-            used = record.mask & np.isfinite(series)
+        if predicted is not None:
+            used = record.mask & np.isfinite(predicted[place])
             # Where the network reaches too little, or interpolates by too few samples, the record keeps all its samples
             # and its felt noise.
             fine = half_width_for(record.samples) >= FINE
             reached = bool(fine and used.sum() > 0.5 * record.mask.sum())
             if reached:
-                record = replace(record, response=np.where(used, record.response - series, 0.0), valid=used)
+                residual = np.where(used, record.response - predicted[place], 0.0)
+                record = replace(record, response=residual, valid=used)
         records.append(record)
         cleaned.append(reached)
     tones = measure_tones(records, plain.frequency_hz.tolist(), poles)
     share = np.where(cleaned, 1.0, 0.0)
     model, quantity = evidence.model, evidence.quantity
+    power = [np.var(r.response[r.mask]) if reached else 0.0 for r, reached in zip(records, cleaned, strict=True)]
+    rest = np.sqrt(np.maximum(np.array(power) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0))
     explained = model.frequency_response(values, tones.frequency_hz, quantity) * tones.reference
     lines = model.frequency_response(values, tones.line_hz.ravel(), quantity).reshape(tones.line_hz.shape)
-    return replace(
+    found = replace(
         tones,
         response=tones.response + share * explained,
         line_response=tones.line_response + share[:, None] * lines * tones.line_reference,
         record=plain.record,
     )
+    return found, rest

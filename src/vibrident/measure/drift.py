@@ -59,21 +59,29 @@ def without_drift(
 
 
 def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
-    """Slope by least squares, 1/s, and its standard deviation for noise as strong as the slowest lines.
+    """Slope by weighted least squares, 1/s, and its standard deviation for noise as strong as the slowest lines.
+
+    The weights fade towards both ends: without them a slope draws noise of all frequencies, and noise of a displacement
+    that the sensor did not feel grows with their cube.
 
     Args:
         residual: shape (used,); overwritten, as a long record has no memory to spare.
         t: times from their mean, shape (used,); overwritten.
     """
-    power = float(t @ t)
-    slope = float(residual @ t / power)
-    residual -= residual.mean()
+    window = np.hanning(residual.shape[0])
+    total = float(np.sum(window))
+    residual -= float(window @ residual) / total
+    t -= float(window @ t) / total
+    residual *= window
+    slope = float(residual @ t)
+    t *= window
+    weighted = float(t @ t)  # of the slope's own noise
+    power = float(t @ (t / np.maximum(window, np.finfo(float).tiny)))
+    slope /= power
     t *= slope
     residual -= t
-    window = np.hanning(residual.shape[0])
-    residual *= window
     level = float(np.mean(np.abs(_slow_lines(residual)) ** 2) / (window @ window))
-    return slope, float(np.sqrt(level / power))
+    return slope, float(np.sqrt(level * weighted)) / power
 
 
 def _slow_lines(series: FloatArray) -> ComplexArray:

@@ -172,8 +172,8 @@ def _series(
         quiet = np.ones(record.samples // 2 + 1, dtype=bool)
         quiet[:LOWEST] = False
         error = np.asarray(fft.rfft(residual), dtype=complex)
-        level = _median_level(np.abs(error) ** 2)
-        motions = _motion(series, used, level), _motion(record.response, used, level)
+        level = median_level(np.abs(error) ** 2)
+        motions = heard_motion(series, used, level), heard_motion(record.response, used, level)
         if np.any(motions[0]):
             found.append(_Series(record, used, residual, motions, error, level, quiet))
             tones.append(tone)
@@ -184,10 +184,15 @@ def _series(
     return found
 
 
-def _motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> FloatArray:
+def heard_motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> FloatArray:
     """A response about its mean, without the lines that are noise: a cube would mix these with all others.
 
     By its own lines alone, so that noise of one response stays out of the other.
+
+    Args:
+        response: predicted or measured, shape (samples,).
+        used: samples that count, shape (samples,).
+        level: noise power at each line, shape (samples // 2 + 1,).
     """
     lines = np.asarray(fft.rfft(np.where(used, response - np.mean(response[used]), 0.0)), dtype=complex)
     power, noise = np.abs(lines) ** 2, HEARD * level
@@ -199,7 +204,7 @@ def _loud(one: _Series, tone: float | None) -> FloatArray:
     """Frequencies that stand out of a residual and are no harmonics of the record's own tone: hum, for one."""
     lines = line_frequencies(one.record.samples, one.record.sampling_rate_hz)
     power = np.abs(np.asarray(fft.rfft(one.residual * hann(one.residual.size)))) ** 2
-    loud = lines[power > STANDS_OUT * _median_level(power)]
+    loud = lines[power > STANDS_OUT * median_level(power)]
     if tone is not None:
         loud = loud[np.abs(loud - np.maximum(np.round(loud / tone), 1.0) * tone) > NEAR * lines[1]]
     return loud if loud.size <= MOST_LOUD else np.zeros(0)
@@ -348,7 +353,7 @@ def _strength(
     return product, power, 2.0 * float(np.sqrt(np.sum(squares[kept]))) / one.record.samples
 
 
-def _median_level(power: FloatArray) -> FloatArray:
+def median_level(power: FloatArray) -> FloatArray:
     """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
     count = power.size
     places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1

@@ -81,7 +81,10 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
 def _harmonics(
     residual: FloatArray, used: np.ndarray, frequency: float, rate: float, highest: int
 ) -> tuple[np.ndarray, FloatArray]:
-    """Complex amplitudes of harmonics 1…highest, and the variance of their real parts from lines beside them."""
+    """Complex amplitudes of harmonics 1…highest, and the variance of their real parts from lines beside them.
+
+    Both under Hann's window: strong noise elsewhere, of a sharp resonance, would leak into the harmonics else.
+    """
     n = residual.shape[0]
     orders = np.arange(1, highest + 1)
     rows = np.empty((2 * highest + 1, n))
@@ -93,11 +96,12 @@ def _harmonics(
     rows[-1] = 1.0
     if not used.all():
         rows *= used
-    found, *_ = np.linalg.lstsq(rows @ rows.T, rows @ residual, rcond=1e-12)
+    window = hann(n)
+    faded = rows * window
+    found, *_ = np.linalg.lstsq(faded @ rows.T, faded @ residual, rcond=1e-12)
     amplitude = found[:highest] - 1j * found[highest : 2 * highest]
     left = (residual - found @ rows) * used
-    window = hann(n)
-    power = np.abs(np.asarray(fft.rfft(left * window))) ** 2 * 2.0 / (np.sum(window**2) * max(int(used.sum()), 1))
+    power = np.abs(np.asarray(fft.rfft(left * window))) ** 2 * 2.0 / max(float(np.sum(window[used])), 1.0) ** 2
     variance = np.empty(highest)
     first, last = NOISE_LINES
     offsets = np.concatenate([np.arange(-last, -first + 1), np.arange(first, last + 1)])

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 from scipy.special import fdtrc
 
+from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
@@ -26,6 +28,15 @@ ROBUST = 1e-4
 MOST_BLOCKS, FEWEST_BLOCKS, FEWEST_SAMPLES, BESIDE = 32, 8, 24, 2
 #: Part of the motion that must lie on either side of a step: a sensor at rest has no gain.
 MOVING = 0.02
+#: Noise of the reference stands at each line in prediction and residual alike: so many times the latter is none of it.
+OWN = 2.0
+#: Lines on either side that tell the residual's spectrum, and the part of its mean below which none is believed.
+SMOOTHED, LEAST_LEVEL = 4, 1e-9
+#: A change is nearly all of the residual where this part of its power is left.
+REST = 0.15
+KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
+#: Neighbours that a block may be like.
+LAGS = 4
 #: Mains, and the power over that of white noise at which it is heard.
 MAINS_HZ, HEARD = (50.0, 60.0), 12.0
 #: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
@@ -75,37 +86,121 @@ def changes(
 
 
 def _change(record: Record, series: FloatArray, frequency: float | None, chance: float) -> Change | None:
-    slope = np.gradient(series) * record.sampling_rate_hz
-    used = np.flatnonzero(record.mask & np.isfinite(slope))
-    blocks = min(MOST_BLOCKS, used.size // FEWEST_SAMPLES)
+    used = record.mask & np.isfinite(series)
+    count = min(MOST_BLOCKS, int(used.sum()) // FEWEST_SAMPLES)
     if frequency is not None:
-        blocks = min(blocks, int(used.size * frequency / record.sampling_rate_hz))  # a period each
-    if blocks < FEWEST_BLOCKS or np.ptp(series[used]) == 0.0:
+        count = min(count, int(used.sum() * frequency / record.sampling_rate_hz))  # a period each
+    if count < FEWEST_BLOCKS or np.ptp(series[used]) == 0.0:
         return None
-    scale = float(np.std(series[used])), float(np.std(slope[used]))
-    products, powers, starts = np.zeros((blocks, 2)), np.zeros((blocks, 2, 2)), np.zeros(blocks, dtype=int)
-    hum = _hum(record.response[used] - series[used], used / record.sampling_rate_hz)
-    for index, part in enumerate(np.array_split(used, blocks)):
-        angle = 2.0 * np.pi / record.sampling_rate_hz * np.outer(part, hum)
-        trend = np.stack([np.ones(part.size), np.linspace(-1.0, 1.0, part.size)], axis=1)
-        basis, _ = np.linalg.qr(np.concatenate([trend, np.cos(angle), np.sin(angle)], axis=1))
-        columns = np.stack([series[part] / scale[0], slope[part] / scale[1], record.response[part] - series[part]])
-        columns = columns - (columns @ basis) @ basis.T  # offset, drift and hum are no change
-        products[index], powers[index] = columns[:2] @ columns[2], columns[:2] @ columns[:2].T
-        starts[index] = part[0]
-    slow = np.linspace(-0.5, 0.5, blocks)  # a slow change, then a step before each block
-    before = np.cumsum(powers[:, 0, 0]) / np.sum(powers[:, 0, 0])
-    places = [p for p in range(BESIDE, blocks - BESIDE + 1) if MOVING < before[p - 1] < 1.0 - MOVING]
-    steps = [np.where(np.arange(blocks) < place, 0.0, 1.0) for place in places]
-    shapes = np.stack([slow, *steps])
-    squares, gains = _fitted(products, powers, shapes)
+    residual = np.where(used, record.response - series, 0.0)
+    residual = np.where(used, residual - np.mean(residual[used]), 0.0)
+    lines = np.asarray(fft.rfft(residual), dtype=complex)
+    power = np.abs(lines) ** 2
+    # Noise of the reference is in prediction and residual alike: lines that hold nothing else are no motion.
+    motion = heard_motion(series, used, np.maximum(median_level(power), OWN * power))
+    if not np.any(motion):
+        return None
+    parts = np.array_split(np.flatnonzero(used), count)
+    rough = _best(_Blocks.of(motion, residual, parts, record.sampling_rate_hz))
+    noise = residual - rough.signal(motion, parts, record.sampling_rate_hz)
+    # Noise through a sharp resonance is alike over many blocks, which would look like a change: both are filtered so
+    # that the noise is white. A change that is nearly all of the residual is not taken for noise.
+    nearly_all = float(noise @ noise) < REST * float(residual @ residual)
+    white = _whitening(
+        np.abs(np.asarray(fft.rfft(noise))) ** 2 if nearly_all else power, tones=record.excitation != "random"
+    )
+    moved, left = (np.asarray(fft.irfft(white * v, used.size)) for v in (fft.rfft(motion), lines))
+    found = _best(_Blocks.of(moved, left, parts, record.sampling_rate_hz))
+    if not _beyond_doubt(found.blocks.products, found.blocks.powers, found.shape, (found.squares, found.fit), chance):
+        return None
+    change = found.fit[2:] / found.blocks.scale
+    time_s = float(parts[found.place][0]) / record.sampling_rate_hz
+    return Change(record.name, time_s, float(change[0]), float(-change[1]), slow=found.slow)
+
+
+def _whitening(power: FloatArray, *, tones: bool) -> FloatArray:
+    """Gain at each line that makes noise of this power white, shape (lines,); ``tones``: the motion is of tones.
+
+    Beside a tone a change stands in a few lines, which tell no noise.
+    """
+    power = power + np.finfo(float).tiny + LEAST_LEVEL * float(np.mean(power))
+    logarithm = np.log(median_level(power) if tones else power)
+    logarithm = np.convolve(np.pad(logarithm, SMOOTHED, mode="edge"), KERNEL, mode="valid")
+    return np.exp(0.5 * (np.mean(logarithm) - logarithm))
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """What the blocks of a record say of gain and time shift, by products with the motion and its slope.
+
+    Attributes:
+        products: of motion and slope with the residual, shape (blocks, 2).
+        powers: of motion and slope, shape (blocks, 2, 2).
+        scale: of motion and slope, shape (2,).
+    """
+
+    products: FloatArray
+    powers: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, motion: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> _Blocks:
+        """Of a motion and what is left beside it; offset, drift and hum of a block are no change."""
+        slope = np.gradient(motion) * rate
+        every = np.concatenate(parts)
+        scale = np.maximum([np.std(motion[every]), np.std(slope[every])], np.finfo(float).tiny)
+        products, powers = np.zeros((len(parts), 2)), np.zeros((len(parts), 2, 2))
+        hum = _hum(residual[every], every / rate)
+        for index, part in enumerate(parts):
+            angle = 2.0 * np.pi / rate * np.outer(part, hum)
+            trend = np.stack([np.ones(part.size), np.linspace(-1.0, 1.0, part.size)], axis=1)
+            basis, _ = np.linalg.qr(np.concatenate([trend, np.cos(angle), np.sin(angle)], axis=1))
+            columns = np.stack([motion[part] / scale[0], slope[part] / scale[1], residual[part]])
+            columns = columns - (columns @ basis) @ basis.T
+            products[index], powers[index] = columns[:2] @ columns[2], columns[:2] @ columns[:2].T
+        return cls(products, powers, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The change that explains most.
+
+    Attributes:
+        blocks: what it was fitted to.
+        shape: of the change over the blocks, shape (blocks,).
+        squares: left by it, less a constant.
+        fit: gain and shift before, and their change, in ``blocks.scale``, shape (4,).
+        place: the block that it begins at.
+        slow: it is even over the record.
+    """
+
+    blocks: _Blocks
+    shape: FloatArray
+    squares: float
+    fit: FloatArray
+    place: int
+    slow: bool
+
+    def signal(self, motion: FloatArray, parts: Sequence[np.ndarray], rate: float) -> FloatArray:
+        """What the change adds to the response, shape (samples,)."""
+        slope, found = np.gradient(motion) * rate, np.zeros(motion.size)
+        for part, size in zip(parts, self.shape.tolist(), strict=True):
+            gain, shift = (self.fit[:2] + size * self.fit[2:]) / self.blocks.scale
+            found[part] = gain * motion[part] + shift * slope[part]
+        return found
+
+
+def _best(blocks: _Blocks) -> _Fit:
+    """The even change, or the step before a block, that explains most."""
+    count = len(blocks.products)
+    before = np.cumsum(blocks.powers[:, 0, 0]) / max(float(np.sum(blocks.powers[:, 0, 0])), np.finfo(float).tiny)
+    places = [p for p in range(BESIDE, count - BESIDE + 1) if MOVING < before[p - 1] < 1.0 - MOVING]
+    steps = [np.where(np.arange(count) < place, 0.0, 1.0) for place in places]
+    shapes = np.stack([np.linspace(-0.5, 0.5, count), *steps])
+    squares, gains = _fitted(blocks.products, blocks.powers, shapes)
     best = int(np.argmin(squares))
-    if not _beyond_doubt(products, powers, shapes[best], (float(squares[best]), gains[best]), chance):
-        return None
-    step = gains[best, 2:]
-    place = blocks // 2 if best == 0 else places[best - 1]
-    time_s = float(starts[place]) / record.sampling_rate_hz
-    return Change(record.name, time_s, float(step[0] / scale[0]), float(-step[1] / scale[1]), slow=best == 0)
+    place = count // 2 if best == 0 else places[best - 1]
+    return _Fit(blocks, shapes[best], float(squares[best]), gains[best], place, best == 0)
 
 
 def _hum(residual: FloatArray, times_s: FloatArray) -> FloatArray:
@@ -154,10 +249,8 @@ def _beyond_doubt(
     rest = float(np.einsum("bi,bij,bj->", left, inverse, left))
     if rest <= 0.0:
         return constant > fit[0]
-    alike = float(np.einsum("bi,bij,bj->", left[1:], inverse[1:], left[:-1])) / rest
-    alike = float(np.clip(alike + 1.0 / blocks, 0.0, 0.98))  # a fit leaves neighbours a little unlike
     freedom = 2.0 * (blocks - 2.0)
-    independent = max(freedom * (1.0 - alike) / (1.0 + alike), 1.0)
+    independent = max(freedom / _fewer(left, powers), 1.0)
     statistic = (constant - fit[0]) / 2.0 / (rest / freedom) * (independent / freedom)
     if fdtrc(2.0, independent, statistic) >= chance:
         return False
@@ -167,6 +260,23 @@ def _beyond_doubt(
     wald = float(fit[1][2:] @ np.linalg.pinv(robust, hermitian=True) @ fit[1][2:]) / 2.0
     fewer = min(np.sum(shape > 0.0), np.sum(shape <= 0.0))
     return bool(fdtrc(2.0, 2.0 * (fewer - 1.0), wald) < ROBUST)
+
+
+def _fewer(left: FloatArray, powers: FloatArray) -> float:
+    """How many blocks say as much as one that knows nothing of its neighbours (Newey & West 1987), at least one.
+
+    Noise beside a tone, or through a sharp resonance, is alike from block to block.
+    """
+    size = np.sqrt(np.maximum(np.einsum("bii->bi", powers), np.finfo(float).tiny))
+    scores = left / size
+    total = max(float(np.sum(scores**2)), np.finfo(float).tiny)
+    found = 1.0
+    for lag in range(1, LAGS + 1):
+        alike = float(np.sum(scores[lag:] * scores[:-lag])) / total + 1.0 / len(
+            left
+        )  # a fit leaves them a little unlike
+        found += 2.0 * (1.0 - lag / (LAGS + 1.0)) * alike
+    return float(np.clip(found, 1.0, 50.0))
 
 
 @dataclass(frozen=True)
