@@ -109,7 +109,7 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
     white = _whitening(
         np.abs(np.asarray(fft.rfft(noise))) ** 2 if nearly_all else power, tones=record.excitation != "random"
     )
-    moved, left = (np.asarray(fft.irfft(white * v, used.size)) for v in (fft.rfft(motion), lines))
+    moved, left = (np.asarray(fft.irfft(white * v, used.size)) for v in (np.asarray(fft.rfft(motion)), lines))
     found = _best(_Blocks.of(moved, left, parts, record.sampling_rate_hz))
     if not _beyond_doubt(found.blocks.products, found.blocks.powers, found.shape, (found.squares, found.fit), chance):
         return None
