@@ -8,6 +8,7 @@ from tests.support.line_sensors import values_of
 
 from vibrident.discretize import method
 from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.lines import transformable
 from vibrident.models import parse
 from vibrident.problem import Coordinates, LineProblem, network_objective
 from vibrident.problem.time_domain import TimeProblem
@@ -128,3 +129,10 @@ def test_a_record_that_no_run_reaches_has_no_lines_and_does_no_harm():
     )
     for name, value in alone.parameters.items():
         assert both.parameters[name].value == pytest.approx(value.value, rel=1e-9)
+
+
+def test_a_long_run_has_a_length_that_transforms_fast():
+    """A factor of 10 457 would take fifteen times as long; less than a thousandth of the samples goes for it."""
+    lengths = [transformable(slice(3, 3 + samples)) for samples in (15_921, 70_001, 1_599_921)]
+    assert [found.stop - found.start for found in lengths] == [15_921, 70_000, 1_599_696]
+    assert all(found.start == 3 for found in lengths)

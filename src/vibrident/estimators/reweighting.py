@@ -194,8 +194,13 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum, motio
     m = len(columns)
     sums = _products((columns, rest[None]), weight)
     rest -= (_inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m]) @ columns
+    known = spectrum
+    if record.samples > LONG:
+        del columns  # of a long record each copy counts
     found = _spectrum(record, record.where_used(rest), motion)
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
+    if record.samples > LONG:
+        columns = _unknowns(record, known)
 
     weight = record.twice * spectrum.excited / (n * spectrum.level)
     slopes, of_noise = record.slopes, np.zeros((p, p))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from vibrident.lines.normal import Batch, LineNormal, RunNormals, add_batch, columns_of
 from vibrident.lines.record import RecordLines
-from vibrident.lines.runs import Run, run_of, seen_by_network, unbroken
+from vibrident.lines.runs import Run, run_of, seen_by_network, transformable, unbroken
 from vibrident.lines.series import RunSeries, add_series, series_of
 from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
 
@@ -34,5 +34,6 @@ __all__ = [
     "seen_by_network",
     "series_of",
     "transfer_of",
+    "transformable",
     "unbroken",
 ]

@@ -32,6 +32,7 @@ from vibrident.lines import (
     run_of,
     seen_by_network,
     series_of,
+    transformable,
     unbroken,
 )
 from vibrident.lines.record import counted, free_of_pieces, free_of_run
@@ -91,7 +92,7 @@ class LineProblem:
         runs = tuple(
             run_of(number, record, span, step)
             for number, (record, step) in enumerate(zip(records, steps, strict=True))
-            for span in unbroken(step.usable)
+            for span in map(transformable, unbroken(step.usable))
             if record.mask[span].sum() > frame.fewest
         )
         if not runs:
