@@ -1,4 +1,4 @@
-"""The acceleration that a measured response stands for, with a stated band and an uncertainty for every sample.
+"""The acceleration behind a measured response, with a stated band and an uncertainty for every sample.
 
     â = L/H(θ̂) · (response − offset)
 
@@ -7,11 +7,11 @@ Its uncertainty has these origins, each a series over the samples:
 - noise: of the response, with its spectrum, through the filter;
 - model: the covariance of the parameters through ∂â/∂θ, with their correlation; and, of a model that its calibration
   rejected, a relative error as large as its deviations from the measured points;
-- band: what the low-pass removes: it is to the highest octave kept, at each instant, as the spectrum beyond the band
-  is to that octave's (an envelope where the spectrum has sunk in the noise);
-- offset: of the response, where a rest before the motion tells it;
-- ends: what the record's continuation beyond its ends may have got wrong;
-- background: what the acceleration shows where nothing moves, beyond all that (hum, drift, a shifted zero).
+- band: what the low-pass removes: at each instant the highest octave kept, scaled by the ratio of the spectrum beyond
+  the band to that octave's (an envelope where noise hides the spectrum);
+- offset: of the response, from a rest before the motion;
+- ends: error of the record's continuation beyond its ends;
+- background: acceleration at rest beyond these (hum, drift, a shifted zero).
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Reco
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
 
-#: Looks at the band: the part of the record in which the motion is, is known better after the first.
+#: Rounds of the choice of the band; the first improves the part of the record that holds the motion.
 LOOKS = 2
 #: Window over which the highest octave's power is averaged, in periods of the band's upper edge.
 LOCAL_PERIODS = 2.0
-#: A shock's top is what lies above this part of its peak; bands for it are tried down to this many octaves narrower.
+#: A shock's top is above this part of its peak, and bands for it are tried down to this many octaves narrower.
 CORE, NARROWER = 0.5, 3.0
-#: Doubts of the result that touch every corrected sample: what its uncertainties cover is then in its settings.
+#: Warnings of the result that concern every corrected sample; its settings state what its uncertainties cover.
 INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
 
@@ -59,18 +59,18 @@ class Correction:
     """One record and its acceleration.
 
     Attributes:
-        record: as screened: clipped samples are marked as not valid.
+        record: as screened: clipped samples are marked invalid.
         acceleration: shape (samples,), m/s²; NaN where clipped samples leave it unknown.
         standard_uncertainty: shape (samples,), m/s².
         components: origin to standard uncertainty, each of shape (samples,).
         band: what was restored.
-        bound: largest that the removed part can be, were all of it to meet at one instant (Eichstädt), m/s².
+        bound: upper bound of the removed part (Eichstädt), m/s².
         surroundings: rest, offset and noise of the response.
         peak: None if no sample is known.
         reference: the reference as acceleration in the same band, shape (samples,); None if absent.
         agreement: with the reference; None if absent.
-        integrated_from_rest: how many times; zero for a sensor that responds to constant acceleration.
-        findings: what its ends and its still parts show.
+        integrated_from_rest: number of integrations; zero for a sensor that responds to constant acceleration.
+        findings: of its ends and its parts at rest.
     """
 
     record: Record
@@ -96,7 +96,7 @@ class Corrections:
         findings: doubts about the data.
         unit: of the acceleration.
         model: the sensor's.
-        motion: what was restored: acceleration, or the drive that the sensitivity is per.
+        motion: the restored quantity: acceleration, or the drive.
     """
 
     corrections: tuple[Correction, ...]
@@ -117,8 +117,8 @@ def correct(
 
     Args:
         result: of an identification; its parameters, their uncertainties and correlation are used.
-        records: a calibration, or records alone; a reference, where there is one, is only compared with. Records
-            without a reference have the excitation ``decay``.
+        records: a calibration, or records alone; a reference is used for comparison only. Records without a reference
+            have the excitation ``decay``.
         band_hz: lowest and highest frequency to restore; None: chosen for each record from its noise and its motion.
             The low-pass falls to zero over the octave above the highest.
         noise: standard deviation of white noise of the response, response unit; None: from the records.
@@ -148,7 +148,7 @@ def correct(
     done = [_with_rest(record, sensor, quantity, band_hz, noise, unit) for record in kept]
     calibrated = tuple(result.response.frequency_hz)
     doubtful = [w for w in result.warnings if w.code in INHERITED]
-    inherited = [Finding(w.code, f"The result itself is doubtful: {w.message}") for w in doubtful]
+    inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
     more = [doubt for correction in done for doubt in _doubts(correction, calibrated)]
     motion = "drive" if drive else "acceleration"
     return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model, motion)
@@ -162,7 +162,7 @@ def _with_rest(
     noise: float | None,
     unit: str,
 ) -> Correction:
-    """One record; where its motion begins with the first sample, the rest at its end stands before it, too."""
+    """One record; if its motion begins with the first sample, the rest at its end is prepended."""
     borrowed = rest_to_borrow(record)
     if borrowed == 0:
         return _corrected(record, sensor, quantity, band_hz, noise, unit)
@@ -237,9 +237,9 @@ def _corrected(
 def _for_the_peak(
     values: FloatArray, acceleration: FloatArray, wide: Compensation, around: Surroundings, found: Content
 ) -> Compensation:
-    """A narrower band, where the peak of a shock is known better in it than in the band for the whole motion.
+    """A narrower band, if the peak of a shock has a smaller uncertainty in it.
 
-    The corners at a shock's foot need a wide band and its noise; its top does not. Judged by the mean square of noise
+    The corners at a shock's foot need a wide band, with its noise; its top does not. Judged by the mean square of noise
     and removed part over the samples above half the peak.
     """
     index = int(np.argmax(np.abs(acceleration)))
@@ -284,7 +284,7 @@ def _components(
 
 
 def _misfit(spectrum: np.ndarray, compensation: Compensation) -> FloatArray:
-    """Standard uncertainty for the misfit of a rejected model: that part of what moves nearby; shape (samples,)."""
+    """Standard uncertainty for the misfit of a rejected model: that part of the motion nearby; shape (samples,)."""
     values = compensation.restored(spectrum)
     width = max(1, round(LOCAL_PERIODS * compensation.rate / compensation.band.high_hz))
     nearby = np.sqrt(np.maximum(_running_mean(values**2, width), 0.0))
@@ -307,20 +307,20 @@ def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundi
 
 
 def _running_mean(values: FloatArray, width: int) -> FloatArray:
-    """Mean of ``width`` values about each, the ends continued by themselves."""
+    """Mean of ``width`` values about each, the end values repeated."""
     total = np.cumsum(np.pad(values, (width // 2 + 1, width - 1 - width // 2), "edge"))
     return (total[width:] - total[:-width]) / width
 
 
 def _event(values: FloatArray) -> float:
-    """Part of a record in which the motion is: one for a sine, what a shock lasts over the record's length."""
+    """Part of a record with motion: 1 for a sine, the duration of a shock over the record's length."""
     squares = values**2
     fourth = float(np.mean(squares**2))
     return float(np.clip(1.5 * np.mean(squares) ** 2 / fourth, 2.0 / values.size, 1.0)) if fourth > 0 else 1.0
 
 
 def _unknown(record: Record, compensation: Compensation) -> BoolArray:
-    """Samples unknown because some within the filter's reach are not valid; all later ones too if integrated."""
+    """Samples that cannot be restored: invalid ones lie within the filter's reach; all later ones too if integrated."""
     bad = ~record.mask
     if not bad.any():
         return bad
@@ -350,8 +350,8 @@ def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Fi
         findings.append(Finding("band_sensitive", text))
     if calibrated_hz and correction.band.high_hz > 1.5 * calibrated_hz[-1]:
         text = (
-            f"{name}: restored up to {correction.band.high_hz:.4g} Hz on the word of the model, which was calibrated "
-            f"up to {calibrated_hz[-1]:.4g} Hz."
+            f"{name}: restored up to {correction.band.high_hz:.4g} Hz by extrapolation of the model, which was "
+            f"calibrated up to {calibrated_hz[-1]:.4g} Hz."
         )
         findings.append(Finding("band_sensitive", text))
     return findings

@@ -14,7 +14,7 @@ from vibrident.records import FloatArray, Quantity, Record
 
 @dataclass(frozen=True)
 class Agreement:
-    """The compensated acceleration against the reference's, where the record's ends do not govern the uncertainty.
+    """The compensated acceleration against the reference's, away from the record's ends.
 
     Attributes:
         rmse: against the reference in the same band, m/s².
@@ -61,7 +61,7 @@ def agreement_with(
     components: Mapping[str, FloatArray],
     reference: FloatArray,
 ) -> Agreement | None:
-    """Compare, where both are known; None if nothing is.
+    """Compare where both are known; None if they never are.
 
     Args:
         record: with its reference.
@@ -75,7 +75,7 @@ def agreement_with(
         return None
     u = np.sqrt(sum(series**2 for series in components.values()))
     inner = known & (components["ends"] <= np.sqrt(np.maximum(u**2 - components["ends"] ** 2, 0.0)))
-    known = inner if inner.any() else known  # near its ends the filtered reference is no better known
+    known = inner if inner.any() else known  # near its ends the filtered reference is as uncertain
     off = (acceleration - reference)[known]
     deviation = float(np.std(reference[known]))
     rmse = float(np.sqrt(np.mean(off**2)))

@@ -1,7 +1,7 @@
-"""What a corrected record shows where nothing moves: hum, drift, a zero that shifted.
+"""A corrected record at rest: hum, drift, a shifted zero.
 
-A record that begins at rest and ends still should end with no acceleration. What is there all the same, beyond the
-uncertainty found so far, stands in the rest of the record as well, and is an uncertainty of every sample.
+A record that begins and ends at rest should end without acceleration. Acceleration there beyond the uncertainty found
+so far is an uncertainty of every sample.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from vibrident.correction.quiet import Surroundings
 from vibrident.measure.quality import Finding
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: A record is looked at in so many parts, of at least so many samples.
+#: A record is examined in so many parts of at least so many samples.
 PARTS, FEWEST = 16, 16
-#: So many of them, from the end.
+#: Number of them from the end.
 LAST_PARTS = 2
-#: A part is still where the response's standard deviation about a line is below this part of its largest deviation.
+#: A part is at rest if the response's standard deviation about a line is below this part of its largest deviation.
 STILL = 0.05
-#: A part shows more than expected beyond so many standard deviations of a mean square.
+#: A mean square is significant beyond so many of its standard deviations.
 BEYOND = 6.0
-#: A mean is a shift where it makes this part of the mean square.
+#: A mean is a shift if it is this part of the mean square.
 SHIFTED = 0.5
-#: Motion is cut off where the last swing is above this part of the largest deviation, and so many times the noise.
+#: Motion is cut off if the last swing exceeds this part of the largest deviation and so many times the noise.
 CUT_OFF, ABOVE_NOISE = 0.01, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """What is there beside the motion.
+    """Signal beside the motion.
 
     Attributes:
         deviation: its standard uncertainty at every sample, shape (samples,).
-        findings: what a person should know of it.
+        findings: warnings about it.
     """
 
     deviation: FloatArray
@@ -52,7 +52,7 @@ def background(
     around: Surroundings,
     unit: str,
 ) -> Background:
-    """Compare the acceleration at the record's still parts with its uncertainty.
+    """Compare the acceleration in the record's parts at rest with its uncertainty.
 
     Args:
         record: the record.
@@ -83,20 +83,20 @@ def background(
     after = [acceleration[part] for part in parts if part.start > 0]
     together = np.concatenate(after) if after else np.zeros(1)
     mean = float(np.mean(together))
-    shifted = mean**2 > SHIFTED * float(np.mean(together**2))  # a tone of the mains has no mean
+    shifted = mean**2 > SHIFTED * float(np.mean(together**2))  # mains hum has no mean
     findings = (_shift(record.name, mean, unit),) if shifted else ()
     return Background(np.sqrt(worst) * profile, findings)
 
 
 def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]:
-    """The rest before the motion, and the last parts in which the response has come to rest, off zero or not.
+    """The rest before the motion, and the last parts at rest, with or without offset.
 
-    Only the last: what moves after a shock dies away, what is no motion stays.
+    Only the last: motion after a shock decays, a disturbance stays.
 
     Args:
         values: response, shape (samples,).
         rest: samples at rest before the motion.
-        inner: where the record's ends do not govern the uncertainty, shape (samples,).
+        inner: away from the record's ends, shape (samples,).
     """
     count = max(FEWEST, values.size // PARTS)
     largest, index = float(np.max(np.abs(values))), np.arange(count)
@@ -114,7 +114,7 @@ def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]
 
 def _shift(name: str, mean: float, unit: str) -> Finding:
     text = (
-        f"{name}: the acceleration comes to {mean:.3g} {unit} on average where nothing moves any more: the "
+        f"{name}: the acceleration comes to {mean:.3g} {unit} on average after the motion: the "
         "response's zero has drifted or shifted since the beginning. The uncertainty of every sample holds that."
     )
     return Finding("drift", text)
@@ -127,7 +127,7 @@ def at_the_ends(record: Record, values: FloatArray, around: Surroundings) -> lis
         return findings
     if around.rest_samples == 0:
         text = (
-            f"{record.name}: the record begins in the middle of the motion. What came before is not known; near the "
+            f"{record.name}: the record begins in the middle of the motion. The motion before is unknown; near the "
             "beginning the uncertainty is a guess from the rest of the record. Record some rest before the motion."
         )
         findings.append(Finding("short_record", text))
@@ -145,7 +145,7 @@ def at_the_ends(record: Record, values: FloatArray, around: Surroundings) -> lis
 
 
 def begins_at_once(name: str) -> Finding:
-    """What is said of a motion that begins with the record."""
+    """The warning of a motion that begins with the record."""
     text = (
         f"{name}: the motion begins at the record's first sample. The sensor is taken to have been at rest "
         "before, as it is at the end. Record some rest before the motion."
@@ -154,7 +154,7 @@ def begins_at_once(name: str) -> Finding:
 
 
 def preceded(record: Record, samples: int) -> Record:
-    """The record with its last samples, which are at rest, before the first, in reverse."""
+    """The record with its last samples, at rest, prepended in reverse."""
 
     def longer(values: FloatArray) -> FloatArray:
         return np.concatenate([values[: -samples - 1 : -1], values])

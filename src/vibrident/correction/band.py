@@ -1,8 +1,8 @@
-"""Which band of the acceleration to restore: what the low-pass removes against the noise that the inverse amplifies.
+"""The band to restore: a balance of what the low-pass removes and the noise that the inverse amplifies.
 
-The compensation is L(f)/H(f), with L real: one within the band, falling to zero over the octave above it (and the
-octave below it, where the sensor has no response to constant acceleration). Following Eichstädt et al. (Metrologia 47,
-2010; 53, 2016) the error of a compensation is bounded by what the input holds where L is not one,
+The compensation is L(f)/H(f), with L real: one within the band, falling to zero over the octave above it (and over the
+octave below it, if the sensor has no response to constant acceleration). Following Eichstädt et al. (Metrologia 47,
+2010; 53, 2016) the error of a compensation is bounded by the input's spectrum where L is below one,
 
     |Δa(t)| ≤ 2 ∫ (1 − L) |A(f)| df,
 
@@ -24,7 +24,7 @@ from vibrident.sensor import IdentifiedSensor
 
 #: Spectral bins and candidate bands, an octave.
 BINS = 12
-#: A bin holds motion where its power exceeds the noise by this many standard deviations of the bin's mean.
+#: A bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean.
 HEARD = 6.0
 #: Least power by which the envelope of |A|² falls (a pulse with steps), and most; how many octaves below the last bin
 #: heard, with how many bins heard in them, show it.
@@ -37,12 +37,12 @@ PERIODS = 4.0
 
 @dataclass(frozen=True)
 class Band:
-    """What the compensation passes.
+    """The band that the compensation passes.
 
     Attributes:
-        low_hz: from here L = 1; zero where L passes constant acceleration. Below low_hz/2, L = 0.
-        high_hz: up to here L = 1; from 2 high_hz on, L = 0.
-        chosen: in words: how.
+        low_hz: L = 1 from here; zero if L passes constant acceleration. L = 0 below low_hz/2.
+        high_hz: L = 1 up to here; L = 0 from 2 high_hz.
+        chosen: how it was chosen, in words.
     """
 
     low_hz: float
@@ -51,7 +51,7 @@ class Band:
 
     @property
     def stop_hz(self) -> float:
-        """Where L has become zero."""
+        """Frequency from which L is zero."""
         return 2.0 * self.high_hz
 
     def passed(self, frequency_hz: FloatArray) -> FloatArray:
@@ -73,17 +73,17 @@ def _step(x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a record holds of acceleration and of noise, in bins of frequency; powers as in ``quiet``.
+    """Acceleration and noise of a record in bins of frequency; powers as in ``quiet``.
 
     Attributes:
         frequency_hz: of the bins, shape (bins,).
         lines: two-sided spectral lines in each, over the number of samples: Σ lines · power is a mean square.
-        acceleration: power of the acceleration, the noise taken out, shape (bins,).
+        acceleration: power of the acceleration, the noise subtracted, shape (bins,).
         noise: power of the noise after the inverse 1/H, shape (bins,).
         samples: of the record.
-        event: part of the record in which the motion is.
-        heard: bins in which motion was found, shape (bins,).
-        power: by which the envelope of |A|² falls beyond the last of them.
+        event: part of the record with motion.
+        heard: bins with motion, shape (bins,).
+        power: exponent of the envelope of |A|² beyond the last of them.
     """
 
     frequency_hz: FloatArray
@@ -101,12 +101,12 @@ class Content:
         return np.sqrt(np.sum(gain * self.noise * self.lines, axis=-1))
 
     def removed(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Rms of the removed acceleration while the motion lasts, m/s²."""
+        """Rms of the removed acceleration during the motion, m/s²."""
         gain = (1.0 - passed(self.frequency_hz, np.asarray(low)[..., None], np.asarray(high)[..., None])) ** 2
         return np.sqrt(np.sum(gain * self.acceleration * self.lines, axis=-1) / self.event)
 
     def bound(self, band: Band) -> float:
-        """Largest removed acceleration if all of it met at one instant, m/s²."""
+        """Upper bound of the removed acceleration, m/s²."""
         amplitude = np.sqrt(np.maximum(self.acceleration, 0.0) * self.samples)
         return float(np.sum((1.0 - band.passed(self.frequency_hz)) * amplitude * self.lines))
 
@@ -119,7 +119,7 @@ class Content:
 
 
 def top_octave(frequency_hz: FloatArray, band: Band) -> FloatArray:
-    """Gain that takes the highest octave out of what the band passes."""
+    """Gain that selects the highest octave of the band."""
     return band.passed(frequency_hz) - passed(frequency_hz, band.low_hz, 0.5 * band.high_hz)
 
 
@@ -133,8 +133,8 @@ def content(
         rate: samples per second.
         sensor: the sensor.
         around: the record's noise.
-        event: part of the record in which the motion is, 0 to 1.
-        highest: no frequency above this is looked at, Hz.
+        event: part of the record with motion, 0 to 1.
+        highest: highest frequency used, Hz.
     """
     count = values.size
     transient = around.rest_samples > 0 and around.rests_at_end
@@ -164,10 +164,11 @@ def content(
 def _with_envelope(
     frequency: FloatArray, acceleration: FloatArray, heard: BoolArray, limit: FloatArray
 ) -> tuple[FloatArray, float]:
-    """The power with an envelope beyond the last bin heard: as the octave before it falls, or as fast as silence asks.
+    """The power with an envelope beyond the last bin with motion: the slope of the octave before, or steeper by
+    ``limit``.
 
-    A shock sinks into the noise, and its envelope goes on falling there. A tone, or random motion with an edge, ends:
-    the bins beyond would have been heard (``limit``) were the envelope not steep.
+    A shock's spectrum falls below the noise, and its envelope continues there. A tone, or random motion with an edge,
+    ends: with a flatter envelope the bins beyond would show motion (``limit``).
     """
     if not heard.any():
         return np.zeros_like(acceleration), STEEPEST
@@ -187,7 +188,7 @@ def _with_envelope(
 
 
 def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str]:
-    """Where the low-pass must have ended, Hz, and why."""
+    """Frequency at which the low-pass must be zero, Hz, and why."""
     last, why = LAST_OF_HALF * 0.5 * rate, "half the sampling rate"
     length = max((sensor.values[name] for name in sensor.model.windows), default=0.0)
     if length and LAST_OF_ZERO / length < last:
@@ -196,12 +197,12 @@ def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str
 
 
 def choose(found: Content, rate: float, highest: float, *, low_edge: bool) -> Band:
-    """The band whose noise and removed part together are least.
+    """The band with the least sum of noise and removed part.
 
     Args:
         found: spectra of the record.
         rate: samples per second.
-        highest: where the low-pass must have ended, Hz.
+        highest: frequency at which the low-pass must be zero, Hz.
         low_edge: whether a lower edge is needed, because the sensor has no response to constant acceleration.
     """
     least = PERIODS * rate / found.samples

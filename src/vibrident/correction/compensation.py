@@ -1,11 +1,11 @@
-"""The filter L(f)/H(f) on a whole record, with zero phase, and what it makes of noise and of the record's ends.
+"""The filter L(f)/H(f) on a whole record, with zero phase, and its response to noise and to the record's ends.
 
 Where the sensor has no response to constant acceleration (a velocity pickup, a charge amplifier), 1/H has poles at
 frequency zero. A record that begins at rest is then integrated from its first sample on, as many times as there are
-poles, and the rest of the inverse is regular; the trapezoidal rule's own response is taken out again, so the integral
+poles, and the rest of the inverse is regular; the trapezoidal rule's own response is divided out, so the integral
 is that of the band-limited signal. Other records keep a lower edge of the band.
 
-Beyond its ends a record is continued: by rest where it is at rest, by its point reflection otherwise. The error of
+Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise. The error of
 that continuation is a sum over the response's own samples, so its variance follows from the response's
 autocovariance.
 """
@@ -30,9 +30,9 @@ from vibrident.sensor import IdentifiedSensor
 KERNEL_PERIODS, DECAY = 8.0, 8.0
 #: Instants near an end at which the error of the continuation is computed; between them it is interpolated.
 EDGE_POINTS = 48
-#: Reach of the noise's colour, samples on either side.
+#: Reach of the noise's autocovariance, samples on either side.
 COLOUR = 256
-#: Part of the kernel's sum of magnitudes that counts as reached.
+#: Part of the kernel's sum of magnitudes within its reach.
 REACHED = 0.99
 
 
@@ -42,7 +42,7 @@ class Compensation:
 
     Attributes:
         sensor: the sensor.
-        band: what is restored.
+        band: the restored band.
         rate: samples per second.
         samples: of the record.
         integrations: from rest, before the filter: 0, 1 or 2.
@@ -74,7 +74,7 @@ class Compensation:
         )
         numerator = np.trim_zeros(np.array(self.sensor.model.rational(self.sensor.values).numerator, dtype=float), "f")
         roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
-        if roots.size:  # the inverse rings at the sensor's own zeros
+        if roots.size:  # the inverse rings at the sensor's zeros
             reach += DECAY * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
         return int(np.clip(np.ceil(reach), 16, self.samples - 1))
 
@@ -85,7 +85,7 @@ class Compensation:
 
     @cached_property
     def frequency_hz(self) -> FloatArray:
-        """Of the transform's lines; the first is a hair above zero, where 1/H may have a pole."""
+        """Of the transform's lines; the first is slightly above zero, where 1/H may have a pole."""
         frequency = np.array(fft.rfftfreq(self.size, 1.0 / self.rate), dtype=float)
         frequency[0] = 1e-6 * frequency[1]
         return frequency
@@ -142,7 +142,7 @@ class Compensation:
         taper = self._taper
         left = np.zeros(self.pad) if self.left_rest else (2.0 * values[0] - values[self.pad : 0 : -1]) * taper[::-1]
         right = np.zeros(self.pad)
-        if not self.right_rest or self.integrations:  # of an integral, the reflection of a rest is its continuation
+        if not self.right_rest or self.integrations:  # the integral of a rest continues by reflection
             right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * taper
         return np.concatenate([left, values, right])
 
@@ -159,7 +159,7 @@ class Compensation:
 
     @cached_property
     def reach(self) -> int:
-        """Samples on either side of which the kernel holds hardly anything."""
+        """Samples on either side beyond which the kernel is negligible."""
         index = np.arange(self.size)
         folded = np.bincount(np.minimum(index, self.size - index), weights=np.abs(self.kernel))
         share = np.cumsum(folded) / np.sum(folded)
@@ -187,7 +187,7 @@ class Compensation:
         return np.sqrt(np.cumsum(coloured**2)[self.pad :])
 
     def end_deviation(self, values: FloatArray) -> FloatArray:
-        """Standard deviation of what the continuation beyond the record's ends may have got wrong, shape (samples,).
+        """Standard deviation of the continuation's error, shape (samples,).
 
         Args:
             values: response without its offset.
@@ -214,7 +214,7 @@ class Compensation:
         return max(1.0, float(np.mean(near**2)) / max(float(np.mean(values**2)), np.finfo(float).tiny))
 
     def _autocovariance(self, values: FloatArray) -> FloatArray:
-        """Of what the filter sees, lags 0 … 2 pad: of the response, or formally of its integrals."""
+        """Of the filter's input, lags 0 … 2 pad: of the response, or formally of its integrals."""
         window = np.hanning(values.size) if self.integrations else np.ones(values.size)
         size = int(fft.next_fast_len(values.size + 2 * self.pad + 1, real=True) or 1)
         power = np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
@@ -227,7 +227,7 @@ class Compensation:
         """Variance of the continuation's error in the first samples from an end inwards, shape (pad,)."""
         kernel = self.kernel if at_left else np.concatenate([self.kernel[:1], self.kernel[:0:-1]])
         pad, middle = self.pad, self.pad
-        # An integral wanders; only its second difference, without the taper, has a variance.
+        # An integral drifts; only its second difference, without the taper, has a variance.
         taper = np.ones(pad) if self.integrations else self._taper
         size = int(fft.next_fast_len(4 * pad + 2, real=True) or 1)
         circular = np.zeros(size)

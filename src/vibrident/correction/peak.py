@@ -1,4 +1,4 @@
-"""The peak of a compensated record: between the samples, without what noise adds to a maximum, with its interval."""
+"""The peak of a compensated record: between the samples, corrected for the bias by noise, with its interval."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STEPS = 6
 #: Maxima within this many standard deviations of the largest compete with it.
 COMPETES = 3.0
 COVERAGE = 0.95
-#: A peak near a record's end counts if it is larger by so many standard deviations of what the end may have done.
+#: A peak near a record's end counts if it is larger by so many standard deviations of the error at the end.
 ENDS = 2.0
 
 
@@ -35,7 +35,7 @@ class Peak:
         effective_degrees_of_freedom: by Welch and Satterthwaite (GUM G.4).
         coverage_factor: of the interval.
         components: standard uncertainty by origin, m/s².
-        noise_bias: what was subtracted because a maximum of noise and signal lies above that of the signal, m/s².
+        noise_bias: subtracted: a maximum of signal and noise is biased high, m/s².
     """
 
     value: float
@@ -84,7 +84,7 @@ def find_peak(
 
 
 def _top(acceleration: FloatArray, known: BoolArray, inner: BoolArray, ends: FloatArray) -> int:
-    """The largest sample; one where the record's ends govern only if it is larger for all that they may have done."""
+    """The largest sample; near the record's ends only if it is larger beyond the error there."""
     size = np.abs(acceleration)
     inside = int(np.argmax(np.where(inner, size, -1.0)))
     anywhere = int(np.argmax(np.where(known, size - ENDS * np.nan_to_num(ends), -1.0)))
@@ -122,10 +122,10 @@ def _noise_bias(
     compensation: Compensation,
     around: Surroundings,
 ) -> float:
-    """By how much noise raises the maximum, to first order: slope of the noise over the curvature, or many maxima.
+    """Bias of the maximum by noise, to first order: slope of the noise over the curvature, or many maxima.
 
-    Near a maximum a(t) = a₀ − c t²/2, noise n shifts it by n'/c and raises it by n'²/(2 c); among m maxima alike, the
-    largest of m draws is picked.
+    Near a maximum a(t) = a₀ − c t²/2, noise n shifts it by n'/c and raises it by n'²/(2 c); of m equal maxima, the
+    largest of m draws is taken.
     """
     if noise == 0.0:
         return 0.0

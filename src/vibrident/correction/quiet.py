@@ -1,4 +1,4 @@
-"""What a record's response holds besides the motion: rest before it and after it, offset, and the noise's spectrum.
+"""A record's response besides the motion: rest before and after it, offset, and the noise's spectrum.
 
 A spectrum S(f) here is a variance per sample: white noise of variance σ² has S = σ² at every frequency, and a filter
 G leaves the variance mean |G|² S over all frequencies from −half to half the sampling rate.
@@ -13,38 +13,38 @@ from scipy import fft
 
 from vibrident.records import FloatArray, Record
 
-#: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin softly, if at
-#: all, and a soft beginning looks like rest and is none.
+#: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
+#: which could be taken for rest.
 BEGINS_AT_REST = ("shock", "decay")
-#: A record is at rest where it begins (ends) if its first (last) part, by this share of the samples and at least this
-#: many of them, swings less (standard deviation) than this part of the record's largest deviation from it.
+#: A record begins (ends) at rest if its first (last) samples, this share of them and at least so many, have a standard
+#: deviation below this part of the record's largest deviation from their level.
 REST_SHARE, FEWEST_REST, STILL = 0.02, 32, 0.02
-#: Rest lasts until the response leaves the level by this many standard deviations; that much of it is used.
+#: Rest lasts until the response leaves the level by so many standard deviations; this part of it is used.
 LEAVES, USED = 6.0, 0.9
-#: A rest is looked at in so many parts; the last may lie off the others by so many of their standard deviations.
+#: A rest is examined in so many parts; the last may differ from the others by so many of their standard deviations.
 PARTS, DEPARTS = 8, 4.0
 #: Least samples at rest from which a spectrum of the noise is taken.
 FEWEST_FOR_SPECTRUM = 128
 #: Eighths of the rest, half overlapping, are worth so many independent averages (Welch 1967, Hann).
 WELCH_AVERAGES = 12.0
-#: Lines averaged where the noise is looked for beside the motion, and the bias of the least of so many averages.
+#: Lines averaged when the noise is estimated beside the motion, and the bias of the least of so many averages.
 PLATEAU_LINES = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What is known of a record besides its motion.
+    """A record besides its motion.
 
     Attributes:
         rest_samples: samples at rest from the first one on; zero where the record begins in the middle of a motion.
-        rests_at_end: whether it ends at rest, too.
+        rests_at_end: whether it also ends at rest.
         offset: constant to be subtracted, response unit.
         offset_uncertainty: its standard uncertainty.
-        offset_from: in words.
+        offset_from: its origin, in words.
         frequency_hz: of the spectrum, ascending from zero, shape (lines,).
         spectrum: of the noise, response unit squared, shape (lines,).
         spread: relative variance of a line of the spectrum.
-        noise_from: in words: what the noise was taken from and taken for.
+        noise_from: origin and assumption of the noise, in words.
         degrees_of_freedom: of the noise's total variance.
     """
 
@@ -73,7 +73,7 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     """Look at a record's response before any model.
 
     Args:
-        record: with its valid samples marked.
+        record: with valid samples marked.
         noise: standard deviation of white noise of the response, response unit; None: estimated.
     """
     values = filled(record)
@@ -83,16 +83,16 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     quantum = _resolution(values) ** 2 / 12.0
     if noise is not None:
         frequency, spectrum = np.array([0.0, half]), np.full(2, noise**2 + np.finfo(float).tiny)
-        words, freedom, spread = "stated by the user, taken for white", np.inf, 0.0
+        words, freedom, spread = "stated by the user, assumed white", np.inf, 0.0
     elif rest >= FEWEST_FOR_SPECTRUM:
         frequency, spectrum = _spectrum_at_rest(values[:rest], record.sampling_rate_hz)
         freedom, spread = 0.9 * rest, 1.0 / WELCH_AVERAGES
-        words = f"spectrum of the first {rest} samples, before the motion; taken for stationary"
+        words = f"spectrum of the first {rest} samples, before the motion; assumed stationary"
     else:
         level = _plateau(values)
         frequency, spectrum, freedom = np.array([0.0, half]), np.full(2, level), float(PLATEAU_LINES)
         spread = 2.0 / PLATEAU_LINES
-        words = "least level of the response's own spectrum, taken for white: no rest before the motion shows more"
+        words = "least level of the response's own spectrum, assumed white: there is no rest before the motion"
     spectrum = np.maximum(spectrum, max(quantum, np.finfo(float).tiny))
     if rest > 0:
         offset = float(np.mean(values[:rest]))
@@ -101,10 +101,10 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     else:
         weights = np.hanning(values.size)
         offset = float(np.average(values, weights=weights))
-        # A motion of few periods has a mean of its own. The second line beside zero is the first that holds no offset.
+        # A motion of few periods has a mean of its own. The second line beside zero is the first without offset.
         slow = np.sum((values - offset) * weights * np.exp(-4j * np.pi * np.arange(values.size) / values.size))
         uncertainty = float(np.sqrt(2.0) * np.abs(slow) / np.sum(weights))
-        origin = "mean of the record: the acceleration's own constant part goes with it"
+        origin = "mean of the record: the acceleration's constant part is removed with it"
     return Surroundings(rest, ends, offset, uncertainty, origin, frequency, spectrum, spread, words, freedom)
 
 
@@ -122,11 +122,11 @@ def _block(values: FloatArray) -> int:
 
 
 def _rest(values: FloatArray) -> int:
-    """Samples at rest at the beginning; zero where there are none."""
+    """Number of samples at rest at the beginning."""
     count = _block(values)
     if count < 8:
         return 0
-    for _ in range(2):  # a longer part tells the noise better, and so where the rest ends
+    for _ in range(2):  # a longer part improves the noise, and thereby the end of the rest
         level, swing = float(np.mean(values[:count])), float(np.std(values[:count]))
         away = np.abs(values - level)
         largest = float(np.max(away))
@@ -144,17 +144,17 @@ def _rest(values: FloatArray) -> int:
 
 
 def _departs(values: FloatArray) -> bool:
-    """Whether the last of several parts lies off the others: a motion that begins softly."""
+    """Whether the last of several parts differs from the others: a motion that begins gradually."""
     length = values.size // PARTS
     means = values[: length * PARTS].reshape(PARTS, length).mean(axis=1)
     return bool(abs(means[-1] - means[:-1].mean()) > DEPARTS * means[:-1].std(ddof=1))
 
 
 def rest_to_borrow(record: Record) -> int:
-    """Samples at the end of a shock's record, at rest, that stand for the rest before it; zero where none may.
+    """Number of samples at rest at the end of a shock's record that can replace the rest before it.
 
-    A motion may begin with the first sample, as a recorder triggers. Where that sample lies at the level to which the
-    motion returns, the sensor was at rest before.
+    A triggered record may begin with the motion. If its first sample is at the level to which the motion returns, the
+    sensor was at rest before.
     """
     values = filled(record)
     if record.excitation != "shock" or _rest(values) > 0:
@@ -174,14 +174,14 @@ def rest_to_borrow(record: Record) -> int:
 
 
 def _returns(values: FloatArray, rest: int) -> bool:
-    """Whether the last part lies where the first part did, and as still."""
+    """Whether the last part has the level and the noise of the first."""
     first, last = values[:rest], values[-_block(values) :]
     still = float(np.std(first)) + 1e-9 * float(np.ptp(values))
     return bool(np.std(last) < 2.0 * still and abs(np.mean(last) - np.mean(first)) < 2.0 * still)
 
 
 def _resolution(values: FloatArray) -> float:
-    """Smallest step between values that occur: the quantisation, where there is one."""
+    """Smallest step between values: the quantisation, if any."""
     steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
     return float(np.min(steps)) if steps.size else 0.0
 
@@ -190,7 +190,7 @@ def _spectrum_at_rest(values: FloatArray, rate: float) -> tuple[FloatArray, Floa
     """Welch's estimate: eighths of the rest, half overlapping, Hann; frequencies and spectrum."""
     length = min(max(32, values.size // 8), values.size)
     window = np.hanning(length + 1)[:-1]
-    # Only the mean of all is taken out: what is slower than a part shows in its lowest lines.
+    # Only the mean of all is removed: slower signals are in the lowest lines.
     parts = np.lib.stride_tricks.sliding_window_view(values - values.mean(), length)[:: length - length // 2]
     power = np.mean(np.abs(np.asarray(fft.rfft(parts * window))) ** 2, axis=0) / np.sum(window**2)
     spectrum = power[: (length + 1) // 2]

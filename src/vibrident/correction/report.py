@@ -1,4 +1,4 @@
-"""What is said of a correction: doubts in sentences, and the plain values of ``correction.json``."""
+"""The plain values of ``correction.json``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibrident.correction.acceleration import ORIGINS, Correction, Corrections
 
 
 def summary(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
-    """What ``correction.json`` says: plain values.
+    """The content of ``correction.json``: plain values.
 
     Args:
         corrections: of :func:`correct`.

@@ -1,4 +1,4 @@
-"""Planning a calibration: the uncertainty to be expected, and the best frequencies for a given number of them."""
+"""Planning a calibration: the expected uncertainty, and the best frequencies for a given number of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The uncertainty that a planned calibration will reach, and the best frequencies for a given number of them."""
+"""The expected uncertainty of a planned calibration, and the best frequencies for a given number of them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from vibrident.uncertainty.curve import with_resonances
 from vibrident.uncertainty.parameters import fields_of_units
 
 _UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated", "conversion")
-#: Neighbours on either side over which the noise of a result's own points is averaged: each is itself an estimate, and
-#: a choice of points must not run after those whose estimate happens to be low.
+#: Neighbours on either side over which the noise of a result's own points is averaged: it is estimated, and the choice
+#: must not favour points with a low estimate.
 NEIGHBOURS = 2
 #: Points of the sensitivity curve.
 CURVE_POINTS = 101
@@ -31,20 +31,20 @@ CURVE_POINTS = 101
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a planned calibration will reach.
+    """The expected outcome of a planned calibration.
 
     Attributes:
         model: name of the sensor model.
         frequency_hz: of the points, shape (n,).
         uses: how often each is measured, shape (n,).
         relative_deviation: standard deviation of each point's sensitivity over its size, shape (n,).
-        parameters: with the standard uncertainty to be expected, estimated and derived.
+        parameters: with expected standard uncertainty, estimated and derived.
         correlation: of the estimated parameters.
         response: the sensitivity curve with its uncertainty.
-        warnings: what will be weakly determined, in the words of an identification, and what is doubtful.
-        criterion: by which the points were chosen; None if all are measured.
-        candidates_hz: of which they were chosen.
-        efficiency: of the choice, against the best design of as much measuring time; None if all are measured.
+        warnings: as of an identification, and doubts about the plan.
+        criterion: of the choice; None if all are measured.
+        candidates_hz: from which the points were chosen.
+        efficiency: of the choice, relative to the best design of the same measuring time; None if all are measured.
         spread: standard uncertainty by parameter of as many points spread evenly over the candidates; empty where
             all are measured.
         all_points: standard uncertainty by parameter of all candidates.
@@ -82,7 +82,7 @@ def plan(
     criterion: Criterion = "D",
     repeats: bool = False,
 ) -> Plan:
-    """Foresee the uncertainties of a calibration with sines.
+    """Predict the uncertainties of a calibration with sines.
 
     The points' uncertainty comes from ``recording`` (noise and length of records), from ``magnitude_uncertainty`` and
     ``phase_uncertainty_rad`` (a table), or, with neither, from the result: points as good as those of its own
@@ -96,7 +96,7 @@ def plan(
         recording: how sines are recorded.
         magnitude_uncertainty: relative standard uncertainty of a tabulated magnitude, one or one a frequency.
         phase_uncertainty_rad: standard uncertainty of a tabulated phase; None: no phase is measured.
-        times_as_long: with a result's own points: records so many times as long.
+        times_as_long: with a result's own points: factor of the records' length.
         quantity: of the reference; None takes the result's, or acceleration.
         reference_uncertainty: relative, systematic: the calibration of the reference.
         response_unit: for a model; a result has its own.
@@ -106,7 +106,7 @@ def plan(
         repeats: whether a frequency may be chosen several times.
 
     Raises:
-        InputError: the plan cannot be made so; the message says why.
+        InputError: a setting cannot be used; the message says which.
         ModelError: the model is unknown.
     """
     model, values = _sensor(sensor, parameters)
@@ -184,9 +184,9 @@ def _plan(
 
 
 def _covariance(points: Points, uses: np.ndarray) -> tuple[FloatArray, float]:
-    """Covariance of z and degrees of freedom, as the estimator ``ml`` will state them."""
+    """Covariance of z and degrees of freedom, as of the estimator ``ml``."""
     freedom = np.repeat(points.freedom, uses)
-    known = float(np.mean(1.0 + 4.0 / freedom))  # weights that are estimated themselves
+    known = float(np.mean(1.0 + 4.0 / freedom))  # the weights are estimated too
     return inverse_normal(points.chosen(uses)) * known, float(np.sum(freedom))
 
 
@@ -201,7 +201,7 @@ def _deviations(points: Points, uses: np.ndarray, reference_uncertainty: float) 
 
 
 def _scales(model: SensorModel, z: FloatArray) -> FloatArray:
-    """Size of each coordinate, for relative uncertainties: of logarithms and of a delay's radians, one."""
+    """Size of each coordinate, for relative uncertainties: 1 for logarithms and for a delay in radians."""
     relative = ("gain", "positive", "ratio")
     sizes = [max(abs(float(v)), 1e-3) if s.kind in relative else 1.0 for s, v in zip(model.parameters, z, strict=True)]
     return np.array(sizes)
@@ -302,7 +302,7 @@ def _points(
 
 
 def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[FloatArray, FloatArray | None]:
-    """Uncertainties of a result's own points, smoothed and interpolated, for records so many times as long."""
+    """Uncertainties of a result's own points, smoothed, interpolated and scaled to the records' length."""
     measured = source.measured
     order = np.argsort(measured.frequency_hz, kind="stable")
     f = np.log(np.array(measured.frequency_hz)[order])
@@ -342,7 +342,7 @@ def _enough(points: Points, count: int, *, repeats: bool, chosen: bool) -> None:
 
 
 def summary(planned: Plan) -> dict[str, Any]:
-    """What ``plan.json`` says: plain values."""
+    """The content of ``plan.json``: plain values."""
     points = zip(planned.frequency_hz.tolist(), planned.uses, planned.relative_deviation.tolist(), strict=True)
     return {
         "model": planned.model,

@@ -1,10 +1,10 @@
-"""Which of many points to measure: D- and A-optimal choices, by exchange, and how near they come to the best possible.
+"""D- and A-optimal choices of points, by exchange, and their efficiency.
 
 With M the information of a design, the D-optimal one has the largest det M (the smallest ellipsoid of all
 parameters), the A-optimal one the smallest Σ (u_i/scale_i)² (the smallest variances). The choice of n out of many is
-found by exchanging points while that helps (Fedorov 1972), from several starts. How good it can be at all is known
-from the best design of the same total with weights of any size, which the equivalence theorem of Kiefer and Wolfowitz
-characterises and the multiplicative algorithm finds (Silvey, Titterington & Torsney 1978).
+found by exchanging points while that improves it (Fedorov 1972), from several starts. Its bound is the best design of
+the same total with arbitrary weights, characterised by the equivalence theorem of Kiefer and Wolfowitz and found by the
+multiplicative algorithm (Silvey, Titterington & Torsney 1978).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ CRITERIA: tuple[str, ...] = ("D", "A")
 
 #: Random starts of the exchange, beside the greedy one.
 STARTS = 20
-#: Iterations of the multiplicative algorithm, and how near to equality its theorem must come.
+#: Iterations of the multiplicative algorithm, and tolerance of the equivalence theorem.
 MOST_ITERATIONS, SETTLED = 20_000, 1e-6
 
 
 def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
-    """What a design is judged by, smaller is better: D: −log det M / p; A: Σ (u/scale)²."""
+    """Criterion of a design, smaller is better: D: −log det M / p; A: Σ (u/scale)²."""
     if criterion == "D":
         size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         values = np.linalg.eigvalsh(matrix / size[:, None] / size)
@@ -37,7 +37,7 @@ def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
 def best_points(
     information: FloatArray, count: int, criterion: Criterion, scale: FloatArray, *, repeats: bool = False
 ) -> np.ndarray:
-    """How often to use each point, shape (n,): ``count`` in all, each at most once unless ``repeats``.
+    """Uses of each point, shape (n,): ``count`` in all, each at most once unless ``repeats``.
 
     Args:
         information: of each point, shape (n, p, p).
@@ -63,7 +63,7 @@ def _sum(uses: np.ndarray, information: FloatArray) -> FloatArray:
 def _greedy(
     information: FloatArray, count: int, criterion: Criterion, scale: FloatArray, *, repeats: bool
 ) -> np.ndarray:
-    """One point after the other, on top of a trace of all of them, so that the first have something to stand on."""
+    """One point after the other, on a small part of all of them, so that the first matrix is regular."""
     uses = np.zeros(information.shape[0], dtype=int)
     matrix = 1e-6 * np.mean(information, axis=0)
     for _ in range(count):
@@ -93,11 +93,11 @@ def _exchanged(
             return uses
         uses[step[0]] -= 1
         uses[step[1]] += 1
-        matrix = _sum(uses, information)  # anew: differences of large numbers add up
+        matrix = _sum(uses, information)  # summed again: updates accumulate rounding errors
 
 
 def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArray) -> FloatArray:
-    """Weights of the best design of total one with weights of any size, shape (n,)."""
+    """Arbitrary weights of the best design, of total one, shape (n,)."""
     total, order = information.shape[0], information.shape[1]
     weights = np.full(total, 1.0 / total)
     for _ in range(MOST_ITERATIONS):
@@ -115,7 +115,7 @@ def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArra
 
 
 def efficiency(uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
-    """How good a choice is against the best design of the same total, 0 to 1.
+    """Efficiency of a choice relative to the best design of the same total, 0 to 1.
 
     It is the part of the measuring time that the best design would need for the same criterion.
     """

@@ -1,13 +1,13 @@
-"""What each planned point will tell: its residual's derivative by the parameters, weighted by the noise to be expected.
+"""The information of each planned point: its residual's derivative by the parameters, weighted by the expected noise.
 
-The residual is the one that the estimator `ml` minimises, so a plan and a calibration differ only in that the plan's
-noise is foreseen. A tone of amplitude X in N samples of white noise has real and imaginary part with variance 2 σ²/N
+The residual is that of the estimator `ml`: a plan differs from a calibration only in that its noise is predicted. A
+tone of amplitude X in N samples of white noise has real and imaginary part with variance 2 σ²/N
 each; that of Y − H X follows from both channels,
 
     σ² = (2/N) (c σ_response² + |H|² σ_reference²).
 
-c is one, but near a sharp resonance: there the sensor's own free motion, of unknown initial state, is hardly told from
-the tone within the record.
+c is one except near a sharp resonance: there the sensor's free motion, of unknown initial state, is nearly collinear
+with the tone within the record.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from vibrident.problem import Coordinates
 from vibrident.problem.frequency_domain import response_jacobian
 from vibrident.records import FloatArray, Quantity, Record
 
-#: Fewest periods from which a tone is told from offset, drift and the sensor's own decay.
+#: Fewest periods that separate a tone from offset, drift and the sensor's free motion.
 FEWEST_PERIODS = 5.0
-#: Highest frequency as a part of the sampling rate.
+#: Highest frequency over the sampling rate.
 HIGHEST = 0.45
-#: The free motion matters beyond this factor on a tone's variance.
+#: The free motion is reported beyond this factor on a tone's variance.
 RINGS = 1.1
 
 
 @dataclass(frozen=True)
 class Recording:
-    """How every sine is to be recorded.
+    """How every sine is recorded.
 
     Attributes:
         sampling_rate_hz: samples per second.
         samples: of every record.
         response_noise: white, as a fraction of the response's rms in each record.
-        response_noise_rms: white, in the response unit; joins the former.
-        reference_noise: white, as a fraction of the reference's rms, not felt by the sensor.
-        reference_noise_rms: white, in the reference's unit; joins the former.
+        response_noise_rms: white, in the response unit; added to the former.
+        reference_noise: white, as a fraction of the reference's rms, not motion of the sensor.
+        reference_noise_rms: white, in the reference's unit; added to the former.
     """
 
     sampling_rate_hz: float
@@ -58,7 +58,7 @@ class Recording:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0 and self.samples >= 16):
             raise InputError(
-                "The recording cannot be planned so.",
+                "The recording cannot be planned.",
                 expected="a sampling rate above 0 and at least 16 samples",
                 found=f"{self.sampling_rate_hz!r} Hz, {self.samples!r} samples",
                 where="plan, sampling rate and samples",
@@ -77,7 +77,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Planned points and what each tells.
+    """Planned points and their information.
 
     Attributes:
         coordinates: the map from z to parameters; the sensor is at its first.
@@ -120,15 +120,15 @@ def of_records(
         quantity: of the reference.
         frequency_hz: shape (n,).
         amplitude: peak of the acceleration at each, m/s², shape (n,).
-        recording: how they are recorded.
+        recording: how the sines are recorded.
 
     Raises:
-        InputError: a frequency or an amplitude cannot be recorded so.
+        InputError: a frequency or an amplitude cannot be recorded.
     """
     highest = HIGHEST * recording.sampling_rate_hz
     if not ((amplitude > 0).all() and np.isfinite(amplitude).all() and float(frequency_hz.max()) <= highest):
         raise InputError(
-            "A point cannot be recorded so.",
+            "A point cannot be recorded.",
             expected=f"amplitudes above 0, and frequencies up to {highest:g} Hz (0.45 of the sampling rate)",
             found=f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz",
             where="plan",
@@ -148,7 +148,7 @@ def of_records(
     if few.size:
         findings = (
             f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
-            "and the sensor's own decay will take more of them than is planned for here.",
+            "and the sensor's free motion will increase their uncertainty beyond this plan.",
         )
     findings += _sharp(model, values, frequency_hz, beside)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
@@ -216,7 +216,7 @@ def _points(
 def _sharp(
     model: SensorModel, values: Mapping[str, float], frequency_hz: FloatArray, beside: FloatArray
 ) -> tuple[str, ...]:
-    """What a sharp resonance does that a plan does not hold."""
+    """Effects of a sharp resonance that a plan does not include."""
     if model.core.oscillator is None:
         return ()
     natural, damping = (values[name] for name in model.core.oscillator)
@@ -226,12 +226,12 @@ def _sharp(
     if np.any(beside > RINGS):
         findings.append(
             f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near {natural:.4g} Hz is "
-            "hardly told from the tone: estimates may scatter up to twice as much as planned. Record for longer."
+            "hardly separable from the tone: estimates may scatter up to twice as much as planned. Record for longer."
         )
     if frequency_hz.min() < natural < frequency_hz.max() and np.min(np.abs(frequency_hz - natural)) > width:
         findings.append(
             f"No point lies within the resonance, {width:.3g} Hz wide at {natural:.5g} Hz: the identification may "
-            "settle on another optimum, and what is planned holds for the right one alone. Plan points within it."
+            "settle on another optimum, and the plan holds for the right one only. Plan points within it."
         )
     return tuple(findings)
 
@@ -255,7 +255,7 @@ def _beside_free_motion(
 
 
 def _freedom(frequency: float, recording: Recording) -> float:
-    """Degrees of freedom that the sine fit of such a record will have for its noise: from the fit itself."""
+    """Degrees of freedom of the noise in the sine fit of such a record: from the fit itself."""
     time = np.arange(recording.samples) / recording.sampling_rate_hz
     noise = np.random.default_rng(0).standard_normal((2, recording.samples))
     tone = np.sin(2.0 * np.pi * frequency * time)
