@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.errors import InputError
-from vibrident.naming import in_words
+from vibrident.naming import in_words, is_gain
 from vibrident.result import Parameter, Result
 
 SCHEMA = "vibrident.comparison/1"
@@ -76,7 +76,6 @@ def normalized_error(
 LASTING_KINDS = ("gain", "timing", "phase", "clock")
 #: The row of the budget that stands for the reference's own calibration.
 REFERENCE_SOURCE = "calibration of the reference"
-_GAINS = ("sensitivity", "generator_constant")
 
 
 def shared_sources(
@@ -121,8 +120,8 @@ def _share(row: Mapping[str, Any], parameter: str | None) -> float:
 def _sensitivity_share(result: Result, row: Mapping[str, Any], sensitivity: float) -> float:
     if row.get("kind") == "gain":
         return abs(float(row.get("standard_uncertainty") or 0.0) * sensitivity)
-    for name in _GAINS:
-        if name in result.parameters and result.parameters[name].value:
+    for name, parameter in result.parameters.items():
+        if is_gain(name) and parameter.value:
             return _share(row, name) / abs(result.parameters[name].value) * abs(sensitivity)
     return 0.0
 

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from vibrident.registry import REGISTRIES
+
 #: Python versions that the pinned JAX has wheels for.
 OLDEST, NEWEST = (3, 11), (3, 14)
 #: Largest relative error of the arithmetic that faulty JAX releases get wrong.
@@ -39,7 +41,7 @@ class Check:
 
 def examine() -> list[Check]:
     """Make every check, in order; one that fails does not keep the others from being made."""
-    checks: list[Callable[[], list[Check]]] = [_python, _packages, _extras, _jax, _cache, _identification]
+    checks: list[Callable[[], list[Check]]] = [_python, _packages, _extras, _plug_ins, _jax, _cache, _identification]
     results: list[Check] = []
     for check in checks:
         try:
@@ -94,6 +96,15 @@ def _extras() -> list[Check]:
         remedy = f"if you want it: pip install 'vibrident[{extra}]'" if missing else ""
         checks.append(Check(f"Extra {extra}", found, True, remedy))
     return checks
+
+
+def _plug_ins() -> list[Check]:
+    """What other packages add; one that cannot be used leaves the rest working."""
+    return [
+        Check("Plug-in", plug_in.line, True, f"mend, update or uninstall {plug_in.package}" if plug_in.problem else "")
+        for registry in REGISTRIES
+        for plug_in in registry.plug_ins()
+    ]
 
 
 def _jax() -> list[Check]:

@@ -39,6 +39,17 @@ def parameter_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
+def is_gain(name: str) -> bool:
+    """Whether the response is proportional to this parameter."""
+    return getattr(described(name), "kind", "") == "gain"
+
+
+def is_derived(name: str) -> bool:
+    """Whether this quantity follows from the parameters of its model."""
+    found = described(name)
+    return found is not None and not hasattr(found, "kind")
+
+
 def parameter_name(name: str) -> Name:
     """Words and symbol of a parameter; its own name with spaces where its model is not known."""
     found = described(name)

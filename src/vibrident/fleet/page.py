@@ -14,7 +14,7 @@ from vibrident.fleet.parts import write_whole
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.fleet.statistics import Distribution, Group, Outlier, Statistics, Yield, statistics
 from vibrident.fleet.table import Tally
-from vibrident.naming import parameter_name, scaled
+from vibrident.naming import is_derived, parameter_name, scaled
 from vibrident.present import words
 from vibrident.present.page import Page, folded, paragraphs, text
 from vibrident.present.views import BLUE, GREEN, VERMILION
@@ -35,7 +35,6 @@ _LEGEND = (
     "beyond the ends. Undecided: values within U (k = 2) of a limit, inside or outside. Cpk: distance of the mean from "
     "the nearer limit over 3 sd."
 )
-_DERIVED = ("natural_angular_frequency", "conversion_coefficient", "resonance_frequency")
 
 
 def write_page(path: Path, table: Path, tally: Tally, specification: Specification, began_at: float) -> Path:
@@ -170,8 +169,8 @@ def _distributions(found: Statistics, specification: Specification) -> list[str]
     for group in found.groups:
         title = " · ".join(part for part in (group.type or "type not stated", group.model) if part)
         parts.append(f"<h3>{text(title)}: {group.count}</h3>")
-        parts.append(_charts([one for one in group.distributions if one.parameter not in _DERIVED]))
-        derived = _charts([one for one in group.distributions if one.parameter in _DERIVED])
+        parts.append(_charts([one for one in group.distributions if not is_derived(one.parameter)]))
+        derived = _charts([one for one in group.distributions if is_derived(one.parameter)])
         parts.append(folded("Derived parameters", derived))
         parts.append(_numbers(group))
         parts += _other_units(group, specification)

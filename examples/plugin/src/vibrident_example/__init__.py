@@ -1,0 +1,1 @@
+"""A sensor model, an estimator, a reader and an export for vibrident."""

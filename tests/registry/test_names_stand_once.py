@@ -1,0 +1,66 @@
+"""The name of a model, estimator, reader or export stands in its own file, and nowhere else in the sources."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from vibrident import registry
+from vibrident.naming import parameter_names
+
+SOURCES = Path(registry.__file__).parent
+#: Users of the rest, which simulate and reproduce what they name; the truth behind a simulated spring is its own.
+USERS = ("paper", "simulation")
+#: Words that mean something else where they stand.
+OTHERS = {
+    "cli/optics.py": {"delay"},  # of the optical channel
+    "cli/options.py": {"cubic"},  # a simulated sensor
+    "estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
+    "decay/document.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
+    "records.py": {"accelerometer"},  # the model of a file that names none
+    "identification.py": {"scipy"},  # the library, in the provenance
+    "result.py": {"natural_frequency", "damping_ratio"},  # what free decays alone tell
+    "cli/commands/plan.py": {"natural_frequency", "damping_ratio", "sensitivity", "generator_constant"},  # options
+}
+#: Names so short or so common that they are words of programs; readers' names are for messages only.
+COMMON = {"c", "csv", "control", "delay", "dcc", "fmu", "scipy", "sensitivity"} | set(registry.READERS.names())
+
+
+def literals(file: Path) -> set[str]:
+    """Strings of a module that are no docstrings and no part of annotations."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    passed = {id(n) for node in ast.walk(tree) if isinstance(node, ast.Expr) for n in ast.walk(node.value)}
+    found = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in passed)
+    return {n.value for n in found if isinstance(n.value, str)}
+
+
+def own(name: str) -> str:
+    return name.replace("-", "_") + ".py"
+
+
+@pytest.mark.parametrize("kind", registry.REGISTRIES, ids=lambda kind: kind.group)
+def test_names_of_what_can_be_added(kind):
+    complaints = []
+    for file in SOURCES.rglob("*.py"):
+        place = file.relative_to(SOURCES)
+        if place.parts[0] in USERS:
+            continue
+        for name in literals(file) & set(kind.names()) - COMMON - OTHERS.get(place.as_posix(), set()):
+            if place.name != own(name):
+                complaints.append(f"{place} names {name!r}: ask the object instead, by what it says of itself.")
+    assert not complaints, "\n".join(complaints)
+
+
+def test_names_of_parameters():
+    complaints = []
+    for file in SOURCES.rglob("*.py"):
+        place = file.relative_to(SOURCES)
+        if place.parts[0] in (*USERS, "models"):
+            continue
+        for name in literals(file) & set(parameter_names()) - COMMON - OTHERS.get(place.as_posix(), set()):
+            complaints.append(
+                f"{place} names the parameter {name!r}: ask the model, by what it says of its parameters."
+            )
+    assert not complaints, "\n".join(complaints)
