@@ -262,6 +262,7 @@ def study(count: int) -> dict[str, Any]:
         "names_that_differ": len({row["calibration"] for row in rows}),
         "rows_after_each_kill": there,
         "computed_twice": len(computed) - len(set(computed)),
+        "failures": [" ".join(row["message"].split()) for row in rows if row["status"] == "failed"],
         **statuses,
     }
 

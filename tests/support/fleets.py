@@ -37,9 +37,16 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     "not-utf8": (lambda f: (f / "c.toml").write_bytes(b"\xff\xfe[sensor]"), "UTF-8"),
 }
 
-#: Python runs this before all else where it is on the path: it ends processes of a fleet that open certain files.
+#: Python runs this before all else where it is on the path: it ends processes of a fleet that open certain files,
+#: and makes extras missing.
 DEADLY = """
 import os, signal, sys, time
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("plotly", "typst", "dask", "distributed", "nicegui"):
+            raise ImportError(name)
+if "WITHOUT_EXTRAS" in os.environ:
+    sys.meta_path.insert(0, Missing())
 if "vibrident.fleet.worker" in sys.orig_argv[-1]:
     def hook(event, arguments):
         if event != "open" or not isinstance(arguments[0], str) or not arguments[0].endswith(".csv"):

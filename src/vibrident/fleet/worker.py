@@ -37,13 +37,13 @@ def work() -> None:
     os.dup2(2, 1)  # what libraries print is no answer
     first = json.loads(sys.stdin.readline())
     orders, memory_bytes = Orders(**first["orders"]), first["memory_bytes"]
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(lines,), daemon=True).start()
     if memory_bytes is not None:
         set_limits(memory_bytes)
     import vibrident.identification
     import vibrident.io  # noqa: F401  all that linear sensors need
 
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(lines,), daemon=True).start()
     answer: dict[str, Any] = {"ready": True}
     while True:
         stream.write(json.dumps(answer) + "\n")
