@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from functools import partial
+from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
@@ -64,14 +66,28 @@ def test_every_query_of_ten_thousand_calibrations_takes_less_than_100_ms(large):
         }
         assert len(asked["list"]()) == 1000
         assert sum(len(found) for found in asked["calibrations of all"]().values()) == 10_000
-        taken = {name: min(_seconds(ask) for _ in range(5)) for name, ask in asked.items()}
+        taken = {name: _computing_s(store, ask) for name, ask in asked.items()}
     assert {name: taken_s for name, taken_s in taken.items() if taken_s > 0.1} == {}
 
 
-def _seconds(act):
-    begun = time.perf_counter()
-    act()
-    return time.perf_counter() - begun
+def _computing_s(store, act, times=5):
+    """Computing time of a query here and in the server: the other tests keep both waiting."""
+    with store.reading() as connection:
+        server = None if store.is_sqlite else connection.execute(sa.text("SELECT pg_backend_pid()")).scalar_one()
+
+    def spent():
+        of_server = 0.0 if server is None else sum(_ticks(server)) / os.sysconf("SC_CLK_TCK")
+        return time.process_time() + of_server
+
+    begun = spent()
+    for _ in range(times):
+        act()
+    return (spent() - begun) / times
+
+
+def _ticks(pid):
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[11]), int(fields[12])
 
 
 def test_postgresql_four_writers_and_a_kill(database):

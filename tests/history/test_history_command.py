@@ -12,7 +12,9 @@ from tests.support.lives import at_reference, calibrated
 from typer.testing import CliRunner
 
 from vibrident.cli import app
+from vibrident.nominal import Nominal
 from vibrident.present.history import drift_table, histories
+from vibrident.present.points import sensitivity_at
 from vibrident.result import Result
 
 
@@ -106,6 +108,22 @@ def test_a_parameter_has_a_history_too(store):
     refused = ran("history", "show", "4711", "--store", store, "--quantity", "delay")
     assert refused.exit_code == 2
     assert "natural_frequency" in refused.output
+
+
+def test_the_sensitivity_at_another_frequency_has_a_history_too(lived, store):
+    _, results = lived
+    asked = ("history", "show", "4711", "--store", store, "--format", "json")
+    document = json.loads(printed(*asked, "--frequency", "315"))
+    expected = [sensitivity_at(result, Nominal(315.0, 10**2.5)).magnitude for result in results]
+    rows = document["calibrations"]
+    assert [row["value"] for row in rows] == pytest.approx(expected)
+    assert next(iter(rows[0]["shared"].values())) == pytest.approx(0.005 * expected[0], rel=1e-6)
+    reference = json.loads(printed(*asked))["calibrations"]
+    assert rows[2]["en"]["correlated"] == pytest.approx(reference[2]["en"]["correlated"], rel=1e-3)
+    refused = ran(*asked, "--frequency", "777")
+    assert refused.exit_code == 2
+    assert "315" in refused.output
+    assert ran(*asked, "--frequency", "315", "--quantity", "sensitivity").exit_code == 2
 
 
 def test_list_and_due_of_all_sensors(store):

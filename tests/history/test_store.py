@@ -125,6 +125,22 @@ def test_an_old_store_is_refused_until_it_is_upgraded_with_its_data(tmp_path):
     assert history.add(url, [result]) == 0
 
 
+def test_a_store_that_another_program_holds_is_said_to_be_held(tmp_path, monkeypatch):
+    history.add(str(tmp_path / "h.db"), [calibrated()])
+    monkeypatch.setattr("vibrident.history.store.PATIENCE_S", 0.1)
+    other = sqlite3.connect(tmp_path / "h.db", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(InputError, match="held by another program"):
+        history.add(str(tmp_path / "h.db"), [calibrated(0.2)])
+    other.close()
+
+
+def test_a_driver_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    with pytest.raises(InputError, match=r"vibrident\[postgres\]"):
+        history.add("postgresql://laboratory@127.0.0.1:1/db", [calibrated()])
+
+
 def test_a_newer_store_is_left_alone(tmp_path):
     file = tmp_path / "new.db"
     history.add(str(file), [calibrated()])

@@ -32,6 +32,7 @@ class Question:
 
     Attributes:
         quantity: name of a parameter, or the sensitivity at the reference frequency.
+        frequency_hz: nominal frequency, for the sensitivity there instead of that at the reference frequency.
         until: date to predict for; None for the end of the interval in force.
         tolerance: of all sensors; None for no due date.
         interval_years: in force; None for the time between the last two calibrations.
@@ -40,6 +41,7 @@ class Question:
     """
 
     quantity: str = REFERENCE_SENSITIVITY
+    frequency_hz: float | None = None
     until: datetime.date | None = None
     tolerance: Tolerance | None = None
     interval_years: float | None = None
@@ -59,15 +61,9 @@ def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict
         InputError: no calibration of the sensor has the quantity.
     """
     question = _of(sensor, question)
-    entries = query.entries(store, sensor.id, question.quantity).get(sensor.id, [])
+    entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(sensor.id, [])
     if all(entry.value is None for entry in entries):
-        raise InputError(
-            "No calibration of this sensor has such a quantity.",
-            expected=", ".join(query.quantities(store, sensor.id)),
-            found=question.quantity,
-            where=sensor.name,
-            remedy="give one of these as --quantity",
-        )
+        raise _no_such_quantity(store, sensor, question)
     found = life(entries, query.events(store, sensor.id).get(sensor.id, []))
     return {
         "schema": SCHEMA,
@@ -91,6 +87,20 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
     return None if sensor is None else shown(store, sensor)
 
 
+def _no_such_quantity(store: Store, sensor: Sensor, question: Question) -> InputError:
+    at = question.frequency_hz
+    known = (
+        query.quantities(store, sensor.id) if at is None else map("{:g}".format, query.frequencies(store, sensor.id))
+    )
+    return InputError(
+        "No calibration of this sensor has such a quantity.",
+        expected=", ".join(known),
+        found=question.quantity if at is None else f"{at:g} Hz",
+        where=sensor.name,
+        remedy=f"give one of these as {'--quantity' if at is None else '--frequency'}",
+    )
+
+
 def all_due(
     store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
 ) -> list[dict[str, Any]]:
@@ -98,7 +108,7 @@ def all_due(
     events = query.events(store, sensor_id)
     sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)}
     rows = []
-    for key, entries in query.entries(store, sensor_id, question.quantity).items():
+    for key, entries in query.entries(store, sensor_id, question.quantity, question.frequency_hz).items():
         if key not in sensors:
             continue
         found = life(entries, events.get(key, []))

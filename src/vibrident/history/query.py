@@ -14,8 +14,9 @@ import sqlalchemy as sa
 
 from vibrident.errors import InputError, did_you_mean
 from vibrident.history.life import Entry, Event
-from vibrident.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, sensor
+from vibrident.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, point, sensor
 from vibrident.history.store import Store
+from vibrident.nominal import SAME
 from vibrident.present.numbers import sensor_name
 from vibrident.result import Result
 
@@ -113,7 +114,10 @@ def _sensor(row: Any) -> Sensor:
 
 
 def entries(
-    store: Store, sensor_id: int | None = None, quantity: str = REFERENCE_SENSITIVITY
+    store: Store,
+    sensor_id: int | None = None,
+    quantity: str = REFERENCE_SENSITIVITY,
+    frequency_hz: float | None = None,
 ) -> dict[int, list[Entry]]:
     """The calibrations of a sensor with all that is told of them, or of all sensors without that; by sensor.
 
@@ -121,25 +125,39 @@ def entries(
         store: the store.
         sensor_id: of one sensor.
         quantity: name of a parameter; value and uncertainty are its.
+        frequency_hz: nominal frequency, for the magnitude of the sensitivity there instead.
     """
-    c, p = calibration.c, parameter.c
-    joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
-    kept = [c.sensor_id, c.id, c.date, c.data_files, p.value, p.standard_uncertainty, p.unit, p.frequency_hz, p.shared]
-    kept += [] if sensor_id is None else [c[name] for name in _TOLD]
-    asked = sa.select(*kept).select_from(joined)
-    asked = asked if sensor_id is None else asked.where(c.sensor_id == sensor_id)
+    asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
+    asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
     standings = _standings(store, sensor_id)
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
-        for row in map(tuple, connection.execute(asked)):
-            sensor_key, key, date, files, value, u, unit, frequency, shared, *told = row
+        for row in map(tuple, connection.execute(asked).all()):
+            sensor_key, key, date, files, value, u, unit, frequency, shared, base, *told = row
             facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
             if told:
                 facts["warnings"] = json.loads(told[-1])
-            standing, said = standings.get(key, ""), (_files(files), _shared(shared or "{}"))
-            entry = Entry(key, date, value, u, unit or "", frequency, said[1], said[0], standing, facts)
+            sources = _shared(shared or "{}")
+            if base != value and base and value is not None:  # relative, a source acts at all frequencies alike
+                sources = {name: abs(size * value / base) for name, size in sources.items()}
+            standing = standings.get(key, "")
+            entry = Entry(key, date, value, u, unit or "", frequency, sources, _files(files), standing, facts)
             found.setdefault(sensor_key, []).append(entry)
     return found
+
+
+def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
+    """Each calibration with value and uncertainty, its sources, and the value that these belong to."""
+    c, p, at = calibration.c, parameter.c, point.c
+    joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
+    values = [p.value, p.standard_uncertainty, p.unit, p.frequency_hz]
+    if frequency_hz is not None:
+        near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
+        joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
+        values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
+    more = [c[name] for name in _TOLD] if told else []
+    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, p.value.label("base"), *more]
+    return sa.select(*kept).select_from(joined)
 
 
 _TOLD = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number", "warnings")
@@ -182,6 +200,13 @@ def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]
 def quantities(store: Store, sensor_id: int) -> list[str]:
     """Names of the quantities that the calibrations of a sensor have."""
     asked = sa.select(parameter.c.name).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
+    with store.reading() as connection:
+        return sorted(connection.execute(asked).scalars())
+
+
+def frequencies(store: Store, sensor_id: int) -> list[float]:
+    """Nominal frequencies, Hz, at which the calibrations of a sensor have a sensitivity."""
+    asked = sa.select(point.c.nominal_hz).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
     with store.reading() as connection:
         return sorted(connection.execute(asked).scalars())
 

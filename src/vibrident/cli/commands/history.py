@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,15 +10,13 @@ import typer
 
 from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.folder import written_whole
+from vibrident.cli.history_options import question, read_date, read_tolerance
 from vibrident.cli.history_output import PICTURES, print_history, print_json, print_pairs, print_table, write
 from vibrident.cli.options import choice, one_of
 from vibrident.cli.results import load_result
 from vibrident.errors import InputError
 
 if TYPE_CHECKING:
-    from vibrident.history.document import Question
-    from vibrident.history.due import Tolerance
-    from vibrident.history.query import Sensor
     from vibrident.result import Result
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
@@ -43,8 +40,17 @@ _Form = Annotated[str, choice("--format", FORMS, "Tables, or one JSON document."
 _By = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so.", show_default="the account")]
 _Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why.")]
 _Quantity = Annotated[
-    str,
-    typer.Option("--quantity", metavar="NAME", help="A parameter of the results, such as natural_frequency."),
+    str | None,
+    typer.Option(
+        "--quantity",
+        metavar="NAME",
+        help="A parameter of the results, such as natural_frequency.",
+        show_default="the sensitivity at the reference frequency",
+    ),
+]
+_Frequency = Annotated[
+    float | None,
+    typer.Option("--frequency", metavar="HZ", help="The sensitivity at this nominal frequency.", show_default=False),
 ]
 _Tolerance = Annotated[
     str | None,
@@ -78,7 +84,7 @@ def add(
     ] = None,
 ) -> None:
     """Add results. A result that is there already is left as it is."""
-    day = _date(date, "--date")
+    day = read_date(date, "--date")
     from vibrident.history.entry import add_all, rows_of
     from vibrident.history.store import Store
 
@@ -114,7 +120,8 @@ def show(
     store: _Store = None,
     type_name: _Type = None,
     axis: _Axis = None,
-    quantity: _Quantity = "reference_sensitivity",
+    quantity: _Quantity = None,
+    frequency: _Frequency = None,
     at: Annotated[
         str | None,
         typer.Option("--at", metavar="DATE", help="Predict for it.", show_default="the end of the interval"),
@@ -136,7 +143,7 @@ def show(
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
-    asked = _question(quantity, _date(at, "--at"), _tolerance(tolerance, nominal), limits, interval)
+    asked = question(quantity, frequency, read_tolerance(tolerance, nominal), limits, interval, read_date(at, "--at"))
     with Store(store) as opened:
         document = shown(opened, query.find(opened, serial, type_name, axis), asked)
     if form == "json":
@@ -156,14 +163,15 @@ def due(
     store: _Store = None,
     type_name: _Type = None,
     axis: _Axis = None,
-    quantity: _Quantity = "reference_sensitivity",
+    quantity: _Quantity = None,
+    frequency: _Frequency = None,
     nominal: _Nominal = None,
     limits: _Limits = None,
     interval: _Interval = None,
     form: _Form = "text",
 ) -> None:
     """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
-    given = _tolerance(tolerance, nominal)
+    given = read_tolerance(tolerance, nominal)
     if (given is None) == (limits is None):
         raise InputError(
             "It is not said how far a sensor may be off." if limits is None else "Two tolerances are given.",
@@ -177,7 +185,7 @@ def due(
     from vibrident.history.store import Store
     from vibrident.present.views import count
 
-    asked = _question(quantity, None, given, limits, interval)
+    asked = question(quantity, frequency, given, limits, interval)
     with Store(store) as opened:
         if serial is None:
             rows = all_due(opened, asked, type_name)
@@ -227,7 +235,7 @@ def event(
     axis: _Axis = None,
 ) -> None:
     """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
-    day = _date(date, "--date")
+    day = read_date(date, "--date")
     from vibrident.history import edit, query
     from vibrident.history.store import Store
 
@@ -291,77 +299,3 @@ def _named(path: Path, use: Any) -> Result:
         told = {"expected": error.expected, "found": error.found, "remedy": error.remedy}
         raise InputError(error.problem, where=f"{path}, {error.where}", **told) from error
     return loaded
-
-
-def _date(text: str | None, option: str) -> datetime.date | None:
-    if text is None:
-        return None
-    try:
-        return datetime.date.fromisoformat(text)
-    except ValueError:
-        raise InputError(
-            "A date cannot be read.",
-            expected="a date such as 2025-03-31",
-            found=repr(text),
-            where=option,
-            remedy="write year, month and day",
-        ) from None
-
-
-def _tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
-    if text is None:
-        return None
-    from vibrident.history.due import Tolerance
-
-    try:
-        percent = text.strip().endswith("%")
-        value = float(text.strip().removesuffix("%")) * (0.01 if percent else 1.0)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 1:
-        raise InputError(
-            "The tolerance cannot be read.",
-            expected="a part of the value, such as 1% or 0.01",
-            found=repr(text),
-            where="--tolerance",
-            remedy="give a number between 0 and 100 with %, or between 0 and 1",
-        )
-    return Tolerance(value, nominal)
-
-
-def _question(
-    quantity: str, at: datetime.date | None, tolerance: Tolerance | None, limits: Path | None, interval: float | None
-) -> Question:
-    from vibrident.history.document import Question
-
-    of_each = None if limits is None else _by_type(limits, quantity)
-    return Question(quantity, at, tolerance, _interval(interval), tolerances=of_each)
-
-
-def _by_type(limits: Path, quantity: str) -> Callable[[Sensor], Tolerance | None]:
-    """The tolerance of a sensor, from a limits file; of the reference sensitivity as of the sensitivity."""
-    from vibrident.fleet.limits import read_limits
-    from vibrident.history.due import Tolerance
-
-    known = read_limits(limits)
-    name = "sensitivity" if quantity == "reference_sensitivity" else quantity
-
-    def tolerance(sensor: Sensor) -> Tolerance | None:
-        limit = known.limit(sensor.type or None, name)
-        if limit is None or not limit.nominal:
-            return None
-        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
-
-    return tolerance
-
-
-def _interval(years: float | None) -> float | None:
-    if years is not None and not 0 < years < 1000:
-        raise InputError(
-            "The interval cannot be used.",
-            expected="years, more than 0",
-            found=f"{years:g}",
-            where="--interval",
-            remedy="give years, such as 2 or 0.5",
-        )
-    return years
