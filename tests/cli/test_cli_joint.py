@@ -78,8 +78,9 @@ def test_what_is_shared_can_be_named(run, made, again, tmp_path):
     ("arguments", "said"),
     [
         (("--share", "natural_frequncy"), "did you mean 'natural_frequency'?"),
-        (("--share", "delay"), "is no parameter of these models"),
-        (("--model", "accelerometer,accelerometer,accelerometer"), "Models and calibrations do not go together"),
+        (("--share", "delay"), "is not a parameter of these models"),
+        (("--model", "accelerometer,accelerometer,accelerometer"), "The number of models is not that of the
+        calibrations"),
         (("--estimator", "ipnn", "--residual"), "A learned residual belongs to one calibration"),
     ],
 )

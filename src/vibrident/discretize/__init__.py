@@ -1,7 +1,7 @@
-"""Continuous state space → network weights W1…W4, and samples → what the input neurons see.
+"""Continuous state space → network weights W1…W4, and samples → inputs of the network.
 
-One family: over a step the input is a polynomial Σ_j c_j P_j(2x − 1), x = t/Ts in [0, 1], P_j Legendre; the
-method says where the c_j come from and how the step is taken.
+One family: over a step the input is a polynomial Σ_j c_j P_j(2x − 1), x = t/Ts in [0, 1], P_j Legendre; the method
+defines the c_j and the step.
 
 | method | inputs a step | step | order |
 |---|---|---|---|

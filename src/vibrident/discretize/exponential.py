@@ -1,8 +1,8 @@
-"""Matrix exponential of small matrices: SciPy's for NumPy arrays, and for JAX one that is small to compile.
+"""Matrix exponential of small matrices: SciPy's for NumPy arrays, and for JAX one that compiles fast.
 
 The latter is scaling, Taylor series, squaring (Higham 2009, sec. 2). JAX's own ``expm`` compiles five Padé approximants
 with their solves, several seconds with derivatives; here the loops are rolled up. The norm is brought below one half,
-where 18 terms leave less than rounding; each squaring doubles the error, so for the norms met here (up to 10⁴) the
+where 18 terms are exact to rounding; each squaring doubles the error, so for the norms used here (up to 10⁴) the
 result is good to about 1e-12, tested against SciPy.
 """
 
@@ -18,7 +18,7 @@ TERMS = 18
 
 
 def expm(matrix: Any) -> Any:
-    """exp(matrix), shape (n, n); of JAX arrays, differentiable forwards. SciPy's takes stacks (…, n, n)."""
+    """exp(matrix), shape (n, n); of JAX arrays, with forward derivatives. SciPy's takes stacks (…, n, n)."""
     if array_library(matrix) is np:
         from scipy import linalg
 

@@ -1,4 +1,4 @@
-"""One step of a sensor whose spring acts back by what its own response is: exact exponentials, collocated force.
+"""One step of a sensor with a nonlinear spring force: exact exponentials, collocated force.
 
 The core in observer form has its response V among the states, whatever the reference quantity. With scaled time
 θ = ωn t and numerator β of the core's transfer function,
@@ -9,9 +9,10 @@ Over a step the force F is the polynomial through its values at m Gauss–Legend
 against the exponential exactly (Hochbruck & Ostermann 2005: exponential collocation, order 2 m). The values at the
 nodes follow from
 
-    V_i = (what state and input alone would give at node i) + Σ_j G_ij F(V_j),
+    V_i = (response to state and input alone at node i) + Σ_j G_ij F(V_j),
 
-solved by repetition: each round gains a factor |G ∂F/∂V|, small because a force hardly moves the mass within a step.
+solved by fixed-point iteration, which converges by |G ∂F/∂V|: small, because a force hardly moves the mass within a
+step.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ from vibrident.models.base import Rational
 
 #: Methods whose step is an exact exponential.
 EXACT = ("zoh", "foh", "bandlimited")
-#: Nodes of the force in a step for |λ| Ts up to these; beyond, the last.
+#: Nodes of the force in a step for |λ| Ts up to these values; beyond, the last.
 NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))
-#: Error of the rounds, relative to the response, for a spring that stiffens by a half.
+#: Error of the iteration, relative to the response, for a spring that stiffens by a half.
 ROUNDS_TOLERANCE = 1e-10
-#: The same for the derivative, relative to itself; it steers, and enters the covariance.
+#: The same for the derivative, relative to itself; it is used for the steps and the covariance.
 SLOPE_TOLERANCE = 1e-4
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 24
 
@@ -44,8 +45,8 @@ class ForcedWeights(NamedTuple):
 
     Attributes:
         linear: Φ, Γ, C and D of the linear part, in observer form.
-        force: what the force at the nodes adds to the new state, shape (n, m).
-        force_output: what it adds to the output, shape (m,).
+        force: forces at the nodes → new state, shape (n, m).
+        force_output: forces at the nodes → output, shape (m,).
         node_state: state → V at the nodes, shape (m, n).
         node_drive: inputs → V at the nodes, shape (m, q).
         node_force: G, forces at the nodes → V at the nodes, shape (m, m).
@@ -74,7 +75,7 @@ def forced_weights(
 
     Args:
         method: ``bandlimited``, ``foh`` or ``zoh``.
-        blocks: the core, which the force acts on, and what stands beside it; each of second order, its numerator of at
+        blocks: the core, on which the force acts, and the parallel blocks; each of second order, its numerator of at
             most second degree.
         ts: sampling interval, s.
         fraction: where in the step the output is read.

@@ -1,6 +1,6 @@
-"""What the network's input neurons see in each step: Legendre coefficients of the input over the step.
+"""The network's inputs in each step: Legendre coefficients of the input signal over the step.
 
-None of this depends on the sensor's parameters, so it is done once, before training. For a record taken through an
+They do not depend on the sensor's parameters and are computed once, before training. For a record taken through an
 anti-alias filter the signal between samples is the band-limited one; its coefficients over the step from t_k to
 t_{k+1} are weighted sums of the samples around it:
 
@@ -29,7 +29,7 @@ USABLE_BAND = 0.4
 HALF_WIDTH = 40
 #: Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate.
 KAISER_BETA = 20.0
-#: Error allowed for cutting the Legendre series, relative to the response.
+#: Truncation error allowed for the Legendre series, relative to the response.
 SERIES_TOLERANCE = 1e-10
 MAX_TERMS = 12
 
@@ -42,7 +42,7 @@ class StepInputs:
 
     Attributes:
         coefficients: shape (steps, terms).
-        usable: shape (steps,), False where a sample that the coefficients need is missing or not valid.
+        usable: shape (steps,), False where a sample that the coefficients need is missing or invalid.
         fraction: where in the step the output is read, in [0, 1).
     """
 
@@ -53,7 +53,7 @@ class StepInputs:
 
 @dataclass(frozen=True)
 class StepFilters:
-    """The same coefficients by what makes them: input j of step k is Σ_i filters[j, i] samples[k + first + i].
+    """The filters of these coefficients: input j of step k is Σ_i filters[j, i] samples[k + first + i].
 
     Attributes:
         filters: shape (terms, taps).
@@ -71,8 +71,8 @@ class StepFilters:
 def terms_needed(rate_times_step: float) -> int:
     """Number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
 
-    The error of leaving out the terms from j = q on is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest
-    ω in the usable band, with the second factor at most one.
+    The truncation error is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest ω in the usable band, with the
+    second factor at most one.
     """
     from scipy.special import spherical_in, spherical_jn
 
@@ -122,7 +122,7 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
         samples: shape (samples,), equally spaced.
         valid: shape (samples,); steps whose interpolation would need an invalid sample are not usable.
         terms: number of coefficients a step.
-        delay_samples: how much later the response channel is than the input, in samples; any sign.
+        delay_samples: delay of the response channel after the input, in samples; any sign.
     """
     from scipy import fft
 
@@ -141,7 +141,7 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
 
 
 def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
-    """What :func:`band_limited_inputs` weighs the samples with; invalid samples count as zero."""
+    """The filters of :func:`band_limited_inputs`; invalid samples count as zero."""
     half = half_width_for(valid.shape[0])
     whole = math.ceil(delay_samples)
     usable = _usable(_supported(valid, half), whole)
@@ -171,7 +171,7 @@ def sampled_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samp
 
 
 def sampled_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
-    """What :func:`sampled_inputs` weighs the samples with."""
+    """The filters of :func:`sampled_inputs`."""
     whole = math.ceil(delay_samples)
     filters = np.ones((1, 1)) if terms == 1 else np.array([[0.5, 0.5], [-0.5, 0.5]])
     usable = valid if terms == 1 else valid & np.append(valid[1:], False)

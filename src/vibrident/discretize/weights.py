@@ -7,11 +7,11 @@ The paper's layer (eq. 6) takes state x_k and inputs c_k to the new state and th
 
 Any exact or approximate step with x_{k+1} = Φ x_k + Γ c_k and y_k = C x_k + D c_k has this form with
 W3 = Φ, W1 = Γ, W2 = C Φ⁻¹, W4 = D − C Φ⁻¹ Γ (Table 1 for Euler). :class:`Weights` stores Φ, Γ and the output read
-from the old state, C and D, which never needs Φ⁻¹ (a stiff sensor's Φ has none to speak of); ``table`` gives W1…W4.
+from the old state, C and D, which never needs Φ⁻¹ (near singular for a stiff sensor); ``table`` gives W1…W4.
 
 A delay τ = (n − f) Ts moves the output inside the step: y(t_k + f Ts) needs only the step's own inputs. Its
 fraction f therefore lives in the output weights, and its whole samples n in the alignment of the records. (For the
-band-limited method the inputs are interpolated at the delay expected, and f holds what is left, near zero.)
+band-limited method the inputs are interpolated at the delay expected, and f holds the rest, near zero.)
 
 Zero-, first-order hold and the band-limited step share one matrix exponential (Van Loan 1978): with
 g(x)ᵀ = (P_0, …, P_{q−1})(2x − 1) = g(0)ᵀ e^{F x},
@@ -95,19 +95,19 @@ class Method:
     def terms(self, rate_times_step: float, direct: bool = False) -> int:
         """Number of inputs a step for a sensor with |λ| Ts = ``rate_times_step``.
 
-        ``direct``: the response contains the input itself, which no sensor smooths.
+        ``direct``: the response contains the input itself, which the sensor does not smooth.
         """
         if self.fixed_terms is not None:
             return self.fixed_terms
         return MAX_TERMS if direct else terms_needed(rate_times_step)
 
     def inputs(self, samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepInputs:
-        """What the input neurons see; see :mod:`vibrident.discretize.inputs`."""
+        """Inputs of the network; see :mod:`vibrident.discretize.inputs`."""
         make = band_limited_inputs if self.fixed_terms is None else sampled_inputs
         return make(samples, valid, terms, delay_samples)
 
     def filters(self, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepFilters:
-        """What makes the input neurons' values from the samples; see :mod:`vibrident.discretize.inputs`."""
+        """Filters from the samples to the inputs; see :mod:`vibrident.discretize.inputs`."""
         make = band_limited_filters if self.fixed_terms is None else sampled_filters
         return make(valid, terms, delay_samples)
 
@@ -115,7 +115,7 @@ class Method:
         """Weights of one step; ``fraction`` f in [0, 1] is where in the step the output is read."""
         if len(system.d) > 1 and self.fixed_terms is not None:
             raise ModelError(
-                "The response contains the derivative of this reference, which this discretisation does not have.",
+                "This discretisation cannot represent the derivative of the reference that the response contains.",
                 expected="discretisation 'bandlimited', or the estimator 'ml'",
                 found=f"discretisation {self.name!r}",
                 where="velocity pickup with a displacement reference",
@@ -159,8 +159,8 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
 def drive_size(b: Any, rate: Any) -> Any:
     """A power of two that brings B to about the size of A, whose rate is given.
 
-    A step is linear in B, which holds the gain and with it the units of both channels. In the exponential it would make
-    a norm of its own: what is squared so often loses its digits.
+    A step is linear in B, which holds the gain and with it the units of both channels. A large B would raise the norm
+    in the exponential, and repeated squaring would lose digits.
     """
     xp = array_library(b, rate)
     ratio = xp.max(xp.abs(b)) / abs(rate)
@@ -224,7 +224,7 @@ def method(name: str) -> Method:
     """The discretisation of that name.
 
     Raises:
-        ModelError: there is none.
+        ModelError: the name is unknown.
     """
     if name not in METHODS:
         raise ModelError(

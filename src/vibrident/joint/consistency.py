@@ -1,9 +1,9 @@
-"""Do calibrations that share parameters say the same of them? Their separate estimates against the covariance of these.
+"""Consistency of calibrations that share parameters: their separate estimates against the covariance of these.
 
 With y the separate estimates, one below the other, and V their covariance, the hypothesis y = A θ leaves contrasts
 t = Tᵀ y, Tᵀ A = 0, that are zero but for noise: tᵀ (Tᵀ V T)⁻¹ t is χ² with as many degrees of freedom as there are
-contrasts (GUM, JCGM 102, 8; the test of a key comparison, Cox 2002). Systematic effects that two calibrations have in
-common are in V as common.
+contrasts (GUM, JCGM 102, 8; the test of a key comparison, Cox 2002). Systematic effects common to two calibrations are
+correlated in V.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vibrident.records import FloatArray
 
 @dataclass(frozen=True)
 class Verdict:
-    """χ² of a difference, its degrees of freedom, and the chance of one at least as large where there is none."""
+    """χ² of a difference, its degrees of freedom, and the probability of at least this χ² for consistent data."""
 
     chi2: float
     degrees_of_freedom: int
@@ -37,11 +37,11 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Consistency:
-    """What the comparison says.
+    """The outcome of the comparison.
 
     Attributes:
         whole: of all shared parameters together.
-        each: of each shared one by itself, by name.
+        each: of each shared parameter by itself, by name.
     """
 
     whole: Verdict
@@ -67,9 +67,9 @@ def compare(
         numbers: of the joint fit.
         places: of each calibration in it.
         estimates: separate estimates of each calibration's coordinates, shapes (p,).
-        covariances: of them, from their data alone, shapes (p, p).
-        effects: what one standard uncertainty of each systematic effect does to all of them, shapes (Σp,).
-        degrees_of_freedom: the fewest behind any of the covariances.
+        covariances: of them, from the data alone, shapes (p, p).
+        effects: change of all of them for one standard uncertainty of each systematic effect, shapes (Σp,).
+        degrees_of_freedom: the least of any covariance.
     """
     whole = np.concatenate([place.matrix for place in places])
     rest = np.concatenate([z - place.offset for z, place in zip(estimates, places, strict=True)])
@@ -95,7 +95,7 @@ def compare(
 
 
 def _probability(chi2: float, contrasts: int, freedom: float) -> float:
-    """Chance of a χ² at least this large; where the scale of V is an estimate itself, of Fisher's F."""
+    """Probability of at least this χ²; of Fisher's F if the scale of V is estimated."""
     if np.isfinite(freedom):
         return float(fdtrc(contrasts, max(freedom, 1.0), chi2 / contrasts))
     return float(chdtrc(contrasts, chi2))

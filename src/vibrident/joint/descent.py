@@ -1,9 +1,9 @@
-"""The joint fit: first the sum of the calibrations' costs, which no bad separate fit can spoil, then their moments.
+"""The joint fit: first the sum of the calibrations' costs, robust against a bad separate fit, then their moments.
 
 The sum of costs finds the place: Levenberg–Marquardt on the summed normal equations, from the separate estimates in
-turn, each record weighted by its residual there. A separate fit that this betters on its own data had stopped at a
-lesser optimum, and is repeated from there. The moments (:mod:`vibrident.joint.moments`) then give each calibration the
-weight that its stated covariance gives it, which is the least variance that these estimates allow.
+turn, each record weighted by its residual there. A separate fit that is worse on its own data had stopped at a local
+optimum, and is repeated from there. The moments (:mod:`vibrident.joint.moments`) then weight each calibration by its
+stated covariance, which gives the least variance.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from vibrident.records import FloatArray
 
 #: Rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance.
 ROUNDS = 4
-#: Change of the joint coordinates, in standard uncertainties, that needs no further round.
+#: Change of the joint coordinates, in standard uncertainties, that ends the rounds.
 SETTLED = 1e-3
 #: Most evaluations of the moments in a round.
 STEPS = 25
-#: A separate fit whose cost the joint one undercuts by this part was no optimum; one that draws the joint fit to where
-#: its own data cost this part more is out of reach.
+#: A separate fit was not an optimum if the joint fit's cost is lower by this part; the moments have left it if its cost
+#: rises by this part.
 BETTERED = 0.2
-#: A coordinate with less than this part of the largest information is not seen at all.
+#: A coordinate with less than this part of the largest information is not identifiable.
 UNSEEN = 1e-24
 
 
@@ -49,9 +49,9 @@ class Descent:
         balance: the joint estimate.
         near: each calibration's residual near it.
         trace: of the optimiser.
-        alone: calibrations whose own estimate is of use; the fits of the others ended where the joint one betters them,
-            or too far from it to be told from there.
-        fitted: the separate fits, those repeated in place of the first ones.
+        alone: calibrations whose own estimate is used; the other fits are worse than the joint one on their own data,
+            or too far from it.
+        fitted: the separate fits, after repetition.
     """
 
     numbers: tuple[Joint, ...]
@@ -87,7 +87,7 @@ def descend(
     Args:
         fitted: the separate fits.
         numbers: of :func:`vibrident.joint.sharing.joined`.
-        covariance: what is stated of a separate fit from its data alone, shape (p, p).
+        covariance: the stated covariance of a separate fit from its data alone, shape (p, p).
         progress: called after each iteration of the optimiser.
 
     Raises:
@@ -100,7 +100,7 @@ def descend(
     if repeated:
         for i in repeated:
             values = fitted[i].estimate.coordinates.values(parts[i].z(theta))
-            with contextlib.suppress(NotConverged):  # then the first fit stays, and is bettered once more
+            with contextlib.suppress(NotConverged):  # then the first fit stays
                 fitted[i] = fitted[i].again(values, progress)
         theta, near, trace = _found(fitted, numbers, progress)
         parts = places(numbers, [one.estimate.coordinates for one in fitted])
@@ -124,7 +124,7 @@ class Balance:
         theta: joint coordinates, shape (q,).
         covariance: of theta, shape (q, q).
         information: of each calibration's coordinates, shapes (p, p).
-        steps: from the joint estimate to where each calibration by itself would go, to first order, shapes (p,).
+        steps: from the joint estimate to each calibration's own, to first order, shapes (p,).
     """
 
     theta: FloatArray
@@ -176,7 +176,7 @@ def _held(moments: Moments, weight: FloatArray) -> Callable[[FloatArray], Local]
 def _found(
     fitted: Sequence[Fitted], numbers: tuple[Joint, ...], progress: Progress
 ) -> tuple[FloatArray, list[Score], Trace]:
-    """The best optimum of the summed costs, the residuals weighted there, and the way."""
+    """The best optimum of the summed costs, the residuals weighted there, and the trace."""
     parts = places(numbers, [one.estimate.coordinates for one in fitted])
     best: tuple[float, FloatArray, list[Score], Trace] | None = None
     for theta in _starts(fitted, numbers, parts):
@@ -201,7 +201,7 @@ def _found(
 
 
 def _starts(fitted: Sequence[Fitted], numbers: tuple[Joint, ...], parts: Sequence[Place]) -> list[FloatArray]:
-    """Joint coordinates by each calibration in turn: what is shared from it, and once more with its delay for all."""
+    """Joint coordinates by each calibration in turn: shared ones from it, and once more with its delay for all."""
     starts = []
     for preferred, by_preferred in itertools.product(range(len(fitted)), (False, True)):
         values = fitted[preferred].estimate.coordinates.values(fitted[preferred].estimate.z)
@@ -226,7 +226,7 @@ def _bettered(one: Fitted, near: Score, z: FloatArray) -> bool:
 
 
 def _left(one: Fitted, near: Score, place: Place, theta: FloatArray, balance: Balance) -> bool:
-    """Whether the moments have left the place where these data are explained."""
+    """Whether the moments have left the optimum of these data."""
     if near.noise is None:
         return False
     own = replace(Score.of(one), noise=near.noise).local(one.estimate.z).cost
@@ -235,13 +235,13 @@ def _left(one: Fitted, near: Score, place: Place, theta: FloatArray, balance: Ba
 
 
 def _at_end(one: Fitted) -> bool:
-    """Whether a parameter lies where the data have no say in it: at the end of the range searched."""
+    """Whether a parameter lies at the end of the range searched, where the data do not determine it."""
     diagonal = np.diag(Score.of(one).local(one.estimate.z).matrix)
-    return not np.all(diagonal > UNSEEN * np.max(diagonal))  # of numbers that are none, too
+    return not np.all(diagonal > UNSEEN * np.max(diagonal))  # also for NaN
 
 
 def _followed(trace: Trace, theta: FloatArray, objective: Callable[[Any, Any], Local]) -> Trace:
-    """The way with the last step, by the moments."""
+    """The trace with the last step, by the moments."""
     cost = float(objective(theta, None).cost)
     path = np.concatenate([trace.coordinates, theta[None]])
     status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"

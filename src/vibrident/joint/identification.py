@@ -26,8 +26,8 @@ from vibrident.systematic import all_effects
 from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
 from vibrident.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 
-#: What is covered of a calibration whose own fit is of no use.
-RESIDUAL = "what its residual holds at the joint fit, noise and misfit (its own fit was of no use)"
+#: Coverage of a calibration whose own fit is not used.
+RESIDUAL = "its residual at the joint fit, noise and misfit (its own fit is not used)"
 
 
 def identify_together(
@@ -42,26 +42,26 @@ def identify_together(
     """Identify one sensor from several of its calibrations: by sine and by shock, or by two of its outputs.
 
     Each calibration keeps its own model, units and estimator. What they share is estimated once, from all of them, each
-    with the weight that its own covariance gives it.
+    weighted by its own covariance.
 
     Args:
         calibrations: of one sensor.
         model: name of the sensor model, one for all or one for each; None takes the calibration's.
         estimator: as for :func:`vibrident.identify`, for each by itself.
-        share: names of the parameters to share, these and no others. None: natural frequency, damping ratio, frequency
+        share: names of the parameters to share, and no others. None: natural frequency, damping ratio, frequency
             and damping of a second mode; and where core model, unit of the response and kind of reference are the same
             also gain, ``mode2_gain``, ``cubic_stiffness``, ``highpass_frequency`` and ``boxcar_length``. A delay is
-            shared where it is named.
+            shared only if named.
         uncertainty: as for :func:`vibrident.identify`.
         progress: called after each iteration of the optimiser.
 
     Returns:
         a result for each calibration, in order, with the joint values and their covariance. ``settings["joint"]`` names
-        the companions, what was shared, what each calibration says of it alone, and whether that is consistent; where
-        it is not, each result carries the warning ``estimators_disagree``.
+        the companions, what was shared, each calibration's separate estimate, and whether these are consistent; if not,
+        each result carries the warning ``estimators_disagree``.
 
     Raises:
-        InputError: the data cannot be used, a name is no parameter, or nothing can be shared.
+        InputError: the data cannot be used, a name is not a parameter, or nothing can be shared.
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
@@ -88,11 +88,11 @@ def identify_together(
 
 
 def _require_references(calibrations: Sequence[Calibration]) -> None:
-    """Free decays join other data as records of one calibration; by themselves they have no gain to share."""
+    """Free decays join other data as records of one calibration; alone they have no gain to share."""
     for one in calibrations:
         if decays_alone(one):
             raise InputError(
-                "Free decays alone take part in no joint fit of several files.",
+                "A file of free decays alone cannot take part in a joint fit.",
                 expected="calibrations that hold records with a reference, or a table",
                 found="excitation 'decay' in every record",
                 where=one.source or "calibrations",
@@ -108,7 +108,7 @@ def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | 
         return [model] * count
     if len(model) != count:
         raise InputError(
-            "Models and calibrations do not go together.",
+            "The number of models is not that of the calibrations.",
             expected=f"one model for all, or {count}",
             found=f"{len(model)} models",
             where="model",
@@ -119,7 +119,7 @@ def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | 
 
 @dataclass(frozen=True, eq=False)
 class _Effect:
-    """A systematic effect, and what it does to each calibration that has it, (p,), and to the joint fit, (q,)."""
+    """A systematic effect, with the change of each calibration that has it, (p,), and of the joint fit, (q,)."""
 
     effect: SystematicEffect
     shifts: dict[int, FloatArray]
@@ -168,7 +168,7 @@ def _estimate(descent: Descent, index: int) -> Estimate:
         covariance=place.matrix @ descent.balance.covariance @ place.matrix.T,
         trace=replace(trace, coordinates=place.offset + trace.coordinates @ place.matrix.T),
         settings=settings,
-        tones=None,  # measured anew, with what the network explains at the joint values
+        tones=None,  # measured again, with the network's response at the joint values
         predicted=None,
         begin=None,
         equations=sum(one.estimate.equations for one in descent.fitted),
@@ -177,13 +177,13 @@ def _estimate(descent: Descent, index: int) -> Estimate:
 
 
 def _left(descent: Descent, index: int) -> Row:
-    """What stands in for the data row of a calibration whose own fit is of no use."""
+    """The data row of a calibration whose own fit is not used."""
     covariance = inverse_normal(descent.balance.information[index])
     return Row(RESIDUAL, DATA, None, "", descent.fitted[index].estimate.degrees_of_freedom, covariance)
 
 
 def _data_row(descent: Descent, index: int, other: int, row: Row, label: str) -> Row:
-    """What the data of calibration ``other`` add to the covariance of calibration ``index``."""
+    """Contribution of the data of calibration ``other`` to the covariance of calibration ``index``."""
     gain = descent.balance.covariance @ descent.places[other].matrix.T
     share = gain @ descent.balance.information[other] @ gain.T
     onto = descent.places[index].matrix
@@ -192,7 +192,7 @@ def _data_row(descent: Descent, index: int, other: int, row: Row, label: str) ->
 
 
 def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
-    """Every systematic effect once: stated alike in two calibrations it is one and the same, as of one instrument."""
+    """Every systematic effect once: equal statements in two calibrations are one effect, as of one instrument."""
     found: dict[SystematicEffect, dict[int, FloatArray]] = {}
     for index, one in enumerate(placed):
         coordinates, z, quantity = one.estimate.coordinates, one.estimate.z, one.evidence.quantity
@@ -239,7 +239,7 @@ def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Desc
     return ResultWarning(
         "estimators_disagree",
         f"The calibrations disagree on what they share: χ² = {whole.chi2:.4g} with {whole.degrees_of_freedom} degrees "
-        f"of freedom, probability {whole.probability:.2g}. {said}The joint values lie between, and their "
+        f"of freedom, probability {whole.probability:.2g}. {said}The joint values lie between them; their "
         "uncertainties do not cover the difference.",
     )
 
@@ -251,7 +251,7 @@ def _about(
     separate: Sequence[Mapping[str, Parameter] | None],
     consistency: Consistency | None,
 ) -> dict[str, Any]:
-    """What ``settings["joint"]`` holds."""
+    """The content of ``settings["joint"]``."""
     shared = []
     for number in descent.numbers:
         if len(number.members) < 2:
@@ -286,7 +286,7 @@ def _about(
 
 
 def _alone(one: Fitted, uncertainty: Uncertainty) -> dict[str, Parameter]:
-    """The parameters of a separate fit, with everything that its own budget holds."""
+    """The parameters of a separate fit, with its whole budget."""
     rows, estimate = own_rows(one, uncertainty), one.estimate
     covariance = np.sum([row.covariance for row in rows], axis=0)
     units = unit_fields(one.evidence.calibration)

@@ -1,15 +1,15 @@
-"""A calibration's estimate as moments of a joint fit: its score, and how well that is known.
+"""A calibration's estimate as moments of a joint fit: its score and the covariance of the score.
 
-An estimate ẑ with covariance C solves g(z) = 0, g the gradient of its cost (with what the estimator did beside: weights
-by the noise's own spectrum, a bias taken away). Elsewhere
+An estimate ẑ with covariance C solves g(z) = 0, g the gradient of its cost (including weights by the noise's spectrum
+and a correction for bias). Elsewhere
 
     m(z) = g(z) − g(ẑ),   cov m = S = M^½ K M^½,   K = M(ẑ)^½ C M(ẑ)^½,
 
-with M the normal matrix JᵀJ. K is one for white noise whose level is known; it holds what the estimator states beyond
-that: coloured noise, a misfit that the uncertainties are to cover. The joint estimate minimises Σ mᵀ S⁻¹ m over the
-calibrations (generalised method of moments; Hansen 1982), which uses of each what it is worth. Near ẑ this is
-(z − ẑ)ᵀ C⁻¹ (z − ẑ), so that a joint fit of one calibration is its own fit; further off it follows the residual, where
-a quadratic would not.
+with M the normal matrix JᵀJ. K is one for white noise of known level; it includes coloured noise and a misfit that the
+uncertainties cover. The joint estimate minimises Σ mᵀ S⁻¹ m over the
+calibrations (generalised method of moments; Hansen 1982), which weights each by its information. Near ẑ this is
+(z − ẑ)ᵀ C⁻¹ (z − ẑ), so that a joint fit of one calibration is its own fit; far from ẑ it follows the residual, unlike
+a quadratic.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vibrident.joint.score import Score
 from vibrident.problem import Local
 from vibrident.records import FloatArray
 
-#: Scaled eigenvalues below this are rounding: such a direction is not seen.
+#: Scaled eigenvalues below this are rounding: such a direction is not identifiable.
 SMALLEST = 1e-12
 
 
@@ -48,11 +48,10 @@ class Moments:
         """From an estimate ``z``, shape (p,), with its covariance as stated, shape (p, p).
 
         Args:
-            own: the residual, with its records weighted by what is left of them at the estimate.
+            own: the residual, with each record weighted by its residual at the estimate.
             z: the estimate.
             covariance: of it.
-            near: the residual near the joint estimate, weighted by what is left there: where that is more, the
-                calibration says less.
+            near: the same near the joint estimate: a larger residual there lowers the calibration's weight.
         """
         here = own.local(z)
         scale = _scale(here.matrix)
@@ -63,7 +62,7 @@ class Moments:
 
     @classmethod
     def plain(cls, near: Score, z: FloatArray, variance: float) -> Moments:
-        """Of a calibration without an estimate of its own: its cost as it is, noise of this many times its level."""
+        """For a calibration without its own estimate: its cost, for noise of this many times its level."""
         here = near.local(z)
         return cls(near, np.zeros_like(here.gradient), _scale(here.matrix), np.eye(len(z)) / variance)
 
@@ -73,7 +72,7 @@ class Moments:
         return (inverse @ self.inverse_colour @ inverse) / np.outer(self.scale, self.scale)
 
     def information(self, z: FloatArray) -> FloatArray:
-        """What the calibration tells of its parameters at ``z``: C⁻¹ at its own estimate; shape (p, p)."""
+        """Information on the calibration's parameters at ``z``: C⁻¹ at its own estimate; shape (p, p)."""
         root, _ = _roots(self.score.local(z).matrix, self.scale)
         return (root @ self.inverse_colour @ root) * np.outer(self.scale, self.scale)
 
@@ -86,7 +85,7 @@ class Moments:
         )
 
     def step(self, z: FloatArray) -> FloatArray:
-        """Where the calibration by itself would go from ``z``, to first order, shape (p,)."""
+        """Step from ``z`` to the calibration's own estimate, to first order, shape (p,)."""
         found = self.score.local(z)
         return inverse_normal(found.matrix) @ (found.gradient - self.offset)
 
@@ -97,7 +96,7 @@ def _scale(matrix: FloatArray) -> FloatArray:
 
 
 def _roots(matrix: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """M^½ and M^−½ in scaled coordinates; a direction that is not seen counts as seen by rounding."""
+    """M^½ and M^−½ in scaled coordinates; the information of a direction is at least rounding."""
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     kept = np.maximum(values, SMALLEST * np.max(values))
     return (vectors * np.sqrt(kept)) @ vectors.T, (vectors / np.sqrt(kept)) @ vectors.T

@@ -1,4 +1,4 @@
-"""What a calibration says near any parameters: cost, gradient and normal matrix of the residual its estimator used."""
+"""Cost, gradient and normal matrix of the residual that a calibration's estimator used, near any parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Score:
     """A calibration's residual.
 
     Attributes:
-        coordinates: in which it is a function.
+        coordinates: its coordinates.
         problem: in time, for an estimate at the samples, or in frequency, for every other.
         noise: standard deviation by which each record is weighted, shape (records,); None in frequency.
     """
@@ -44,13 +44,13 @@ class Score:
         return Local(np.asarray(found.matrix), np.asarray(found.gradient), float(found.cost))
 
     def deviance(self, z: FloatArray) -> float:
-        """−2 log likelihood at ``z`` up to a constant, with each record's noise as it is found there."""
+        """−2 log likelihood at ``z`` up to a constant, with each record's noise estimated there."""
         if self.noise is None or isinstance(self.problem, FrequencyProblem):
             return self.local(z).cost
         return float(2.0 * self.problem.degrees_of_freedom @ np.log(self.noise))
 
     def colour(self, z: FloatArray) -> float:
-        """Mean of the residual's spectrum at ``z`` where the response is, one for white noise; at least one."""
+        """Mean of the residual's spectrum at ``z``, weighted by the response; 1 for white noise, at least 1."""
         if self.noise is None or isinstance(self.problem, FrequencyProblem):
             return 1.0
         level, power = 0.0, 0.0

@@ -1,8 +1,8 @@
-"""Which parameters of several calibrations are one and the same, and how each calibration's coordinates follow.
+"""The parameters that calibrations share, and each calibration's coordinates in the joint fit.
 
-A sensor's mechanics are the same whatever is read from it: natural frequency, damping ratio and those of a second mode.
-What belongs to an output (gain, a second mode's share, cubic stiffness, high-pass, averaging) is the same where core
-model, unit of the response and kind of reference are. The delay belongs to the channels of a calibration.
+A sensor's mechanics are common to all outputs: natural frequency, damping ratio and those of a second mode. Parameters
+of an output (gain, a second mode's share, cubic stiffness, high-pass, averaging) are shared if core model, unit of the
+response and kind of reference are the same. The delay belongs to the channels of a calibration.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ def joined(
     Args:
         calibrations: of one sensor.
         models: of each.
-        share: names of the parameters to share, these and no others; None: the mechanics, and what belongs to an
-            output where outputs are alike.
+        share: names of the parameters to share, these and no others; None: the mechanics, and the parameters of equal
+            outputs.
 
     Raises:
-        InputError: a name is none of the parameters', or is no parameter of two calibrations that can share it.
+        InputError: a name is not a parameter, or not one that two calibrations can share.
     """
     if share is not None:
         _check(share, models)
@@ -66,7 +66,7 @@ def joined(
 
 
 def _key(spec: ParameterSpec, calibration: Calibration, model: SensorModel) -> tuple[object, ...]:
-    """What two parameters of this name must have in common to be one."""
+    """Attributes that two parameters of this name must share to be one."""
     if spec.describes != "output":
         return (spec.name,)
     drive = calibration.reference_unit if calibration.quantity == "drive" else None
@@ -78,7 +78,7 @@ def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
     for name in share:
         if name not in known:
             raise InputError(
-                f"{name!r} is no parameter of these models.",
+                f"{name!r} is not a parameter of these models.",
                 expected=" | ".join(known),
                 found=repr(name),
                 where="share",
@@ -143,5 +143,5 @@ def _one(coordinates: Coordinates, name: str) -> float:
 
 
 def gathered(numbers: Sequence[Joint], values: Sequence[Mapping[str, float]]) -> list[list[float]]:
-    """Each number's values in the calibrations that have it."""
+    """Each joint number's values in the calibrations that have it."""
     return [[values[owner][number.name] for owner, _ in number.members] for number in numbers]

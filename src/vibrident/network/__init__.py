@@ -1,1 +1,1 @@
-"""The paper's network: one layer a sample, weights that are the physics, unrolled in time."""
+"""The paper's network: one layer a sample, weights given by the physics, unrolled in time."""

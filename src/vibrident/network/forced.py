@@ -1,13 +1,13 @@
 """The unrolled network of a sensor with a force: the same chunks, joined by Newton's method.
 
-A nonlinear recursion does not split into "from rest" and "free response". It is cut all the same (multiple shooting;
-Bock & Plitt 1984): every chunk runs from a guess of its state, with the derivative of its end and outputs by that
-state; a step of Newton's method then moves all guesses so that each chunk begins where the one before ended, and each
-segment's initial state and offset to what the measured response wants. The guess is the linear network's, and three
-or four steps leave rounding.
+A nonlinear recursion does not split into "from rest" and "free response". It is cut by multiple shooting (Bock & Plitt
+1984): every chunk runs from a guess of its state, with the derivative of its end and outputs by that
+state; a step of Newton's method then moves all guesses so that each chunk begins at the end of the one before, and each
+segment's initial state and offset to their least-squares values. The guess is the linear network's, and three or four
+steps converge to rounding.
 
 The derivative by the parameters is forward-mode differentiation of the recursion within each chunk, carried from
-chunk to chunk; initial states and offsets are then taken out of it as for the linear network.
+chunk to chunk; initial states and offsets are then projected out as for the linear network.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def forced_response(
         force: F of the response V at the nodes, elementwise.
         lanes: the data.
         starts: shape (n, M).
-        rounds: repetitions for the force at the nodes, without and with derivative: each of the latter adds one
-            order of the derivative's own series, which needs far fewer digits.
+        rounds: repetitions for the force at the nodes, without and with derivative: each of the latter adds one order
+            of the derivative's series.
     """
     settling, slope_rounds = rounds
     linear, w = weights.linear, weights
@@ -161,7 +161,7 @@ def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) ->
         return _Shots(shots.starts + moved, solved[:, n], jnp.max(jnp.abs(moved)) / size, shots.steps + 1)
 
     def unsettled(shots: _Shots) -> Any:
-        return (shots.steps < MOST_STEPS) & (shots.change > SETTLED)  # NaN ends it, and shows in the cost
+        return (shots.steps < MOST_STEPS) & (shots.change > SETTLED)  # NaN ends the loop and shows in the cost
 
     return lax.while_loop(unsettled, step, _Shots(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0))
 
@@ -187,7 +187,7 @@ def _chain(matrix: Any, ends: Any, first: Any, initial: Any) -> Any:
 
 
 def _nuisance_rows(by_start: Any, carry: Any, lanes: Lanes) -> list[Any]:
-    """What a change of a segment's initial state, and its offset, add to the response: n + 1 of shape (L, M)."""
+    """Derivatives of the response by a segment's initial state and offset: n + 1 of shape (L, M)."""
     n = carry.shape[0]
     states = [dot([by_start[..., i] for i in range(n)], [carry[i, a] for i in range(n)]) for a in range(n)]
     return [*states, jnp.ones_like(lanes.response)]

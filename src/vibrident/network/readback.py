@@ -1,4 +1,4 @@
-"""From network weights back to physics: what free, trained weights say of the sensor."""
+"""From network weights back to physics: sensor parameters of freely trained weights."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def network_response(weights: Weights, frequency_hz: NDArray, sampling_interval_
         weights: one set (no leading axis).
         frequency_hz: shape (points,), below half the sampling rate.
         sampling_interval_s: Ts.
-        method: name of the discretisation, which says what the input neurons see of a tone.
+        method: name of the discretisation, which defines the inputs for a tone.
     """
     phi, gamma, c, d = (np.asarray(w, dtype=float) for w in weights)
     inputs = _tone_inputs(2 * np.pi * np.asarray(frequency_hz) * sampling_interval_s, gamma.shape[1], method)
@@ -49,7 +49,7 @@ def physics_from_weights(
     method: str,
     reading: Reading = "eigenvalues",
 ) -> dict[str, float]:
-    """Sensor parameters that a second-order network's weights stand for.
+    """Sensor parameters of a second-order network's weights.
 
     Args:
         weights: one set, in any coordinates of its hidden states; the ``elements`` reading takes them as the paper's
@@ -92,7 +92,7 @@ def physics_from_weights(
             )
         wn = np.sqrt(product)
         damping = float(-np.real(poles.sum()) / (2.0 * wn))
-        # An accelerometer's gain shows at zero frequency; a velocity pickup has none there and shows it at ωn.
+        # An accelerometer's gain is read at zero frequency; a velocity pickup's, which has no response there, at ωn.
         at = np.array([0.0 if model.core.output == "displacement" else wn / (2 * np.pi)])
         unit = dict.fromkeys(model.parameter_names, 0.0) | {gain_name: 1.0, natural: wn / (2 * np.pi), ratio: damping}
         own = network_response(weights, at, sampling_interval_s, method)

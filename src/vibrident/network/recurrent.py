@@ -3,8 +3,8 @@
     GRU   Cho et al. 2014, doi:10.3115/v1/D14-1179
     LSTM  Hochreiter & Schmidhuber 1997, doi:10.1162/neco.1997.9.8.1735
 
-The cells are equinox's; a linear layer without bias reads the output from the hidden state. They compute in float32,
-which is what such networks are trained in and is far finer than what they reach.
+The cells are equinox's; a linear layer without bias reads the output from the hidden state. They compute in float32, as
+is usual for such networks; their errors are far larger.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import equinox as eqx
 from vibrident.backend import jax, jnp, lax
 
 Kind = Literal["gru", "lstm"]
-#: Steps of the scan laid out in one loop body: more takes longer to compile and runs no faster.
+#: Unrolled steps in a body of the scan: more takes longer to compile and runs no faster.
 _UNROLL = {"gru": 4, "lstm": 1}
 
 

@@ -1,16 +1,16 @@
-"""The learned residual: a small network beside the physics, which takes what the physics leaves.
+"""The learned residual: a small network beside the physics, fitted to its residual.
 
 Two kinds of hidden neurons, each an add-on to the sensor's model, so that the same recursion, the same derivative and
 the same elimination of initial states run physics and network together:
 
-- *memory*: two recurrent neurons, an oscillation of its own driven by the reference. They can learn a mount that sways;
-- *rational neurons* (Boullé, Nakatsukasa & Townsend 2020), one odd and one even, that see the physics' response V and
-  act back on the mass,
+- *memory*: two recurrent neurons, an oscillator driven by the reference. They can learn a resonant mount;
+- *rational neurons* (Boullé, Nakatsukasa & Townsend 2020), one odd and one even, of the physics' response V, with a
+  force on the mass,
 
       F(V) = −w₃ V³/(1 + s₃² V²) − w₂ V²/(1 + s₂² V²),
 
   without constant and without slope at V = 0: for small signals they vanish faster than the response, and sensitivity,
-  natural frequency and damping stay what they are called. They can learn a spring that is not straight.
+  natural frequency and damping keep their meaning. They can learn a nonlinear spring.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from vibrident.errors import ModelError
 from vibrident.models import SensorModel
 from vibrident.models.base import AddOn, Parameters, ParameterSpec, Rational
 
-#: Where the neurons' slopes begin, over the largest response.
+#: Start of the neurons' slopes, over the largest response.
 SLOPE = 0.5
 
 
@@ -79,7 +79,7 @@ NEURON_LAYER = AddOn(
     ),
     force=_force,
 )
-#: What may be learned, the simplest first.
+#: Parts that may be learned, the simplest first.
 PARTS: Mapping[str, AddOn] = {addon.name: addon for addon in (MEMORY, NEURON_LAYER)}
 STRUCTURES: tuple[tuple[str, ...], ...] = (("memory",), ("neurons",), ("memory", "neurons"))
 
@@ -102,7 +102,7 @@ def with_residual(model: SensorModel, structure: tuple[str, ...]) -> SensorModel
 
 
 def initial_weights(structure: tuple[str, ...], response_size: float, memory: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a network that does nothing yet.
+    """Parameters of a network with zero output.
 
     Args:
         structure: its parts.

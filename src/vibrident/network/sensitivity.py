@@ -5,8 +5,8 @@ The derivative of the state obeys the network's own recursion, driven by the der
 
     ∂x_{k+1} = Φ ∂x_k + ∂Φ x_k + ∂Γ c_k,    ∂y_k = C ∂x_k + ∂C x_k + ∂D c_k.
 
-Each chunk runs from ∂x = 0; what its true ∂x at the start adds, and what initial states and offsets could imitate,
-is put in with the free response C Φ^k, chunk by chunk.
+Each chunk runs from ∂x = 0; the contributions of the true ∂x at the start, of initial states and of offsets are added
+with the free response C Φ^k, chunk by chunk.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vibrident.network.unroll import (
 
 
 class Normal(NamedTuple):
-    """Accumulated least-squares problem of P parameters, initial states and offsets taken out.
+    """Accumulated least-squares problem of P parameters, initial states and offsets projected out.
 
     Attributes:
         matrix: JᵀJ, shape (P, P), J = ∂(weighted response)/∂parameters.
@@ -42,7 +42,7 @@ class Normal(NamedTuple):
         cost: rᵀr.
         squares: Σ r² of every segment, not weighted by the noise, shape (S,).
         response: the network's response with the best initial states and offsets, shape (L, M).
-        columns: P columns of J, what initial states and offsets could imitate taken out, each of shape (L, M).
+        columns: P columns of J, initial states and offsets projected out, each of shape (L, M).
     """
 
     matrix: Any
@@ -69,7 +69,7 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     response = response + known.nuisance.offset[lanes.segment]
     scale = lanes.weight / noise
     residual = (lanes.response - response) * scale
-    # True derivative of the state at each chunk's start; zero at a segment's start, where it is a nuisance held.
+    # True derivative of the state at each chunk's start; zero at a segment's start, where it is a fixed nuisance.
     d_starts = _chain(per_lane(known.power, lanes.rate), ends, lanes.first)  # (P, n, M)
     columns = [
         (slope + free_part(proj.rows, lanes.rate, d)) * scale for slope, d in zip(in_chunk, d_starts, strict=True)
@@ -78,7 +78,7 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
         [jnp.stack([jnp.vdot(columns[max(a, b)], columns[min(a, b)]) for b in range(p)]) for a in range(p)]
     )
     gradient = jnp.stack([jnp.vdot(column, residual) for column in columns])
-    # What initial states and offset could imitate: moments of J against them, by segment; (P, S, n + 1).
+    # Projection on initial states and offset: moments of J against them, by segment; (P, S, n + 1).
     totals = jnp.stack([imitable(proj, lanes, column) for column in columns])
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
     matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
@@ -87,7 +87,7 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
 
 
 class _Known(NamedTuple):
-    """What the data say of initial states and offsets, and with it the state at the start of every lane, (n, M)."""
+    """Estimated initial states and offsets, and the state at the start of every lane, (n, M)."""
 
     projection: Projection
     nuisance: Nuisance
@@ -107,7 +107,7 @@ def _known(weights: Weights, lanes: Lanes, segments: int) -> _Known:
 
 
 def _freed(columns: Any, shares: Any, lanes: Lanes, proj: Projection) -> Any:
-    """The columns without their shares, shape (P, S, n + 1), of what initial states and offset could imitate."""
+    """The columns without their projections, shape (P, S, n + 1), on initial states and offset."""
     return [
         column - lanes.weight * nuisance_response(proj, lanes, Nuisance(share[:, :-1], share[:, -1]))
         for column, share in zip(columns, shares, strict=True)

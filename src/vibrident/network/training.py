@@ -1,6 +1,6 @@
-"""Training in mini-batches by Adam (Kingma & Ba 2015), with an early-stopping rule that is stated, not felt.
+"""Training in mini-batches by Adam (Kingma & Ba 2015), with a stated early-stopping rule.
 
-After every epoch the loss on held-back windows is taken. Training ends when the best of them has not fallen by
+After every epoch the loss on held-back windows is evaluated. Training ends when the best of them has not fallen by
 ``least_gain`` of itself for ``patience`` epochs, and the weights of the best epoch are kept.
 """
 
@@ -28,7 +28,7 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long and how fast.
+    """Duration and rates of training.
 
     Attributes:
         learning_rate: of Adam.
@@ -55,14 +55,14 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What training gave.
+    """The outcome of training.
 
     Attributes:
         model: with the best epoch's weights.
         training: mean loss of each epoch.
         held_back: loss on the held-back windows after each epoch.
-        best_epoch: counted from 1; 0 where no epoch was better than the start.
-        converged: False where the limit of epochs ended it.
+        best_epoch: counted from 1; 0 if no epoch was better than the start.
+        converged: False if the limit of epochs ended it.
     """
 
     model: Any
@@ -92,7 +92,7 @@ def train(
         held_back: the same, never trained on.
         schedule: rates and rule.
         rng: of the shuffling.
-        few: the model is one array of few numbers, whose slope is cheaper forwards than backwards through time.
+        few: the model is one array of few numbers; forward derivatives are then cheaper than reverse ones.
         progress: called after each epoch.
     """
     moving, fixed = eqx.partition(model, eqx.is_inexact_array)

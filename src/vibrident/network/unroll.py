@@ -2,11 +2,11 @@
 
 A recursion over millions of samples is sequential, but a linear one splits: cut each record into chunks of a few
 hundred steps, run all chunks side by side from a zero state, then pass the state from chunk to chunk (x' = Φ^L x +
-end of chunk) and add each chunk's free response C Φ^k x. The result is the recursion's own, to rounding, at the
-speed of a vector loop. Every operation is elementwise across chunks; no small matrix products inside the loop.
+end of chunk) and add each chunk's free response C Φ^k x. The result equals the recursion's to rounding, at the speed of
+a vector loop. Every operation is elementwise across chunks; no small matrix products inside the loop.
 
 The unknown initial state of each record and the offset of its response enter linearly, so they are solved for exactly
-(variable projection; Golub & Pereyra 1973) rather than trained or trimmed away.
+(variable projection; Golub & Pereyra 1973).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
 
 
 class Projection(NamedTuple):
-    """The part of the response that initial states and offsets can imitate, ready to be taken out.
+    """Projection of a signal on the response to initial states and offsets.
 
     Attributes:
         rows: C Φ^k, shape (L, R, n).
@@ -104,7 +104,7 @@ def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:
 
 
 def inverse_of_segments(normal: Any) -> Any:
-    """Inverse of scaled normal matrices; directions without information (a mode gone in one step) get a zero."""
+    """Inverse of scaled normal matrices; directions without information (a mode that decays in one step) get zero."""
     diagonal = jnp.sqrt(jnp.maximum(jnp.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
     scaled = normal / diagonal[..., :, None] / diagonal[..., None, :]
     values, vectors = jnp.linalg.eigh(scaled)
@@ -114,7 +114,7 @@ def inverse_of_segments(normal: Any) -> Any:
 
 
 def imitable(p: Projection, lanes: Lanes, signal: Any) -> Any:
-    """Products of ``signal``, shape (L, M), with what states and offset add to the response; shape (S, n + 1)."""
+    """Products of ``signal``, shape (L, M), with the responses to states and offset; shape (S, n + 1)."""
     n = p.rows.shape[-1]
     moments = jnp.stack([_collect(p.rows[..., i], lanes.rate, signal) for i in range(n)])
     states = jnp.einsum("iam,im->ma", p.carry, moments)
@@ -134,7 +134,7 @@ def nuisance_of(p: Projection, moments: Any) -> Nuisance:
 
 
 def nuisance_response(p: Projection, lanes: Lanes, nuisance: Nuisance) -> Any:
-    """What initial states and offsets add to the response, shape (L, M)."""
+    """Response to initial states and offsets, shape (L, M)."""
     starts = jnp.einsum("iam,ma->im", p.carry, nuisance.state[lanes.segment])
     return free_part(p.rows, lanes.rate, starts) + nuisance.offset[lanes.segment]
 
