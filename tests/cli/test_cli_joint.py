@@ -79,8 +79,7 @@ def test_what_is_shared_can_be_named(run, made, again, tmp_path):
     [
         (("--share", "natural_frequncy"), "did you mean 'natural_frequency'?"),
         (("--share", "delay"), "is not a parameter of these models"),
-        (("--model", "accelerometer,accelerometer,accelerometer"), "The number of models is not that of the
-        calibrations"),
+        (("--model", "accelerometer,accelerometer,accelerometer"), "The number of models is not that"),
         (("--estimator", "ipnn", "--residual"), "A learned residual belongs to one calibration"),
     ],
 )

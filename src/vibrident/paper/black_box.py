@@ -20,7 +20,7 @@ HIDDEN = 16
 
 @dataclass(frozen=True, eq=False)
 class FittedRecurrent:
-    """A trained recurrent network and how training went."""
+    """A trained recurrent network and its training."""
 
     network: Recurrent
     trained: Trained

@@ -1,7 +1,7 @@
-"""The Cramér–Rao bound of a simulated calibration: no unbiased estimator scatters less, whatever it does.
+"""The Cramér–Rao bound of a simulated calibration: no unbiased estimator has a smaller variance.
 
-Fisher information Σ JᵀJ/σ², J from central differences of the exact response to the true motion, less what the unknown
-initial state and offset of each record could imitate. Nothing of the estimators or their uncertainties enters.
+Fisher information Σ JᵀJ/σ², J from central differences of the exact response to the true motion, with the unknown
+initial state and offset of each record projected out. It is independent of the estimators and their uncertainties.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _slope(sensor: Sensor, name: str, record: Record, motion: Motion) -> FloatAr
 
 
 def _imitable(sensor: Sensor, record: Record) -> FloatArray:
-    """Orthonormal columns of what initial state and offset can add, shape (samples, 3)."""
+    """Orthonormal columns of the responses to initial state and offset, shape (samples, 3)."""
     natural, damping = 2.0 * np.pi * sensor.parameters["natural_frequency"], sensor.parameters["damping_ratio"]
     pole = natural * (-damping + 1j * np.sqrt(1.0 - damping**2))
     free = np.exp(pole * record.time_s)

@@ -14,7 +14,7 @@ MEAN_PERCENT, PEAK_PERCENT, OVER_BOUND, NOISE_LEVEL = 0.005, 0.02, 2.0, 0.01
 
 @dataclass(frozen=True)
 class Claim:
-    """What is claimed, what this run gives, whether it holds, and why."""
+    """A claim, the figure of this run, whether it holds, and why."""
 
     claim: str
     found: str
@@ -28,7 +28,7 @@ class Claim:
 
 
 def of_the_paper(run: Reproduction) -> list[Claim]:
-    """Every claim of the paper that a number decides, in its own conditions (Euler, Adam)."""
+    """Every claim of the paper that a number can decide, under its own conditions (Euler, Adam)."""
     claims = [*_of_section(run.simulation, "simulation"), _rpd(run.simulation), _lstm_worst(run.simulation)]
     claims += _curve_claims(run)
     claims += _of_section(run.interferometer, "experiment, simulated") + _experiment_claims(run.interferometer)
@@ -41,7 +41,7 @@ def _of_section(section: Section, where: str) -> list[Claim]:
     gru, lstm = _rmse(section, "GRU"), _rmse(section, "LSTM")
     claims = []
     for name, why in (
-        (methods.PUBLISHED, "Euler's discretisation error is what is left, and it is as large as what they leave"),
+        (methods.PUBLISHED, "Euler's discretisation error remains, as large as their errors"),
         (methods.EXACT, "the physics holds and its weights are exact"),
     ):
         rmse = _rmse(section, name)
@@ -50,7 +50,7 @@ def _of_section(section: Section, where: str) -> list[Claim]:
         if holds and name == methods.PUBLISHED:
             why = "three numbers that are physics need less data than 832 or 1104 that are not"
         if not holds and name == methods.EXACT:
-            why = "noise or what no linear model explains is left"
+            why = "noise or nonlinearity remains"
         claims.append(
             Claim(
                 f"RMSE at least 60 % below GRU and LSTM ({where}), {name}",
@@ -112,7 +112,7 @@ def _curve_claims(run: Reproduction) -> list[Claim]:
             f"{plain.at_peak or 0.0:.3g} %, mean {plain.mean:.3g} % ({plain.mean / euler.mean:.3g} times)",
             abs(plain.at_peak or 0.0) >= 0.9 * (said_lsm.largest or 0.0) and plain.mean >= 3.0 * euler.mean,
             "least squares on sine fits is far better than that; with sensitivities read from largest excursions it is "
-            f"{crude.mean:.3g} % off on average: how they are read decides, and the paper does not say",
+            f"{crude.mean:.3g} % off on average: the paper does not state how they are read",
         ),
     ]
 
@@ -130,7 +130,7 @@ def _experiment_claims(section: Section) -> list[Claim]:
             exact,
             "exact weights and a delay"
             if section.simulated
-            else "the data are not a linear sensor's; this network trusts most the records that it fits best",
+            else "the data are not a linear sensor's; this network gives most weight to the records that it fits best",
         ),
     ):
         claims.append(
@@ -145,19 +145,21 @@ def _experiment_claims(section: Section) -> list[Claim]:
         found, holds, why = (
             "plain LSM gives no stable sensor",
             True,
-            "points of small sensitivity rule it, and are noise",
+            "points of small sensitivity dominate, and are noise",
         )
     else:
         cut = 100.0 * (1.0 - euler.mean / plain.mean)
         found = f"{cut:.3g} % below" if cut > 0 else f"{euler.mean / plain.mean:.3g} times LSM's"
         holds = cut >= 100.0 * published.DEVIATION_REDUCTION
-        why = "plain LSM weighs 1/H alike, so the points of small sensitivity rule" if cut > 0 else "Euler's error"
+        why = (
+            "plain LSM weighs 1/H equally, so the points of small sensitivity dominate" if cut > 0 else "Euler's error"
+        )
     claim = f"IPNN's mean deviation about 65 % below plain LSM's ({where}), {methods.PUBLISHED}"
     return [*claims, Claim(claim, found, holds, why)]
 
 
 def of_our_own(run: Reproduction) -> list[Claim]:
-    """What this package sets itself in the paper's simulation."""
+    """This package's own targets in the paper's simulation."""
     exact = run.simulation.deviations[methods.EXACT]
     point = next(p for p in run.noise.points if p.method == "IPNN, exact weights" and p.level == NOISE_LEVEL)
     ratios = run.noise.over_bound("IPNN, exact weights", NOISE_LEVEL)
@@ -175,7 +177,7 @@ def of_our_own(run: Reproduction) -> list[Claim]:
             f"curve within {PEAK_PERCENT} % at the resonance at {rate}",
             f"{abs(exact.at_peak or 0.0):.2g} %",
             abs(exact.at_peak or 0.0) <= PEAK_PERCENT,
-            "what is left is RK4's own error in the data",
+            "RK4's error in the data remains",
         ),
         Claim(
             f"RMS error within {OVER_BOUND:g} × the Cramér–Rao bound at 1 % response noise",

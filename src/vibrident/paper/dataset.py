@@ -1,6 +1,6 @@
 """The data of the paper's section 4: how records become a training and a test set.
 
-Sines of 1 g at one-third-octave frequencies, with Gaussian white noise 20 dB below that the sensor feels; response
+Sines of 1 g at one-third-octave frequencies, with Gaussian white noise motion 20 dB below; response
 by RK4 from rest; outliers removed; one scale for each channel; 8:2 split by record.
 """
 
@@ -45,8 +45,8 @@ LARGEST_STEP = 0.3
 class Scale:
     """One scale for all records of a channel: physical value = normalised value · unit.
 
-    The smallest and the largest normalised value over the training records lie in [−1, 1] and one of them at its end.
-    Zero stays zero, which the paper's min–max does not give: a network without bias cannot make up for a shift.
+    The smallest and the largest normalised value over the training records lie in [−1, 1] and one of them equals ±1.
+    Zero stays zero, unlike the paper's min–max: a network without bias cannot correct a shift.
 
     Attributes:
         unit: physical value of a normalised 1.
@@ -68,13 +68,13 @@ class Dataset:
     """Records split and scaled.
 
     Attributes:
-        calibration: physical units; outliers are mended in the signals and marked as not valid.
+        calibration: physical units; outliers are replaced in the signals and marked invalid.
         training: indices of the records to train on.
         test: indices of the others.
         reference: scale of the reference channel.
         response: scale of the response channel.
-        outliers: samples taken for outliers.
-        motions: the true motion of every record, where they were simulated.
+        outliers: samples detected as outliers.
+        motions: the true motion of every simulated record.
     """
 
     calibration: Calibration
@@ -125,7 +125,7 @@ def section_4(
 def sines(
     *, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0, sensor: Sensor = SENSOR
 ) -> tuple[Calibration, tuple[Motion, ...]]:
-    """The paper's sines to 1000 Hz with what the sensor feels on top, answered by RK4; and the motions themselves."""
+    """The paper's sines to 1000 Hz with noise motion, the response by RK4; and the motions."""
     frequencies = one_third_octave(low_hz, 1000.0)
     rates = rate_hz * np.minimum(1.0, frequencies / SLOWER_BELOW_HZ)
     streams = np.random.SeedSequence(seed).spawn(len(frequencies))
@@ -163,7 +163,7 @@ def _motion(frequency_hz: float, rate_hz: float, samples: int, rng: np.random.Ge
 
 
 def _runge_kutta(sensor: Sensor, motions: tuple[Motion, ...], rates: FloatArray, samples: int) -> list[FloatArray]:
-    """One step a sample, as in the paper; where a record is sampled too slowly for that, as many as RK4 needs."""
+    """One step a sample, as in the paper; more if a record's sampling rate is too low for RK4."""
     fastest = 2.0 * np.pi * sensor.parameters["natural_frequency"]
     steps = np.maximum(1, np.ceil(fastest / LARGEST_STEP / rates)).astype(int)
     responses: list[FloatArray] = [np.empty(0)] * len(motions)
@@ -215,13 +215,13 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
 def outliers(signal: FloatArray) -> BoolArray:
     """Samples far from the cubic through their four neighbours, shape (samples,).
 
-    Far is against the usual distance in the same record, so neither noise nor a steep signal is an outlier. Beside an
-    outlier its neighbours look odd too: only the oddest of five is taken, which finds spikes of one sample.
+    The distance is relative to the usual one in the same record, so neither noise nor a steep signal is an outlier. An
+    outlier also affects its neighbours: of five samples only the farthest counts, which finds spikes of one sample.
     """
     k = np.arange(2, signal.size - 2)
     distance = np.zeros(signal.size)
     distance[k] = np.abs(signal[k] - (4.0 * (signal[k - 1] + signal[k + 1]) - signal[k - 2] - signal[k + 2]) / 6.0)
-    # A clean signal's distances are rounding and curvature: no measure of what is unusual.
+    # A clean signal's distances are rounding and curvature, and define no usual distance.
     limit = max(OUTLYING * 1.4826 * float(np.median(distance)), 0.02 * float(np.std(signal)))
     return (distance > limit) & (distance == ndimage.maximum_filter1d(distance, 5))
 

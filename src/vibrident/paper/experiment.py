@@ -1,9 +1,9 @@
-"""The data for the paper's section 5, whose own are private: the same protocol on two others.
+"""The data for the paper's section 5, whose own are private: the same protocol on two other sets.
 
-``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion seen by a laser vibrometer of
+``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion measured by a laser vibrometer of
 50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10 V.
 
-``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, where they are at hand.
+``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, if available.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from vibrident.simulation import ChannelNoise, Sensor, simulate
 
 #: (mm/s)/V of the vibrometer (OFV-552 with its controller), as the paper states it; V of full scale; bits.
 VIBROMETER, FULL_SCALE_V, BITS = 0.050, 10.0, 24
-#: Assumed, since the paper gives none of them: noise of the velocity, (m/s)/√Hz; of the sensor's channel, V rms; delay
+#: Assumed, because the paper does not state them: noise of the velocity, (m/s)/√Hz; of the sensor's channel, V rms;
+#: delay
 #: of the vibrometer behind the sensor's channel, s; shaker's own vibration below the sine, dB, and its band.
 VELOCITY_NOISE, RESPONSE_NOISE_V, VIBROMETER_DELAY_S = 1e-7, 1e-4, 5e-6
 SHAKER_DB, SHAKER_BAND_HZ = 40.0, (5.0, 4000.0)
-#: The vibrometer comes later than the response, so the response's delay against it is negative.
+#: The vibrometer is later than the response, so the response's delay relative to it is negative.
 MSV_3000 = Sensor(
     "msv3000",
     "MSV 3000 type, simulated",
@@ -42,11 +43,11 @@ class Experiment:
     """One set of data for section 5, twice prepared.
 
     Attributes:
-        title: what it is, saying whether measured or simulated.
-        simulated: True where a computer made it.
-        own: reference as recorded, for the methods that take it through the model.
+        title: name of the data, stating whether measured or simulated.
+        simulated: True for simulated data.
+        own: reference as recorded, for the methods that model its quantity.
         published: reference as acceleration (or drive), for the methods that need it so.
-        truth: true parameters, where they are known.
+        truth: true parameters, if known.
     """
 
     title: str
@@ -108,7 +109,7 @@ def _differentiator(rate_hz: float) -> FloatArray:
     return (2.0 * _EDGE_HZ) ** 2 / rate_hz * slope * np.kaiser(2 * _HALF + 1, _KAISER)
 
 
-#: What the columns of the SM-3's files mean; their header says otherwise.
+#: Meaning of the columns of the SM-3's files, which their header states wrongly.
 _SEISMOMETER = """
 [sensor]
 manufacturer = "SM-3"
@@ -134,7 +135,7 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """The sine steps of an SM-3 seismometer: drive to laser; None if the files are not there.
+    """The sine steps of an SM-3 seismometer: drive to laser; None if the files are missing.
 
     Args:
         data: folder that holds ``sm3``.
@@ -154,7 +155,7 @@ def seismometer(data: Path, *, seed: int) -> Experiment | None:
 
 
 def _centred(calibration: Calibration) -> Calibration:
-    """Both channels without their means: networks without bias have no place for an offset."""
+    """Both channels without their means: networks without bias cannot hold an offset."""
     records = []
     for record in calibration.records:
         assert record.reference is not None  # sines have one

@@ -1,4 +1,4 @@
-"""The paper's figures 5, 6, 7 and 9, and two that it lacks, drawn in the look of the package's other pictures."""
+"""The paper's figures 5, 6, 7 and 9, and two that it lacks, in the style of the package's other pictures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Stacks = tuple[Stack, ...]
 TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)
 SHOWN = (methods.PUBLISHED, methods.EXACT, methods.PLAIN)
 _SYMBOLS = {"sensitivity": "S0", "natural_frequency": "fn", "damping_ratio": "δ"}
-#: Errors below this are drawn at it: rounding.
+#: Least error drawn; below it is rounding.
 _LEAST = 1e-9
 
 
@@ -43,7 +43,7 @@ class Picture:
 
 
 def draw_all(run: Reproduction, folder: Path) -> list[Picture]:
-    """Draw every picture that the run has numbers for into ``folder`` as PNG; return them in order."""
+    """Draw every picture of the run into ``folder`` as PNG; return them in order."""
     wanted = [p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")]
     for picture in wanted:
         drawing.save(Figure(picture.name, "", picture.draw(run)), folder / f"{picture.name}.png")

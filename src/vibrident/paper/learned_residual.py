@@ -1,7 +1,7 @@
-"""The paper's discussion (II): a learned part that takes what the physics leaves, with the physics kept readable.
+"""The paper's discussion (II): a learned part fitted to the residual of the physics, which stays readable.
 
 The paper's network has no such part. The package's (``ResidualIpnn``) is trained here on sensors of known truth: with a
-second mode, with a hardening spring, and with nothing that the physics lacks.
+second mode, with a hardening spring, and without any further effect.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Residual:
         sensor: its name among the simulated sensors.
         alone: RMSE on records not trained on, noise-free, by the physics alone, response unit.
         together: the same with the learned part.
-        share: of the output that the learned part gives, in the training records.
+        share: of the learned part in the output, in the training records.
         errors_alone: relative error by parameter, physics alone.
         errors: relative error by parameter, with the learned part.
         moved: largest relative difference of a parameter between the two.

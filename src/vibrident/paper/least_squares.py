@@ -2,9 +2,9 @@
 
     1/H = (ωn² − ω² + 2 j δ ωn ω)/K        three constants, linear: 1/S0, 2 δ/(S0 ωn), 1/(S0 ωn²)
 
-``from_sine_fits`` takes H from a sine fit of each channel, each point of 1/H weighing alike. The paper does not say how
-its H were read. ``from_extremes`` reads them in the crudest way, largest response over largest excitation, noise and
-all, without phase:
+``from_sine_fits`` takes H from a sine fit of each channel, each point of 1/H with equal weight. The paper does not
+state how its H were read. ``from_extremes`` reads them in the simplest way: largest response over largest excitation,
+with noise, without phase:
 
     1/|H|² = (1 + (4 δ² − 2) (ω/ωn)² + (ω/ωn)⁴)/S0²        linear in 1/S0², (4 δ² − 2)/(S0 ωn)², 1/(S0² ωn⁴)
 """
@@ -35,7 +35,7 @@ def from_sine_fits(calibration: Calibration) -> dict[str, float]:
     static, viscous, inertial = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
     if not (static / inertial > 0.0 and viscous / static > 0.0):
         raise NotConverged(
-            "Plain least squares on 1/H gives no stable oscillator: the points of small sensitivity rule it and are "
+            "Plain least squares on 1/H gives no stable oscillator: the points of small sensitivity dominate and are "
             "too noisy or not those of a second-order sensor."
         )
     natural = np.sqrt(static / inertial)
@@ -50,7 +50,7 @@ def from_extremes(calibration: Calibration) -> dict[str, float]:
     unit = float(np.exp(np.mean(np.log(omega))))
     square = (omega / unit) ** 2
     matrix = np.stack([np.ones_like(square), square, square**2], axis=1)
-    # Divided by 1/H²: the points weigh by their relative deviation, or those far above the resonance would rule.
+    # Divided by 1/H²: relative deviations; otherwise the points far above the resonance would dominate.
     scale = ratio**2
     static, slope, quartic = np.linalg.lstsq(matrix * scale[:, None], np.ones_like(square), rcond=None)[0]
     natural_square = np.sqrt(static / quartic)

@@ -1,4 +1,4 @@
-"""Every method on the same training records, judged on the same test records."""
+"""Every method on the same training records, evaluated on the same test records."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ NAMES: Mapping[Kind, str] = {"gru": "GRU", "lstm": "LSTM"}
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What one method made of one set of data.
+    """The outcome of one method on one set of data.
 
     Attributes:
         name: for tables.
         weights: numbers that were fitted.
         metrics: prediction of the test records, normalised; None if the method failed.
-        parameters: the sensor's, SI units; None for a method that has none, or that failed.
+        parameters: the sensor's, SI units; None for a method without parameters, or that failed.
         epochs: of training; None if there was none.
         converged: whether the stopping rule ended training, and not the limit.
         seconds: of fitting, compilation included; differs from run to run.
@@ -54,7 +54,7 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Data for all methods, and how parameters are judged.
+    """Data for all methods, and the evaluation of parameters.
 
     Attributes:
         own: reference as recorded, for the package's estimators.
@@ -115,7 +115,7 @@ def unrolled_network(
     activation: Activation = "linear",
     progress: Progress | None = None,
 ) -> MethodResult:
-    """The unrolled network under Adam; ``near`` is the first look at the sensor."""
+    """The unrolled network under Adam; ``near`` is the first estimate of the sensor."""
     core = plain_model(judge.published.calibration.model)
     network: Network = network_for(judge.published, core, near, discretisation, activation)
     begin = time.perf_counter()
@@ -134,7 +134,7 @@ def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:
 
 
 def least_squares(judge: Judge, name: str, method: Callable[..., dict[str, float]]) -> MethodResult:
-    """The paper's comparison, without delay; where it gives no stable oscillator the row says so by its absence."""
+    """The paper's comparison, without delay; without metrics if it gives no stable oscillator."""
     begin = time.perf_counter()
     try:
         found = method(judge.published.training_calibration)
@@ -153,7 +153,7 @@ def pinn(judge: Judge, near: Mapping[str, float], progress: Progress | None = No
     return judge.sensor(PINN, fitted.weights, fitted.parameters, seconds, trained=fitted.trained)
 
 
-#: An epoch of the network of time is about so much shorter than one of the others.
+#: Epochs of the network of time for one of the others, which takes about as long.
 PINN_EPOCHS = 10
 
 #: The methods that need no training by Adam, in the order of the tables.

@@ -32,7 +32,7 @@ class Metrics:
 
     @classmethod
     def of(cls, measured: FloatArray, predicted: FloatArray) -> Metrics:
-        """Metrics over all samples, shape (samples,) each; R² and RPD are infinite or NaN where they do not exist."""
+        """Metrics over all samples, shape (samples,) each; R² and RPD are infinite or NaN if undefined."""
         error = measured - predicted
         mse = float(np.mean(np.square(error)))
         variance = float(np.var(measured))
@@ -75,7 +75,7 @@ def curve_deviation(
     *,
     true_model: SensorModel | None = None,
 ) -> CurveDeviation:
-    """How far the curve of the parameters found is from the true one, over a band in log f."""
+    """Deviation of the curve of the estimated parameters from the true one, over a band in log f."""
     frequency = np.geomspace(*band_hz, CURVE_POINTS)
     reference = true_model or model
 
@@ -92,6 +92,7 @@ def curve_deviation(
 def deviation_at_points(
     model: SensorModel, found: Mapping[str, float], frequency_hz: FloatArray, magnitude: FloatArray
 ) -> CurveDeviation:
-    """How far the curve of the parameters found is from measured magnitudes per unit of acceleration (or drive)."""
+    """Deviation of the curve of the estimated parameters from measured magnitudes per unit of acceleration (or
+    drive)."""
     percent = 100.0 * (np.abs(model.frequency_response(found, frequency_hz)) / magnitude - 1.0)
     return CurveDeviation(tuple(frequency_hz.tolist()), tuple(percent.tolist()), None)

@@ -85,7 +85,7 @@ def _marked(text: str) -> str:
 def filled(text: str, tables: Sequence[Table], where: str) -> str:
     """A document with this run's tables between its marks ``<!-- reproduce:begin NAME -->`` and ``end``.
 
-    Marks of tables that this run has not made keep what they hold.
+    Marks of tables that this run has not made stay unchanged.
 
     Raises:
         InputError: the document has no marks.

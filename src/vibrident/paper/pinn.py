@@ -1,13 +1,13 @@
 """A physics-informed network of time (Raissi et al. 2019), against which the paper's introduction sets its own.
 
 One network maps time to the responses of all training records over a short span; its derivatives in time are exact.
-The equation of motion, divided by K so that the excitation stands alone, is a second loss, and S0, ωn and δ are
+The equation of motion, divided by K, is a second loss, and S0, ωn and δ are
 trained along:
 
     V̂_r(t) = network(t)_r          e_r = (V̂̈_r + 2 δ ωn V̂̇_r + ωn² V̂_r)/K − a_r
     loss = mean (V̂_r − V_r)² + mean e_r²        both normalised
 
-Such a network knows the records it was trained on and no other; what it gives for use is the sensor's parameters.
+Such a network predicts only the records it was trained on; its use is the sensor's parameters.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from vibrident.paper.dataset import Dataset
 from vibrident.paper.unrolled import START
 from vibrident.problem import Coordinates
 
-#: Steps of a record that it is trained on, from the middle: the longest that it learns in a minute or two.
+#: Steps of a record for training, from the middle: the longest that it learns in a minute or two.
 SPAN = 1024
 #: The network sees sine and cosine of so many multiples of half the span's fundamental, and two tanh layers follow.
 HARMONICS, HIDDEN = 64, 64
@@ -44,7 +44,7 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FittedPinn:
-    """What it found; ``weights`` counts what training moved, the sensor's parameters among them."""
+    """The outcome; ``weights`` counts all trained numbers, including the sensor's parameters."""
 
     parameters: dict[str, float]
     weights: int
@@ -65,7 +65,7 @@ def fit_pinn(
     Args:
         dataset: records of one sampling rate, acceleration or drive as reference.
         model: an accelerometer without add-ons.
-        near: first look at the parameters.
+        near: first estimate of the parameters.
         schedule: rates and stopping rule; its batch is ``BATCH`` points.
         seed: of weights and shuffling.
         progress: called after each epoch.

@@ -1,6 +1,6 @@
 """The optimum of the paper's own loss: the unrolled network of any discretisation under the plain mean squared error.
 
-Adam comes near it; Levenberg–Marquardt reaches it, so that what is left is the discretisation's error and not the
+Adam comes near it; Levenberg–Marquardt reaches it, so that the remaining error is the discretisation's, not the
 optimiser's. Initial state and offset of each record are eliminated; records are not weighted.
 """
 

@@ -1,4 +1,4 @@
-"""What the paper prints: Tables 2 to 5 and the figures in its text, as they stand there."""
+"""The paper's Tables 2 to 5 and the figures in its text, as printed."""
 
 from __future__ import annotations
 

@@ -38,11 +38,11 @@ class Reproduction:
         settings: what was run.
         simulation: section 4.
         interferometer: section 5 on simulated data.
-        seismometer: section 5 on measured data; None if they are not at hand.
+        seismometer: section 5 on measured data; None if unavailable.
         full_range: section 4 from 0.1 Hz; None unless asked for.
         rates: the study of sampling rates.
         noise: the study of noise.
-        residuals: the learned residual on sensors of known truth; empty where it was left out.
+        residuals: the learned residual on sensors of known truth; empty if left out.
         seconds: of the whole.
     """
 
@@ -104,10 +104,10 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
 
     Args:
         settings: how much.
-        stages: shows what is being done.
+        stages: shows progress.
 
     Raises:
-        InputError: the real data are there but cannot be read.
+        InputError: the real data cannot be read.
     """
     begin = time.perf_counter()
     with stages("Making the data"):
@@ -142,7 +142,7 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
 
 
 def _recurrent(judges: Sequence[Judge], settings: Settings, stages: Stages) -> list[list[MethodResult]]:
-    """GRU and LSTM for every set of data, side by side where there are processes for it."""
+    """GRU and LSTM for every set of data, in parallel if there are processes."""
     tasks = [(judge, kind) for judge in judges for kind in KINDS]
     done: list[MethodResult] = []
     with stages(f"Training {len(tasks)} networks without physics (GRU, LSTM)") as progress:

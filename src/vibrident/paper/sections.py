@@ -39,13 +39,13 @@ class Section:
 
     Attributes:
         title: what the data are.
-        simulated: True where a computer made them.
+        simulated: True for simulated data.
         published: the data as the paper prepares them.
         rows: one a method.
         deviations: of each method's curve, by its name: from the true curve in section 4, from the interferometer's
             points in section 5.
         points: frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4.
-        truth: true parameters, where they are known.
+        truth: true parameters, if known.
         band_hz: lowest and highest frequency.
     """
 
@@ -85,7 +85,7 @@ def simulation(settings: Settings, recurrent: Sequence[MethodResult], stages: St
 
 
 def full_range(settings: Settings, stages: Stages) -> Section:
-    """The 41 records from 0.1 Hz on, by the methods that can take records of different sampling rates."""
+    """The 41 records from 0.1 Hz on, by the methods that accept records of different sampling rates."""
     with stages("Simulating 0.1 to 1000 Hz"):
         data = section_4.section_4(
             seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples, full_range=True
@@ -135,7 +135,7 @@ def recurrent_task(judge: Judge, kind: Kind) -> MethodResult:
 
 
 def _first_look(judge: Judge) -> dict[str, float]:
-    """Parameters near the sensor's, from which training starts at a distance; the same for every network."""
+    """Parameters near the sensor's, the same for every network; training starts at a distance from them."""
     result = identify(judge.own.training_calibration, None, LeastSquares())
     core = parse(judge.own.calibration.model).core
     return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
@@ -149,7 +149,8 @@ def _from_truth(
 
 
 def _interferometer(data: Experiment) -> tuple[FloatArray, FloatArray]:
-    """What reference and response say at each frequency, without any model: V per m/s² (or per unit of drive)."""
+    """Sensitivity at each frequency from reference and response, without any model: V per m/s² (or per unit of
+    drive)."""
     measured = identify(data.own.calibration, None, "ml").measured
     frequency = np.array(measured.frequency_hz)
     magnitude = np.array(measured.magnitude, dtype=float)

@@ -1,4 +1,4 @@
-"""How much a reproduction does, and how it tells what it is doing."""
+"""The extent of a reproduction, and its progress."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibrident.network.training import Progress, Schedule
 
 @dataclass(frozen=True)
 class Settings:
-    """What is run. The defaults are the whole; ``quick()`` is a trial whose networks are not trained to the end.
+    """What is run. The defaults run everything; ``quick()`` is a trial whose networks are not trained to the end.
 
     Attributes:
         seed: of everything random.
@@ -28,7 +28,7 @@ class Settings:
         data: folder of real calibrations; None leaves the measured experiment out.
         residual: whether the learned residual is shown.
         jobs: processes for the networks without physics.
-        trial: True where the figures are not for quoting.
+        trial: True for a trial, whose figures are not final.
     """
 
     seed: int = 20251111
@@ -47,7 +47,7 @@ class Settings:
 
 
 def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> Settings:
-    """A run of less than two minutes that goes through everything."""
+    """A run of less than two minutes through everything."""
     return Settings(
         seed=seed,
         rate_hz=25600.0,
@@ -63,7 +63,7 @@ def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> S
 
 
 class Stages(Protocol):
-    """Called with what is about to be done; gives a context whose value shows the progress of it."""
+    """Called with the name of a stage; gives a context whose value shows its progress."""
 
     def __call__(self, what: str) -> contextlib.AbstractContextManager[Progress]:
         """Begin."""

@@ -22,11 +22,11 @@ from vibrident.records import Calibration
 from vibrident.simulation import simulate, with_noise
 
 BAND_HZ = (10.0, 1000.0)
-#: Motions of the study of rates: the same at every rate, so the excitation's noise ends below what the lowest shows.
+#: Motions of the study of rates: the same at every rate, so the excitation's noise ends below half the lowest rate.
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
 RATE_DURATION_S, RATE_NOISE_HZ = 0.16, 4000.0
 PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
-#: Where the optimum is sought from.
+#: Start of the search for the optimum.
 NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
 
 
@@ -82,7 +82,7 @@ def _at_rate(calibration: Calibration, name: str, rate: float) -> RatePoint:
 
 
 def relative_errors(found: Mapping[str, float]) -> dict[str, float]:
-    """Found over true, less one, of the estimated parameters and of the resonance frequency where there is one."""
+    """Relative error of the estimated parameters and of the resonance frequency, if there is one."""
     errors = {name: float(found[name] / SENSOR.parameters[name] - 1.0) for name in PARAMETERS}
     both = [_resonance(values) for values in (found, SENSOR.parameters)]
     if both[0] is not None and both[1] is not None:
@@ -103,7 +103,7 @@ def _by(estimator: Estimator) -> Callable[[Calibration], dict[str, float]]:
     return found
 
 
-#: The methods that give parameters, as the paper has them and as the package has them.
+#: The methods that give parameters, the paper's and the package's.
 NOISE_METHODS: Mapping[str, Callable[[Calibration], dict[str, float]]] = {
     "IPNN, Euler (as published)": lambda calibration: optimum(calibration, "euler", NEAR),
     "IPNN, exact weights": _by(Ipnn()),

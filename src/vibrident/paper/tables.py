@@ -1,4 +1,4 @@
-"""The paper's tables 1 to 5 with our figures beside its own, and the tables that it lacks; numbers become text here."""
+"""The paper's tables 1 to 5 with our figures beside its own, and further tables; numbers become text here."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Table:
 
     Attributes:
         name: short name, for the marks in a document.
-        title: what stands above it.
+        title: shown above it.
         head: names of the columns.
         rows: cells as text, one list a row.
-        note: what stands below it.
+        note: shown below it.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Table:
 
 
 def all_tables(run: Reproduction) -> list[Table]:
-    """Every table that the run has numbers for, in the order of the page."""
+    """Every table of the run, in the order of the page."""
     tables = [
         the_run(run),
         weights(run),
@@ -193,7 +193,7 @@ def _metrics(m: Metrics) -> tuple[str, ...]:
 
 
 def identified(name: str, title: str, section: Section) -> Table:
-    """Parameters of every method that has them, and how far its curve is from the reference."""
+    """Parameters of every method that has them, and the deviation of its curve from the reference."""
     rows = []
     for row in section.rows:
         if row.parameters is None:

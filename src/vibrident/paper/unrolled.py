@@ -4,7 +4,7 @@
 
 φ is the identity, which makes this the sensor's recursion, or tanh as in the paper's Table 3. W1…W4 follow from S0, ωn
 and δ through a discretisation: Euler's as published, or the exact band-limited step. The elements are those of
-``vibrident.network.cell``; only the loop is written out elementwise over a batch.
+``vibrident.network.cell``; the loop is elementwise over a batch.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 
 Activation = Literal["linear", "tanh"]
-#: Where training starts: these multiples of what a first look at the tones says, as a data sheet may be off.
+#: Start of training: these multiples of a first estimate from the tones, as a data sheet may deviate.
 START = {"sensitivity": 0.9, "natural_frequency": 1.1, "damping_ratio": 1.5}
 
 
@@ -36,8 +36,8 @@ class Network:
 
     Attributes:
         model: the sensor model, without delay.
-        dataset: whose scales and quantity it works in.
-        seen: what its input neurons see.
+        dataset: its scales and quantity.
+        seen: its inputs.
         activation: of the hidden layer.
     """
 
@@ -97,7 +97,7 @@ _predicted = jax.jit(_forward, static_argnums=(0,))
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Parameters that training found, and how it went."""
+    """Trained parameters, and the training."""
 
     network: Network
     parameters: dict[str, float]
@@ -112,7 +112,7 @@ def network_for(
     activation: Activation = "linear",
     delay_s: float = 0.0,
 ) -> Network:
-    """The network of a discretisation; ``near`` are values near the sensor's, which set its number of inputs."""
+    """The network of a discretisation; ``near`` are values near the sensor's, which define its number of inputs."""
     step = method(discretisation)
     fastest = 2.0 * np.pi * near["natural_frequency"]
     rate = min(record.sampling_rate_hz for record in dataset.calibration.records)
@@ -132,7 +132,7 @@ def fit(
 
     Args:
         network: what to train.
-        near: the first look at the sensor; training starts at ``START`` times these.
+        near: the first estimate of the sensor; training starts at ``START`` times these.
         schedule: rates and stopping rule.
         seed: of the shuffling.
         progress: called after each epoch.
@@ -160,5 +160,5 @@ def weighted_mse(outputs: Any, batch: Windows) -> Any:
 
 
 def plain_model(name: str) -> SensorModel:
-    """The model as the paper has it: the core alone, without delay or other add-ons."""
+    """The paper's model: the core alone, without delay or other add-ons."""
     return parse(name.split("+")[0])

@@ -1,7 +1,7 @@
 """Records cut into windows for training in batches, the same windows for every network.
 
-A window begins with steps that are run but not scored, in which a network that starts from zero finds the motion
-it is in the middle of (its state forgets e^{−δ ωn t}). Windows overlap so that every later sample is scored once.
+A window begins with steps that are run but not scored, in which a network that starts from zero settles (its state
+decays as e^{−δ ωn t}). Windows overlap so that every later sample is scored once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vibrident.records import FloatArray, Record
 
 #: Steps run and not scored, and steps scored: of a window and, at its begin and end, of a whole record.
 RUN_IN, SCORED, RUN_OUT = 512, 512, 40
-#: Every so many-th window of the training records is held back to decide when to stop: 8:2 again.
+#: One of so many windows of the training records is held back for early stopping: 8:2 again.
 HOLD_BACK = 5
 
 
@@ -32,7 +32,7 @@ class Windows(NamedTuple):
 
 @dataclass(frozen=True)
 class Seen:
-    """What a network's input neurons see: the samples as they are, or the band-limited signal's coefficients.
+    """Inputs of a network: the samples, or the coefficients of the band-limited signal.
 
     Attributes:
         method: the discretisation.
