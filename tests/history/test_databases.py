@@ -73,7 +73,8 @@ def test_every_query_of_ten_thousand_calibrations_takes_less_than_100_ms(large):
 def _computing_s(store, act, times=5):
     """Computing time of a query here and in the server: the other tests keep both waiting."""
     with store.reading() as connection:
-        server = None if store.is_sqlite else connection.execute(sa.text("SELECT pg_backend_pid()")).scalar_one()
+        local = store.is_sqlite or not Path("/proc").exists()
+        server = None if local else connection.execute(sa.text("SELECT pg_backend_pid()")).scalar_one()
 
     def spent():
         of_server = 0.0 if server is None else sum(_ticks(server)) / os.sysconf("SC_CLK_TCK")

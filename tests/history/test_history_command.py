@@ -73,7 +73,7 @@ def test_show_gives_every_calibration_with_both_en_drift_and_prediction(lived, s
     assert drift["prediction"]["reading"]["u"] < drift["prediction"]["u"]  # the reference's error is in both readings
     assert document["due"]["limits"][1] == pytest.approx(1.02 * rows[-1]["value"])
     text = printed("history", "show", "4711", "--store", store)
-    for part in ("ordinary E_n", "Series 2 begins on 2015-03-01", "random walk", "EWMA", "new [cable]"):
+    for part in ("●", "ordinary E_n", "Series 2 begins on 2015-03-01", "random walk", "EWMA", "new [cable]"):
         assert part in text
 
 

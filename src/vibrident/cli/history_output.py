@@ -47,6 +47,7 @@ def print_history(document: Mapping[str, Any]) -> None:
 
     title = f"{sensor_name(document['sensor'])}: {tables.quantity_name(document)}"
     print_table(tables.calibrations(document), title)
+    print_pairs("Each with the part of U that it does not share", tables.chart(document))
     for text in tables.series(document):
         out().print(printable(text))
     for heading, rows in _parts(document):

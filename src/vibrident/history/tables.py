@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from vibrident.comparison import COVERAGE_FACTOR as K
 from vibrident.naming import Scale, in_words, pretty, scaled
 from vibrident.present.numbers import NONE, frequency_text, pair, plain
 from vibrident.present.views import Column, Table, columns
@@ -71,6 +72,30 @@ def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
 
 def _en(value: float | None) -> str:
     return NONE if value is None else f"{value:+.2f}".replace("-0.00", "+0.00")
+
+
+def chart(document: Document, width: int = 60) -> list[tuple[str, str]]:
+    """The values as text, by date: the part of U that a calibration does not share as a bar, and what is expected."""
+    rows = [
+        (row["date"], row["value"], K * (row["u_own"] or row["u"])) for row in document["calibrations"] if row["counts"]
+    ]
+    if len(rows) < 2:
+        return []
+    if not document["drift"]["why"]:
+        ahead = document["drift"]["prediction"]
+        rows.append((f"{ahead['date']} expected", ahead["reading"]["value"], ahead["reading"]["U"]))
+    low, high = min(value - half for _, value, half in rows), max(value + half for _, value, half in rows)
+
+    def place(value: float) -> int:
+        return round((width - 1) * (value - low) / (high - low)) if high > low else 0
+
+    lines = []
+    for date, value, half in rows:
+        left, middle, right = place(value - half), place(value), place(value + half)
+        bar = ["─" if left <= i <= right else " " for i in range(width)]
+        bar[left], bar[right], bar[middle] = "├", "┤", "●"
+        lines.append((date, "".join(bar).rstrip()))
+    return lines
 
 
 def series(document: Document) -> list[str]:
