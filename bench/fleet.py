@@ -58,15 +58,15 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def calibrations(folder: Path, count: int) -> list[Path]:
-    """Simulated accelerometers of two types, their gains and frequencies scattered; all 21 × 2000 samples."""
-    rng = np.random.default_rng(12)
+def calibrations(folder: Path, count: int, seed: int = 0) -> list[Path]:
+    """Simulated accelerometers of two types, their gains scattered; all 21 × 2000 samples."""
+    rng = np.random.default_rng([12, seed])
     frequencies = np.geomspace(160.0, 5000.0, RECORDS).tolist()
     clean = simulate("paper", frequencies_hz=frequencies, samples=SAMPLES, start="steady", seed=1)
     files = []
     for number in range(count):
         gain = 1 + 0.01 * rng.standard_normal()
-        noisy = with_noise(clean, response_noise=0.01, seed=number)
+        noisy = with_noise(clean, response_noise=0.01, seed=seed + number)
         records = tuple(dataclasses.replace(one, response=gain * one.response) for one in noisy.records)
         sensor = {"type": "A-100" if number % 2 else "B-200", "serial_number": f"SN{number:05d}"}
         made = dataclasses.replace(noisy, records=records, sensor=sensor)
@@ -246,8 +246,11 @@ def study(count: int) -> dict[str, Any]:
         environment = {**os.environ, "PYTHONPATH": paths}
         there = []
         for _ in range(3):
+            before = len(list((folder / "out/parts").glob("*.parquet")))
             process = subprocess.Popen(command, env=environment)
-            time.sleep(rng.uniform(6.0, 6.0 + wanted / 20))
+            while len(list((folder / "out/parts").glob("*.parquet"))) == before and process.poll() is None:
+                time.sleep(0.1)
+            time.sleep(rng.uniform(0.0, wanted / 20))
             process.send_signal(signal.SIGKILL)
             process.wait()
             there.append(sum(1 for _ in _rows(folder / "out/parts")))
@@ -272,8 +275,8 @@ def _spoilt(folder: Path, wanted: int) -> int:
     count = max(wanted // 20 - 2, len(BROKEN)) // len(BROKEN)
     for number in range(count):
         broken(folder / f"broken{number}")
-    for way in ("segfault", "exits"):
-        file = calibrations(folder / way, 1)[0]
+    for number, way in enumerate(("segfault", "exits"), start=1):
+        file = calibrations(folder / way, 1, seed=1_000_000 * number)[0]
         (file.parent / way).touch()
     return count * len(BROKEN) + 2
 
