@@ -228,7 +228,7 @@ def test_a_prediction_for_a_table(identified, run, tmp_path):
         (["CAL", "--estimators", "ml", "--discretisations", "euler"], ["--estimators with ipnn"]),
         (["CAL", "--models", "nope"], ["accelerometer"]),
         (["CAL", "--truth", "CAL"], ["truth.json"]),
-        (["RESULT", "--models", "accelerometer"], ["results, which are made already"]),
+        (["RESULT", "--models", "accelerometer"], ["results, which exist already"]),
     ],
     ids=lambda value: " ".join(value),
 )
@@ -240,4 +240,4 @@ def test_comparisons_that_cannot_be(arguments, words, made, identified, run, tmp
 
 def test_a_calibration_file_in_the_place_of_a_result(made, identified, run, tmp_path):
     done = run("correct", made / "calibration.toml", identified, "--out", tmp_path / "out")
-    assert_refused(done, tmp_path / "out", "A result is wanted here", "calibration.toml", "the result first")
+    assert_refused(done, tmp_path / "out", "A result is needed here", "calibration.toml", "the result first")

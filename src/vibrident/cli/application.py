@@ -1,4 +1,4 @@
-"""The commands in the order of the help, and what becomes of an error in any of them."""
+"""The commands in the order of the help, and the handling of their errors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Commands(TyperGroup):
     """Commands whose errors are one message on stderr. A bug keeps its traceback."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find a command; the names that plug-ins add to are looked up where its help is asked for."""
+        """Find a command; names from plug-ins are looked up only for its help."""
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None and {"-h", "--help"} & set(rest):
             for parameter in command.params:

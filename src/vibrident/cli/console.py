@@ -1,4 +1,4 @@
-"""What is printed: tables to stdout, everything else to stderr, never a control code into a file."""
+"""Output: tables to stdout, everything else to stderr, no control codes in files."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ WIDTH_IN_A_FILE, LEAST_WIDTH = 120, 80
 
 
 def forgiving_streams() -> None:
-    """Print ``?`` for a character that the terminal's encoding lacks, in place of a crash."""
+    """Print ``?`` for a character that the terminal's encoding lacks."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
 
 
 def out() -> Console:
-    """Console for what the command was asked for."""
+    """Console for the command's results."""
     return _console(stderr=False)
 
 
@@ -46,7 +46,7 @@ def note(text: str) -> None:
 
 
 def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
-    """Where files were written, on stdout; a path is neither broken nor cut."""
+    """Paths of written files, on stdout, unbroken."""
     from vibrident.terminal import written_lines
 
     out().print(written_lines(paths), soft_wrap=True)

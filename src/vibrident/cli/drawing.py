@@ -1,4 +1,4 @@
-"""Pictures drawn by processes of their own, which load matplotlib while this one computes.
+"""Pictures drawn by other processes, which load matplotlib while this one computes.
 
 Loading matplotlib and drawing take about as long as an identification, and neither shares a core well with it.
 """
@@ -26,13 +26,13 @@ _WORKER = "from vibrident.cli.drawing import work; work()"
 
 
 class Painters:
-    """Processes that wait for a result to draw."""
+    """Processes waiting for a result to draw."""
 
     def __init__(self, processes: list[subprocess.Popen[bytes]]) -> None:
         self._processes = processes
 
     def draw(self, result: Result, file: Path) -> None:
-        """Draw every picture that the result, saved as ``file``, has something to show in, as PNG beside it."""
+        """Draw every picture of the result, saved as ``file``, as PNG beside it."""
         from vibrident import plots
 
         names = plots.applicable(result)
@@ -43,15 +43,15 @@ class Painters:
             done = [process.wait() == 0 for process in self._processes]
             if all(done):
                 return
-        plots.save_all(result, file.parent)  # no helpers, or they failed: an error shows here
+        plots.save_all(result, file.parent)  # no processes, or they failed: draw here, where an error shows
 
     def kill(self) -> None:
-        """End the processes, without waiting for them to be gone."""
+        """End the processes without waiting."""
         for process in self._processes:
             process.kill()
 
     def dismiss(self) -> None:
-        """End processes that are not needed any more."""
+        """End processes that are no longer needed."""
         self.kill()
         for process in self._processes:
             process.communicate()
@@ -59,7 +59,7 @@ class Painters:
 
 @contextlib.contextmanager
 def painters(*, wanted: bool = True) -> Iterator[Painters]:
-    """Start the processes, where there is a core for them; end them with the block."""
+    """Start the processes if there is a core for them; end them with the block."""
     started = Painters([])
     if wanted and _cores() > 1:
         with contextlib.suppress(OSError):  # no room for more processes: draw here
@@ -76,7 +76,7 @@ def _cores() -> int:
 
 
 def _start() -> subprocess.Popen[bytes]:
-    # -P: a file of the user's folder is no module. A session of its own: Ctrl-C is for us alone.
+    # -P: no imports from the user's folder. A new session: Ctrl-C reaches only this process.
     command = [sys.executable, "-P", "-c", _WORKER]
     silent = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silent, stderr=silent, start_new_session=True)
@@ -84,14 +84,14 @@ def _start() -> subprocess.Popen[bytes]:
 
 def _ask(process: subprocess.Popen[bytes], file: Path, pictures: list[str]) -> None:
     assert process.stdin is not None
-    with contextlib.suppress(OSError):  # it died; its exit code says so
+    with contextlib.suppress(OSError):  # it died; its exit code shows that
         process.stdin.write(json.dumps({"result": str(file.resolve()), "pictures": pictures}).encode())
         process.stdin.close()
 
 
 def work() -> None:
-    """A painter's life: load matplotlib, read one task from stdin, draw it. No task: the command is over."""
-    gc.disable()  # figures are full of cycles, and this process ends before they fill the memory
+    """Main of a drawing process: load matplotlib, read one task from stdin, draw it; no task: end."""
+    gc.disable()  # figures are full of cycles, and this process ends soon
     import matplotlib.backends.backend_agg
     import matplotlib.figure
     import matplotlib.style  # noqa: F401
@@ -100,7 +100,7 @@ def work() -> None:
     from vibrident import plots
     from vibrident.result import Result
 
-    TypeAdapter(Result)  # what reading a result takes longest for
+    TypeAdapter(Result)  # the slowest part of reading a result
     task = sys.stdin.buffer.read()
     if not task:
         return

@@ -12,7 +12,7 @@ _MOST_BYTES = 120
 
 
 def record_files(records: list[str]) -> list[str]:
-    """A CSV file name for each record that every system takes and no other record has."""
+    """A unique CSV file name for each record, valid on every system."""
     stems: list[str] = []
     for record in records:
         stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]

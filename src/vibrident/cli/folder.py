@@ -1,4 +1,4 @@
-"""Files that appear together or not at all: written into a hidden folder in or beside the wanted one, then moved."""
+"""Files written all or none: into a hidden folder in or beside the target, then moved."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from vibrident.cli.interruption import tidied_up
 from vibrident.errors import InputError
 
-#: Moved last, so that its presence says that the others are there.
+#: Moved last, so that its presence implies the others.
 _LAST = "result.json"
 
 
@@ -21,9 +21,9 @@ class Folder:
     """A folder being written.
 
     Attributes:
-        path: where to write now.
-        target: where the files will be.
-        files: where they are, once all are written; in the order of the names, the result first.
+        path: the temporary folder to write to.
+        target: the final folder.
+        files: final paths, once all are written; in the order of the names, the result first.
     """
 
     path: Path
@@ -33,7 +33,7 @@ class Folder:
 
 @contextlib.contextmanager
 def written_whole(target: Path) -> Iterator[Folder]:
-    """Collect files for ``target``; move them there when the block ends, leave nothing when it fails.
+    """Collect files for ``target``; move them there at the end of the block; leave nothing if it fails.
 
     Files of the same names are replaced, others stay.
 
@@ -49,7 +49,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
             remedy="give another --out",
         )
     missing = [folder for folder in (target, *target.parents) if not folder.exists()]
-    # Inside a folder that exists: the one above may belong to somebody else, or to another file system.
+    # Inside an existing folder: the one above may belong to another user or file system.
     partial = (target if target.is_dir() else target.parent) / f".vibrident.{os.getpid()}.part"
     folder = Folder(partial, target)
 
@@ -80,7 +80,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
 
 
 def refuse_used(target: Path, *, force: bool) -> None:
-    """Refuse a folder that holds something, unless forced.
+    """Refuse a folder that is not empty, unless forced.
 
     Raises:
         InputError: the folder is not empty.

@@ -32,7 +32,7 @@ def print_table(table: Table, title: str) -> None:
 
 
 def print_pairs(title: str, rows: Sequence[tuple[str, str]]) -> None:
-    """Names and texts; nothing where there are none."""
+    """Names and texts; nothing if empty."""
     from vibrident.present.terminal import shown
     from vibrident.present.views import Facts
 
@@ -41,7 +41,7 @@ def print_pairs(title: str, rows: Sequence[tuple[str, str]]) -> None:
 
 
 def print_history(document: Mapping[str, Any]) -> None:
-    """All that is known of one sensor."""
+    """The history of one sensor."""
     from vibrident.history import tables
     from vibrident.present.numbers import sensor_name
 

@@ -1,7 +1,6 @@
 """Ctrl-C and SIGTERM: tidy up and end at once.
 
-No exception is raised: inside JAX one may be lost in a callback, or bring the process down with a segmentation fault,
-and what was half-written would stay.
+No exception is raised: inside JAX it may be lost in a callback or crash the process, leaving half-written files.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ _tidy_ups: list[Callable[[], None]] = []
 
 @contextlib.contextmanager
 def tidied_up(tidy_up: Callable[[], None]) -> Iterator[None]:
-    """Call ``tidy_up`` when the process is ended within the block. It must neither wait nor need a lock."""
+    """Call ``tidy_up`` if the process is ended within the block. It must neither wait nor take a lock."""
     _tidy_ups.append(tidy_up)
     try:
         yield
@@ -27,7 +26,7 @@ def tidied_up(tidy_up: Callable[[], None]) -> Iterator[None]:
 
 
 def heed_signals() -> None:
-    """End on the signals that ask for it, with 128 plus their number as shells have it."""
+    """End on termination signals, with exit code 128 plus their number."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # a shell's background job ignores Ctrl-C
             signal.signal(number, _end)

@@ -36,16 +36,16 @@ KEYS = {
 
 
 def optics_of(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
-    """The interferometer that --interferometer and --optics ask for.
+    """The interferometer of --interferometer and --optics.
 
     Args:
         kind: of INTERFEROMETERS.
         text: KEY=VALUE joined by commas.
         rate_hz: of the response.
-        seed: of what is drawn.
+        seed: of the random numbers.
 
     Raises:
-        InputError: a key is not known, or a value is no number.
+        InputError: a key is unknown, or a value is not a number.
     """
     from vibrident.interferometer.setting import Interferometer
     from vibrident.simulation.interferometer import CARRIER, drawn
@@ -83,7 +83,7 @@ def _given(text: str | None) -> dict[str, Any]:
         key, _, value = (piece.strip() for piece in part.partition("="))
         if key not in KEYS:
             raise InputError(
-                f"{key!r} is no part of --optics.",
+                f"{key!r} is not a key of --optics.",
                 expected="KEY=VALUE, joined by commas; keys: " + ", ".join(KEYS),
                 found=repr(part),
                 where="--optics",
@@ -98,7 +98,7 @@ def _number(key: str, value: str) -> float:
         return float(value)
     except ValueError:
         raise InputError(
-            f"The value of {key!r} is no number.",
+            f"The value of {key!r} is not a number.",
             expected=f"{key}={KEYS[key][0]}, {KEYS[key][1]}",
             found=repr(value),
             where="--optics",

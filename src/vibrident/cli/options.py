@@ -27,14 +27,14 @@ FORMATS = ("html", "pdf", "md")
 CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]
 
 
-#: Names to choose from, or what gives them when they are asked for.
+#: Names to choose from, or a function that returns them.
 Names = Sequence[str] | Callable[[], Sequence[str]]
 
 
 def choice(name: str, allowed: Names, help: str, metavar: str | None = None, **more: Any) -> Any:
     """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them.
 
-    Names that plug-ins may add to are asked for when they are needed: then ``metavar`` is a key of ``REGISTERED``.
+    Names that plug-ins may add to are loaded on demand: ``metavar`` is then a key of ``REGISTERED``.
     """
     return typer.Option(
         name,
@@ -71,7 +71,7 @@ def _with(option: str) -> str:
     return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
 
 
-#: What stands in a help text for the names that are registered, and gives them.
+#: Placeholder in a help text → function that gives the registered names.
 REGISTERED: Mapping[str, Callable[[], str]] = {
     "{exports}": lambda: "|".join(EXPORTS.names()),
     "{add-ons apart}": lambda: ", ".join(not_rational()),
@@ -84,7 +84,7 @@ REGISTERED: Mapping[str, Callable[[], str]] = {
 
 
 def filled(text: str | None) -> str | None:
-    """A text of the help with the names that are registered."""
+    """A help text with the registered names filled in."""
     for key, names in REGISTERED.items():
         if text and key in text:
             text = text.replace(key, names())
@@ -95,12 +95,12 @@ def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
     """The value, if it is one of those allowed.
 
     Raises:
-        InputError: it is none of them.
+        InputError: the value is not allowed.
     """
     if value in allowed:
         return value
     raise InputError(
-        f"{value!r} is no choice of {name}.",
+        f"{value!r} is not a choice of {name}.",
         expected=" | ".join(allowed),
         found=repr(value),
         where=name,
@@ -109,7 +109,7 @@ def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
 
 
 def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:
-    """Split a list of names joined by commas, each one of those allowed where there is a list."""
+    """Split names joined by commas; each must be allowed, if ``allowed`` is given."""
 
     def split(text: str | None) -> list[str] | None:
         if text is None:
@@ -133,7 +133,7 @@ def band(text: str | None) -> tuple[float, float] | None:
     """``10:1000``, a lower and a higher frequency in Hz.
 
     Raises:
-        InputError: it is no such range.
+        InputError: the text is not such a range.
     """
     if text is None:
         return None
@@ -154,7 +154,7 @@ def frequencies(text: str | None) -> list[float] | None:
     """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz.
 
     Raises:
-        InputError: it is neither.
+        InputError: the text is neither.
     """
     if text is None:
         return None

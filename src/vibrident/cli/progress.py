@@ -1,4 +1,4 @@
-"""A progress bar on stderr for what takes longer than a second, where stderr is a terminal."""
+"""A progress bar on stderr for steps longer than a second, if stderr is a terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RESTORE = b"\r\x1b[2K\x1b[?25h"
 
 
 class Busy:
-    """Shows what is being done, and how far an optimiser has come when it is called with its progress.
+    """Shows the current step, and an optimiser's progress when called with it.
 
     with Busy("Identifying") as progress:
         identify(calibration, progress=progress)
@@ -67,11 +67,11 @@ class Busy:
 
     @property
     def shown(self) -> bool:
-        """Whether there is a terminal to show it on."""
+        """Whether stderr is a terminal."""
         return self._bar is not None
 
     def tell(self, text: str, done: int, most: int) -> None:
-        """Show a text, and how much is done of how much."""
+        """Show a text and the part done."""
         bar, task = self._bar, self._task
         if bar is not None and task is not None:
             bar.update(task, description=text, completed=done, total=most)

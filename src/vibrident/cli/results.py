@@ -1,4 +1,4 @@
-"""A result file, with its name in every complaint about it."""
+"""Reading a result file; errors name it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def load_result(path: Path) -> Result:
 
     if path.suffix.lower() == ".toml" and os.path.isfile(path):
         raise InputError(
-            "A result is wanted here, not a calibration file.",
+            "A result is needed here, not a calibration file.",
             expected="a result.json that `vibrident identify` wrote",
             found=path.name,
             where=str(path),

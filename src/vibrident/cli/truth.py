@@ -21,7 +21,7 @@ def true_values(sensor: Sensor) -> dict[str, float]:
 
 def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int) -> None:
     """Write the true values of a calibration's sensor, with their units."""
-    import vibrident.backend  # noqa: F401  the door to JAX, before anything that is built on it
+    import vibrident.backend  # noqa: F401  configures JAX before other imports of it
     from vibrident.comparison import TRUTH_SCHEMA
     from vibrident.models import parse
     from vibrident.uncertainty.parameters import unit_fields

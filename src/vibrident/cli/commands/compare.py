@@ -1,4 +1,4 @@
-"""``vibrident compare``: estimators, models and discretisations on the same data, or results made before."""
+"""``vibrident compare``: estimators, models and discretisations on the same data, or earlier results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to identify the same data; None for the model of the calibration file, and the usual discretisation."""
+    """One way to identify the same data; None: the model of the calibration file, the usual discretisation."""
 
     estimator: str
     model: str | None = None
@@ -62,7 +62,7 @@ def compare(
         ),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="truth.json of a simulation, to deviate from.")
+        Path | None, typer.Option("--truth", metavar="FILE", help="truth.json of a simulation, as the reference.")
     ] = None,
     validate: Annotated[
         bool, typer.Option("--cross-validate", help="Fit again without each fifth of the records, and predict it.")
@@ -71,9 +71,9 @@ def compare(
         Path, typer.Option("--out", metavar="DIR", help="Folder for comparison.json, and each result.")
     ] = Path("vibrident-comparison"),
 ) -> None:
-    """Compare methods side by side: parameters, fit, and time; the first one is what the others deviate from.
+    """Compare methods side by side: parameters, fit, and time; deviations are from the first one.
 
-    Of several models it says which one to take, and why.
+    Of several models it recommends one, with the reason.
     """
     named = options.listed("--estimators", ESTIMATORS.names)(estimators)
     steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
@@ -86,7 +86,7 @@ def compare(
 
     known = read_truth(truth) if truth else {}
     for name in names or ():
-        parse(name)  # before anything is identified
+        parse(name)  # checked before anything is identified
     with written_whole(folder) as output:
         if files[0].suffix.lower() == ".toml":
             methods = _methods(named or _usual(), names or (None,), steps or (None,))
@@ -109,14 +109,14 @@ def compare(
 
 
 def _usual() -> list[str]:
-    """All estimators, in the order in which they are compared; those that do not suit the data are left out later."""
+    """All estimators, in the order of comparison; unsuitable ones are left out later."""
     from vibrident.estimators import ranked
 
     return [one.name for one in ranked()]
 
 
 def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> list[Method]:
-    """Every combination that makes sense: not every estimator has a discretisation."""
+    """Every valid combination: not every estimator has a discretisation."""
     stepping = estimators_with("discretisation")
     return [
         Method(name, model, step)
@@ -126,7 +126,7 @@ def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> lis
 
 
 def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict[str, Result]:
-    """Results by name. What does not suit the data is left out, unless that was named: ``must`` for estimators."""
+    """Results by name. Methods that do not suit the data are left out, except those named: ``must`` for estimators."""
     if len(files) > 1:
         raise _mixed(files)
     from vibrident.io import read_guarded
@@ -202,7 +202,7 @@ def _loaded(files: list[Path]) -> dict[str, Result]:
 def _refuse_for_results(given: dict[str, object]) -> None:
     for option, value in given.items():
         if value:
-            raise _misplaced(option, "a calibration file (.toml)", "results, which are made already")
+            raise _misplaced(option, "a calibration file (.toml)", "results, which exist already")
 
 
 def _misplaced(option: str, expected: str, found: str) -> InputError:

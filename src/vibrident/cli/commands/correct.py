@@ -1,4 +1,4 @@
-"""``vibrident correct``: the acceleration that a measured response stands for, with an uncertainty for every sample."""
+"""``vibrident correct``: the acceleration behind a measured response, with an uncertainty for every sample."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def correct(
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 
-    Writes a CSV file a record, and band, noise, peak with interval, and doubts in correction.json.
-    A reference is only compared with. Write excitation = "decay" for records without one.
+    Writes a CSV file a record, and band, noise, peak with interval, and warnings in correction.json.
+    A reference is used for comparison only. Write excitation = "decay" for records without one.
     """
     limits = options.band(band)
     from vibrident.io import read_guarded
@@ -80,7 +80,7 @@ def correct(
 
 
 def _write_csv(path: Path, correction: Correction) -> None:
-    """Columns time_s (the file's own clock), acceleration, standard_uncertainty; blank where it is not known."""
+    """Columns time_s (the file's own clock), acceleration, standard_uncertainty; blank where unknown."""
     record = correction.record
     times = (record.start_time_s + record.time_s).tolist()
     rows = zip(times, correction.acceleration.tolist(), correction.standard_uncertainty.tolist(), strict=True)

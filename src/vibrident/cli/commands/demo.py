@@ -1,4 +1,4 @@
-"""``vibrident demo``: the whole way on simulated data, with a word on what to look at."""
+"""``vibrident demo``: the main path on simulated data, with notes on what to look at."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _steps(place: Path, folder: Path) -> None:
             from vibrident.identification import identify
 
             result = identify(io.read(place / "calibration.toml"), progress=progress)
-        # Where the file will be, not where it is being written.
+        # The final path, not the temporary one.
         provenance = {**result.provenance, "calibration_file": str(folder / "calibration.toml")}
         result = dataclasses.replace(result, provenance=provenance)
         console.print(terminal.summary(result))

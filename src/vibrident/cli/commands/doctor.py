@@ -1,4 +1,4 @@
-"""``vibrident doctor``: is this installation fit for use?"""
+"""``vibrident doctor``: checks of this installation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``vibrident export``: a result in another program's form."""
+"""``vibrident export``: a result in another program's format."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ def export(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)
     ],
-    form: Annotated[str, options.choice("--format", EXPORTS.names, "Form to write.", "{exports}", show_default=False)],
+    form: Annotated[
+        str, options.choice("--format", EXPORTS.names, "Format to write.", "{exports}", show_default=False)
+    ],
     folder: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Folder for the files.", show_default="beside the result"),
@@ -41,7 +43,7 @@ def export(
         typer.Option(
             "--without",
             metavar="NAMES",
-            help="Leave out {add-ons apart}, where a form cannot hold them; the file says what that costs.",
+            help="Leave out {add-ons apart}, if a format cannot hold them; the file states the error.",
             callback=options.listed("--without", options.not_rational),
         ),
     ] = None,
@@ -60,9 +62,9 @@ def export(
         typer.Option("--channel", metavar="NET.STA.LOC.CHA", help="{exports: channel}: codes of the channel."),
     ] = None,
 ) -> None:
-    """Write a result in a form that other programs read. It needs the result alone, neither the data nor JAX.
+    """Write a result in another program's format, from the result alone.
 
-    What a form cannot hold is said in the file, or refused with the reason.
+    What a format cannot hold is stated in the file, or refused with the reason.
     """
     known = load_result(result)
     limits = options.band(band)

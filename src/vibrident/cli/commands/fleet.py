@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vibrident.result import Result
 
 DOUBTFUL = 3
-#: Seconds between lines about the progress where stderr is no terminal.
+#: Seconds between progress lines if stderr is not a terminal.
 _LINE_S = 30.0
 
 
@@ -51,7 +51,8 @@ def fleet(
         ),
     ],
     folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the table, the page and what is kept to go on.")
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder for the table, the page and the parts needed to resume."),
     ],
     workers: Annotated[
         int | None,
@@ -62,7 +63,7 @@ def fleet(
         typer.Option(
             "--scheduler",
             metavar="ADDRESS|FILE.json",
-            help="A Dask scheduler that runs already, in place of this machine's processes; extra cluster.",
+            help="A running Dask scheduler, in place of this machine's processes; extra cluster.",
         ),
     ] = None,
     model: Annotated[
@@ -72,7 +73,9 @@ def fleet(
         str,
         choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", "{estimators}"),
     ] = AUTO,
-    resume: Annotated[bool, typer.Option("--resume/--fresh", help="Go on with what is in DIR, or do all anew.")] = True,
+    resume: Annotated[
+        bool, typer.Option("--resume/--fresh", help="Resume with what is in DIR, or start afresh.")
+    ] = True,
     time_limit_s: _TimeLimit = 300.0,
     memory_limit_mb: _MemoryLimit = None,
     limits: _Limits = None,
@@ -82,14 +85,14 @@ def fleet(
         typer.Option("--store", metavar="URL", help="Add the results to this history too; see `vibrident history`."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 3 where a calibration is refused, failed or doubtful.")
+        bool, typer.Option("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
 ) -> None:
     """Identify many sensors: DIR/fleet.parquet, a row each, and DIR/fleet.html.
 
-    The same command goes on where it was stopped, also by a crash. What is there already is not computed again; a
-    calibration whose files have changed is.
+    The same command resumes after a stop or a crash. Existing rows are kept, unless the calibration's files have
+    changed.
 
     Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
     """
@@ -130,7 +133,7 @@ def _positive(name: str, value: float, unit: str) -> float:
 
 
 def _known(model: str | None) -> str | None:
-    """The name of a model, refused once where it is wrong, and not in every row."""
+    """The name of a model; a wrong one is refused once, not in every row."""
     if model is not None:
         from vibrident.models import parse
 
@@ -148,7 +151,7 @@ def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool)
     from vibrident.cli.progress import Busy
     from vibrident.fleet import run
 
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own one keeps what it was given
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # Arrow's own pool does not return memory
     chosen = _scheduler(workers, scheduler)
     with Busy("Identifying") as progress:
         told = _Told(progress, quiet=quiet)
@@ -156,7 +159,7 @@ def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool)
 
 
 def _require_store(store: str, *, results: bool) -> None:
-    """Refuse a store that cannot be used before the work that would go into it."""
+    """Refuse an unusable store before the work begins."""
     if not results:
         raise InputError(
             "A history keeps whole results.",
@@ -174,7 +177,7 @@ def _require_store(store: str, *, results: bool) -> None:
 
 
 def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
-    """Add each result with a serial number; those that are in the store already stay as they are."""
+    """Add each result with a serial number; existing ones stay unchanged."""
     from vibrident import history
     from vibrident.cli.progress import Busy
     from vibrident.cli.results import load_result
@@ -193,9 +196,9 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     with Busy("Adding to the history"):
         new = history.add(store, named())
     if not quiet:
-        out().print(f"Added to the history: {new} results that were not in it.", soft_wrap=True)
+        out().print(f"Added to the history: {new} new results.", soft_wrap=True)
     if nameless:
-        note(f"{nameless} results state no serial number and have no place in a history.")
+        note(f"{nameless} results state no serial number and were not added.")
 
 
 def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
@@ -207,8 +210,8 @@ def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
         return Local(workers or joblib.cpu_count())
     if workers is not None:
         raise InputError(
-            "Workers are asked for in two ways.",
-            expected="--workers, for this machine, or --scheduler, whose workers run already",
+            "Workers are requested in two ways.",
+            expected="--workers, for this machine, or --scheduler, with its own workers",
             found="both",
             where="command line",
             remedy="leave one of the two out",
@@ -217,7 +220,7 @@ def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
 
 
 class _Told:
-    """Progress as a bar, or as a line now and then where stderr is no terminal."""
+    """Progress as a bar, or as occasional lines if stderr is not a terminal."""
 
     def __init__(self, bar: Any, *, quiet: bool) -> None:
         import time

@@ -1,4 +1,4 @@
-"""``vibrident history``: the calibrations of every sensor in a store, and what they say of drift and due dates."""
+"""``vibrident history``: the calibrations of every sensor in a store, with drift and due dates."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ _Serial = Annotated[str, typer.Argument(metavar="SERIAL", help="Serial number.",
 _Type = Annotated[str | None, typer.Option("--type", metavar="TYPE", help="Of sensors with one serial number.")]
 _Axis = Annotated[str | None, typer.Option("--axis", metavar="AXIS", help="Of sensors with several.")]
 _Form = Annotated[str, choice("--format", FORMS, "Tables, or one JSON document.")]
-_By = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who says so.", show_default="the account")]
+_By = Annotated[
+    str | None, typer.Option("--by", metavar="NAME", help="Author of the entry.", show_default="the account")
+]
 _Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why.")]
 _Quantity = Annotated[
     str | None,
@@ -54,7 +56,7 @@ _Frequency = Annotated[
 ]
 _Tolerance = Annotated[
     str | None,
-    typer.Option("--tolerance", metavar="REL", help="How far it may be off: 1% or 0.01.", show_default=False),
+    typer.Option("--tolerance", metavar="REL", help="Tolerance: 1% or 0.01.", show_default=False),
 ]
 _Nominal = Annotated[
     float | None,
@@ -83,12 +85,12 @@ def add(
         str | None, typer.Option("--date", metavar="DATE", help="Of the calibration, for results that state none.")
     ] = None,
 ) -> None:
-    """Add results. A result that is there already is left as it is."""
+    """Add results. An existing result stays unchanged."""
     day = read_date(date, "--date")
     from vibrident.history.entry import add_all, rows_of
     from vibrident.history.store import Store
 
-    for path in results:  # a result that is refused is found before any is added
+    for path in results:  # all are read before any is added
         _named(path, lambda result: rows_of(result, serial, day))
     with Store(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
@@ -136,7 +138,7 @@ def show(
         typer.Option("--out", metavar="FILE", help="Write it as .html, .png, .svg, .pdf or .json too."),
     ] = None,
 ) -> None:
-    """Show every calibration of a sensor, their agreement, drift, what to expect, and control charts."""
+    """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
     from vibrident.history import query
     from vibrident.history.document import shown
     from vibrident.history.store import Store
@@ -174,7 +176,7 @@ def due(
     given = read_tolerance(tolerance, nominal)
     if (given is None) == (limits is None):
         raise InputError(
-            "It is not said how far a sensor may be off." if limits is None else "Two tolerances are given.",
+            "No tolerance is given." if limits is None else "Two tolerances are given.",
             expected="a tolerance such as 1%, or a file of limits by type",
             found="none" if limits is None else "both",
             where="--tolerance, --limits",
@@ -252,7 +254,7 @@ def result(
     target: Annotated[Path, typer.Option("--out", metavar="FILE", help="result.json to write.", show_default=False)],
     store: _Store = None,
 ) -> None:
-    """Give a stored result back, whole."""
+    """Write a stored result to a file."""
     from vibrident.history import query
     from vibrident.history.store import Store
 
@@ -281,7 +283,7 @@ def export(
 
 @history.command("upgrade")
 def upgrade(store: _Store = None) -> None:
-    """Bring a store of an older version to this one, with its data; or begin a new one."""
+    """Upgrade a store of an older version, with its data; or create a new one."""
     from vibrident.history.store import Store
 
     with Store(store) as opened:
@@ -291,7 +293,7 @@ def upgrade(store: _Store = None) -> None:
 
 
 def _named(path: Path, use: Any) -> Result:
-    """A result that is fit for use, with its path in every complaint."""
+    """A readable result; errors name its path."""
     loaded = load_result(path)
     try:
         use(loaded)

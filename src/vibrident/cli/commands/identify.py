@@ -78,7 +78,7 @@ _Residual = Annotated[
     bool,
     typer.Option(
         "--residual",
-        help="{estimators: residual}: let a small network beside the physics learn what it leaves; kept only where it "
+        help="{estimators: residual}: learn the residual by a small network beside the physics; kept only where it "
         "predicts held-out data better.",
         rich_help_panel=_DETAILS,
     ),
@@ -87,8 +87,7 @@ _Posterior = Annotated[
     bool,
     typer.Option(
         "--posterior",
-        help="ml: sample the parameters' posterior too, and print it; for what is weakly determined. Needs the extra "
-        "bayes.",
+        help="ml: also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
     ),
 ]
 
@@ -120,7 +119,7 @@ def identify(
         choice(
             "--uncertainty",
             options.UNCERTAINTIES,
-            "What they cover: noise alone; inflated, the misfit too; auto, the misfit of records whose model fails.",
+            "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model is rejected.",
         ),
     ] = "auto",
     share: Annotated[
@@ -128,11 +127,11 @@ def identify(
         typer.Option(
             "--share",
             metavar="A,B",
-            help="Several files: the parameters they share, these and no others.",
-            show_default="the oscillator, and gains of like outputs",
+            help="Several files: the parameters they share, no others.",
+            show_default="the oscillator, and gains of equal outputs",
         ),
     ] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where the result carries a warning.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 if the result carries a warning.")] = False,
     pictures: Annotated[
         bool, typer.Option("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.")
     ] = True,
@@ -176,7 +175,7 @@ def identify(
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is to be identified, and how."""
+    """Calibrations, model and estimator to identify with."""
 
     files: list[Path]
     models: list[str] | None
@@ -187,7 +186,7 @@ class _Asked:
 
 
 def _models(text: str | None) -> list[str] | None:
-    """Names joined by commas; the same one may stand for several files."""
+    """Names joined by commas; one may serve several files."""
     return None if text is None else [part.strip() for part in text.split(",")]
 
 
@@ -215,7 +214,7 @@ def _identified(asked: _Asked, place: Path, plots: bool) -> list[Any]:
     from vibrident.io import read_guarded
 
     calibrations = [read_guarded(file) for file in asked.files]
-    # From here on it takes seconds: what a bad file needs is loaded already, what it does not need is not.
+    # From here on it takes seconds; a bad file has been refused before the slow imports.
     from vibrident.cli.drawing import painters
     from vibrident.cli.progress import Busy
 
@@ -259,7 +258,7 @@ def _run(asked: _Asked, calibrations: list[Any], progress: Any) -> list[Any]:
 
 
 def _places(files: list[Path], place: Path) -> list[Path]:
-    """Where each result goes: the first one's in ``place``, each other one's in a folder of its file's name."""
+    """Folder of each result: the first in ``place``, each other in a folder of its file's name."""
     places = [place]
     for file in files[1:]:
         name, number = file.stem, 2
@@ -287,7 +286,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
             if len(results) > 1:
                 joint = result.settings["joint"]
                 out().print(joint["calibrations"][joint["position"]]["file"], soft_wrap=True)
-            out().print(terminal.summary(result, written), crop=False)  # a path is never cut
+            out().print(terminal.summary(result, written), crop=False)  # paths are not cropped
             if residual := result.settings.get("residual_network"):
                 out().print(_residual_line(residual), soft_wrap=True)
             if sampled := result.settings.get("posterior"):
@@ -311,7 +310,7 @@ def _residual_line(residual: dict[str, Any]) -> str:
 def _posterior_line(posterior: dict[str, Any]) -> str:
     words = f"Posterior: {posterior['chains']} chains of {posterior['draws']} draws, {posterior['sampler']}."
     if names := posterior["ends_by_prior"]:
-        words += f" The range searched, not the data, ends {', '.join(names)} on one side at least."
+        words += f" The range searched, not the data, limits {', '.join(names)} on at least one side."
     if not posterior["converged"]:
-        words += " The chains do not agree, or steps diverged: take it as a warning and not as numbers."
+        words += " The chains do not agree, or steps diverged: do not use these numbers."
     return words

@@ -1,4 +1,4 @@
-"""``vibrident inspect``: what is in the files, before any model."""
+"""``vibrident inspect``: the content of the files, before any model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def inspect(
         typer.Option("--out", metavar="DIR", help="Folder for the picture.", show_default="./CAL.inspect.png"),
     ] = None,
 ) -> None:
-    """Look at calibration data: what was understood, what is doubtful, and a picture."""
+    """Show calibration data: their description, findings, and a picture."""
     from vibrident.io import read_guarded
 
     data = read_guarded(calibration)
@@ -41,7 +41,7 @@ def inspect(
 
 
 def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
-    """The calibration with clipped samples marked, and all findings; a record without signal stays to be seen."""
+    """The calibration with clipped samples marked, and all findings; records without signal stay."""
     from vibrident.errors import InputError
     from vibrident.measure import Finding, screen
     from vibrident.measure.copies import said_of_copies, without_copies
@@ -87,7 +87,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
 
 
 def _understood(calibration: Calibration) -> dict[str, str]:
-    """What the calibration file says, in words."""
+    """The description in the calibration file."""
     from vibrident.naming import pretty
     from vibrident.present.numbers import sensor_name
 
@@ -131,7 +131,7 @@ def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
 
 
 def _light_row(record: Record) -> dict[str, Any]:
-    """What an interferometer's signals said of themselves."""
+    """Quality of an interferometer's signals."""
     optical = record.optical
     assert optical is not None
     first, second = optical.ellipse.amplitudes
@@ -157,7 +157,7 @@ def _light_row(record: Record) -> dict[str, Any]:
 
 
 def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows without columns that have nothing to say; of one or two things, their properties line by line."""
+    """Rows without empty columns; one or two rows become properties line by line."""
     silent = [key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)]
     telling = [{key: value for key, value in row.items() if key not in silent} for row in rows]
     if len(telling) > 2:

@@ -1,4 +1,4 @@
-"""``vibrident plan``: the uncertainty that a planned calibration will reach, and the best frequencies for it."""
+"""``vibrident plan``: the expected uncertainty of a planned calibration, and its best frequencies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vibrident.result import Result
 
 _SENSOR, _POINTS, _CHOICE = "Sensor", "Points", "Choice of frequencies"
-#: Options that give a parameter by itself; --parameter NAME=VALUE gives any.
+#: Options for one parameter each; --parameter NAME=VALUE sets any.
 _NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
 
 
@@ -116,7 +116,7 @@ def plan(
     repeats: _Repeats = False,
     folder: _Folder = None,
 ) -> None:
-    """Foresee the uncertainty of a calibration with sines, and choose the best frequencies for it."""
+    """Predict the uncertainty of a calibration with sines, and choose its best frequencies."""
     named = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, constant), strict=True))
     values = {name: value for name, value in named.items() if value is not None} | _parameters(parameter or [])
     settings: dict[str, Any] = {
@@ -149,7 +149,7 @@ def plan(
 def _sensor(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
     if (source is None) == (model is None) or (source is not None and values):
         raise InputError(
-            "It is not clear which sensor to plan for.",
+            "No sensor, or more than one, is given to plan for.",
             expected="--model with its parameters, or --from RESULT",
             found="neither" if source is None else "both",
             where="--model, --from",
@@ -182,7 +182,7 @@ def _recording(rate: float | None, samples: int | None, *noise: float) -> Record
         return None
     if rate is None or samples is None:
         raise InputError(
-            "How the sines are recorded is not complete.",
+            "The recording of the sines is incomplete.",
             expected="--rate and --samples with the noise",
             found="one without the other",
             where="--rate, --samples",
@@ -205,7 +205,7 @@ def _show(planned: Plan) -> None:
     if planned.efficiency is not None:
         console.print(
             f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size}; "
-            f"efficiency {100 * planned.efficiency:.0f} % of the best possible with as much measuring time.",
+            f"efficiency {100 * planned.efficiency:.0f} % of the best possible in the same measuring time.",
             soft_wrap=True,
         )
     for warning in planned.warnings:

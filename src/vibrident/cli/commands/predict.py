@@ -30,8 +30,7 @@ def predict(
     """Predict the response of other records: a CSV file each, and their rmse in prediction.json.
 
     Each record's state at its first sample and its offset are fitted to its measured response.
-    Where the reference has no neighbours to interpolate between (about forty samples at each end), the prediction is
-    blank.
+    About forty samples at each end, where the reference cannot be interpolated, are blank.
     """
     from vibrident.io import read_guarded
 
@@ -57,7 +56,7 @@ def predict(
 
 
 def _write_csv(path: Path, prediction: Prediction) -> None:
-    """Columns time_s (the file's own clock), response and predicted; blank where there is no prediction."""
+    """Columns time_s (the file's own clock), response and predicted; blank without a prediction."""
     record = prediction.record
     times = (record.start_time_s + record.time_s).tolist()
     rows = zip(times, record.response.tolist(), prediction.predicted.tolist(), strict=True)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vibrident.present.views import Section
     from vibrident.result import Result
 
-#: Folder of the comparison of several results, where no other is named.
+#: Default folder of the comparison of several results.
 _COMPARISON = Path("vibrident-comparison")
 
 
@@ -31,7 +31,7 @@ def report(
         typer.Option(
             "--out",
             metavar="DIR|FILE",
-            help="Folder, or a file with the ending of the form. Several results: a subfolder each, and a comparison.",
+            help="Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
             show_default="beside each result",
         ),
     ] = None,
@@ -49,7 +49,7 @@ def report(
         typer.Option("--store", metavar="URL", help="Add what this history holds of the sensor; not in a certificate."),
     ] = None,
 ) -> None:
-    """Write a report; of several results a comparison too, with the drift of a sensor. It needs results alone."""
+    """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
     ending = "" if target is None else target.suffix.lower().removeprefix(".")
     chosen = form or (ending if ending in options.FORMATS else "md")
     loaded = [(path, load_result(path)) for path in results]
@@ -134,7 +134,7 @@ def _in_folder(folder: Path, loaded: Loaded, names: Sequence[str], form: str, mo
 
 def _contradiction(target: Path, form: str) -> InputError:
     return InputError(
-        "The file's ending is not that of the form.",
+        "The file's ending is not that of the format.",
         expected=f"a name that ends in .{form}, or a folder",
         found=target.name,
         where="--out, --format",
@@ -143,7 +143,7 @@ def _contradiction(target: Path, form: str) -> InputError:
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """A name for each result: the first part of the path, from its end, that is not the same for all."""
+    """A name for each result: the last part of the path that differs."""
     parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
     names = next((list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1), [p[0] for p in parts])
     return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]

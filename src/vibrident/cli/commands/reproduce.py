@@ -23,7 +23,9 @@ def reproduce(
     folder: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the page; other files in it stay.")
     ] = Path("reproduction"),
-    quick: Annotated[bool, typer.Option("--quick", help="A trial of two minutes; networks stay half trained.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A trial of two minutes; networks are not fully trained.")
+    ] = False,
     full_range: Annotated[
         bool, typer.Option("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz.")
     ] = False,
@@ -32,13 +34,13 @@ def reproduce(
         Path | None, typer.Option("--into", metavar="FILE.md", help="Also put the tables between the marks of FILE.md.")
     ] = None,
 ) -> None:
-    """Reproduce the paper: every table and figure, and what it lacks, on one page (Markdown and HTML).
+    """Reproduce the paper: every table and figure, and further ones, on one page (Markdown and HTML).
 
-    Measured records take part where VIBRIDENT_DATA names a folder that holds them. Same seed, same numbers.
+    Measured records are included if VIBRIDENT_DATA names their folder. Same seed, same numbers.
     """
     settings = _settings(quick=quick, full_range=full_range, seed=seed)
     if into is not None:
-        _read(into)  # an error shows now, not after twenty minutes
+        _read(into)  # fails now, not after twenty minutes
     with written_whole(folder) as output:
         from vibrident.paper import page
         from vibrident.paper.reproduction import reproduce as run

@@ -11,7 +11,10 @@ from vibrident.cli.console import note, out
 
 def serve(
     host: Annotated[
-        str, typer.Option("--host", metavar="ADDRESS", help="Where to listen; others than loopback open it to others.")
+        str,
+        typer.Option(
+            "--host", metavar="ADDRESS", help="Where to listen; other addresses than loopback open it to others."
+        ),
     ] = "127.0.0.1",
     port: Annotated[
         int,
@@ -23,7 +26,7 @@ def serve(
     ] = 100.0,
     name: Annotated[
         list[str] | None,
-        typer.Option("--name", metavar="NAME", help="A further name that the page is called by; may be repeated."),
+        typer.Option("--name", metavar="NAME", help="A further host name of the page; may be repeated."),
     ] = None,
     store: Annotated[
         str | None,
@@ -35,7 +38,7 @@ def serve(
         ),
     ] = None,
 ) -> None:
-    """Open a page in the browser: drop files, confirm columns, identify, look, download. Ctrl-C ends it.
+    """Open a page in the browser: drop files, confirm columns, identify, view, download. Ctrl-C ends it.
 
     Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
     """

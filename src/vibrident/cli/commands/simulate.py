@@ -1,4 +1,4 @@
-"""``vibrident simulate``: a calibration whose truth is known, as files."""
+"""``vibrident simulate``: a calibration with known truth, as files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NOISE, _LIGHT = "Noise", "Raw light"
 _ExcitationSnr = Annotated[
     float | None,
     typer.Option(
-        "--excitation-snr", metavar="DB", help="Motion over noise that the sensor feels.", rich_help_panel=_NOISE
+        "--excitation-snr", metavar="DB", help="Excitation over noise motion of the base.", rich_help_panel=_NOISE
     ),
 ]
 _ReferenceNoise = Annotated[
