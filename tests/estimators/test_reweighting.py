@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.estimators.kinds import ipnn
+from vibrident.estimators import training
 from vibrident.estimators.noise_spectrum import Motion, noise_spectrum
 from vibrident.records import Calibration
 from vibrident.simulation import ChannelNoise, HalfSineShock, sensor_named, simulate, with_noise
@@ -37,7 +37,7 @@ def deviations(base: Calibration, runs: int, **noise: object) -> tuple[np.ndarra
 
 def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch) -> vibrident.Result:
     with monkeypatch.context() as patch:
-        patch.setattr(ipnn, "reweighted", lambda *_: None)
+        patch.setattr(training, "reweighted", lambda *_: None)
         return vibrident.identify(calibration, estimator="ipnn")
 
 

@@ -8,7 +8,7 @@ import pytest
 from vibrident.backend import jax, jnp
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
-from vibrident.estimators.kinds.lsm import inverse_residual
+from vibrident.estimators.inverse_response import inverse_residual
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_jacobian, response_residual

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.estimators.kinds import ipnn
+from vibrident.estimators import training
 from vibrident.models import parse
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
@@ -193,7 +193,7 @@ def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, monkeypat
     assert abs(np.mean(offs)) < 0.9  # three standard errors of twelve runs
     assert np.std(offs) < 1.7
     if excitation == "random":  # a sweep is stronger where it draws: half a standard uncertainty
-        monkeypatch.setattr(ipnn, "reweighted", lambda *_: None)
+        monkeypatch.setattr(training, "reweighted", lambda *_: None)
         for seed in range(12):
             found = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed)).parameters["sensitivity"]
             drawn.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)

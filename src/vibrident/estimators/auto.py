@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimator
-from vibrident.problem import Evidence
 from vibrident.registry import ESTIMATORS
+
+if TYPE_CHECKING:
+    from vibrident.problem import Evidence
 
 #: In place of an estimator's name: the one that suits.
 AUTO = "auto"

@@ -6,15 +6,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from vibrident.errors import ModelError
 from vibrident.estimators.optimise import Progress, Trace, silent
-from vibrident.estimators.start import Start
-from vibrident.measure import MeasuredResponse
-from vibrident.models import SensorModel
-from vibrident.problem import Coordinates, Evidence, NetworkProblem
-from vibrident.records import FloatArray
+
+if TYPE_CHECKING:
+    from vibrident.estimators.start import Start
+    from vibrident.measure import MeasuredResponse
+    from vibrident.models import SensorModel
+    from vibrident.problem import Coordinates, Evidence, NetworkProblem
+    from vibrident.records import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from vibrident import extras
 from vibrident.backend import jax, jnp
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
-from vibrident.estimators.kinds.ml import solved_problem
+from vibrident.estimators.likelihood import solved_problem
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray

@@ -1,36 +1,15 @@
-"""Maximum likelihood on the complex responses, with noise on both channels.
-
-Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is
-taken from the spectral lines beside the tone with H at each line's own frequency, so noise that the sensor felt
-cancels and noise of either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the sensor's decaying
-start transient depend on the parameters and are refreshed between fits. Tables: weighted least squares in magnitude
-and phase.
-"""
+"""The estimator ``ml``: maximum likelihood on the complex responses (:mod:`vibrident.estimators.likelihood`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
+from vibrident.estimators.base import Estimate, Estimator
+from vibrident.estimators.optimise import Progress, silent
 
-from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate, Estimator, refuse_nonlinear
-from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
-from vibrident.estimators.residual_tones import network_problem, residual_tones
-from vibrident.estimators.start import find_start
-from vibrident.information import inverse_normal
-from vibrident.measure import MeasuredResponse
-from vibrident.measure.verdict import rejected
-from vibrident.models import SensorModel
-from vibrident.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.records import FloatArray
-
-#: Bisections for the model error: a relative step of 2e-5 at the end.
-MODEL_ERROR_STEPS = 20
-#: Most rounds of fit and refreshed tones, and the change of the coordinates (relative, nearly) that needs no further
-#: one.
-ROUNDS, SETTLED = 4, 1e-4
+if TYPE_CHECKING:
+    from vibrident.problem import Evidence
 
 
 @dataclass(frozen=True)
@@ -68,113 +47,9 @@ class MaximumLikelihood(Estimator):
         Raises:
             ModelError: a record is not a sine, or the model is nonlinear; such motion needs the network.
         """
-        refuse_nonlinear(evidence.model, self.name)
-        first = evidence.first_look
-        if first is None or any(r.excitation != "sine" for r in evidence.records):
-            raise ModelError(
-                f"The estimator {self.name!r} works on sine records and tables.",
-                expected="excitation = 'sine' in every record, or [table]",
-                found=", ".join(sorted({r.excitation for r in evidence.records})),
-                where="estimator",
-                remedy="use the estimator 'auto'",
-            )
-        model = evidence.model
-        begin = find_start(first, model)
-        start = begin.values
-        coordinates = Coordinates.at(model, start, first.band_hz)
-        if evidence.tones is None:
-            trace = _descend(coordinates, coordinates.first, first, progress)
-            return replace(_estimate(coordinates, trace, first, np.inf), begin=begin)
-        z = coordinates.first
-        network = network_problem(evidence, start)
-        for _ in range(ROUNDS):
-            tones = residual_tones(evidence, network, coordinates, z)
-            problem = weighted_problem(tones, model, coordinates.values(z), evidence)
-            trace = _descend(coordinates, z, problem, progress)
-            moved = float(np.max(np.abs(trace.last - z)))
-            z = trace.last
-            if moved < SETTLED:
-                break
-        problem = weighted_problem(tones, model, coordinates.values(z), evidence)
-        freedom = float(np.sum(tones.degrees_of_freedom))
-        estimate = replace(_estimate(coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
-        if not self.model_error:
-            return estimate
-        return replace(estimate, if_rejected=lambda: _with_model_error(estimate, problem, progress))
+        from vibrident.estimators import likelihood
 
-
-def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: Progress) -> Estimate:
-    """The estimate with a relative model error added to the noise, if the deviations demand one."""
-    tones = estimate.tones
-    assert tones is not None
-    degrees = problem.equations - len(estimate.z)
-    if degrees <= 0 or not rejected(_cost(estimate.trace), degrees, tones.degrees_of_freedom):
-        return estimate
-
-    def widened(error: float) -> tuple[FrequencyProblem, Trace]:
-        wider = problem.with_model_error(error)
-        return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
-
-    low, high = np.log(1e-9), np.log(1.0)
-    for _ in range(MODEL_ERROR_STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _cost(widened(float(np.exp(middle)))[1]) > degrees else (low, middle)
-    error = float(np.exp(0.5 * (low + high)))
-    wider, trace = widened(error)
-    again = _estimate(estimate.coordinates, trace, wider, float(degrees))
-    return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, settings={"model_error": error})
-
-
-def _cost(trace: Trace) -> float:
-    return trace.costs[-1]
-
-
-def weighted_problem(
-    tones: MeasuredResponse, model: SensorModel, values: dict[str, float], evidence: Evidence
-) -> FrequencyProblem:
-    """The residual with deviations that hold at the parameters ``values``."""
-    deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, evidence.quantity))
-    return FrequencyProblem.of_measured(tones, deviation, model, evidence.quantity)
-
-
-def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
-    """The residual in frequency that an estimate made as small as it is."""
-    if estimate.tones is None:
-        assert evidence.first_look is not None
-        return evidence.first_look
-    values = estimate.coordinates.values(estimate.z)
-    problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
-    error = estimate.settings.get("model_error")
-    return problem if error is None else problem.with_model_error(error)
-
-
-def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:
-    return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
-
-
-def _estimate(
-    coordinates: Coordinates,
-    trace: Trace | None,
-    problem: FrequencyProblem,
-    freedom: float,
-    tones: MeasuredResponse | None = None,
-) -> Estimate:
-    assert trace is not None
-    covariance = inverse_normal(problem.normal(trace.last, coordinates).matrix)
-    if tones is not None:
-        # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
-        covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
-    return Estimate(
-        MaximumLikelihood.name,
-        coordinates,
-        trace.last,
-        covariance,
-        freedom,
-        trace,
-        tones=tones,
-        equations=problem.equations,
-        criterion="likelihood",
-    )
+        return likelihood.fit(self.name, self.model_error, evidence, progress)
 
 
 ML = MaximumLikelihood()
