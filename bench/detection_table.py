@@ -10,6 +10,7 @@ from scipy.stats import beta, chi2, ncx2
 
 from bench.detection_cells import CURVE, CURVES, DEFECTS, DETECTED, NOMINAL, Cell
 from vibrident.measure.verdict import REJECTION
+from vibrident.present import markdown
 
 CODES = ("lack_of_fit", "nonlinear")
 HEAD = """# Is a wrong model found out?
@@ -65,8 +66,11 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
         if whole < DETECTED * len(flags):
             missed.append(f"`{cell.defect}/{cell.excitation}` at {100 * cell.noise:g} %")
         rows.append(
-            f"| {cell.defect}, {DEFECTS[cell.defect].write(cell.size)} | {cell.excitation} | {100 * cell.noise:g} % | "
-            f"{strength} | {counted[0]} | {counted[1]} | {whole} of {len(flags)} | {low:.1f} % |"
+            (
+                f"{cell.defect}, {DEFECTS[cell.defect].write(cell.size)}",
+                *(cell.excitation, f"{100 * cell.noise:g} %", strength, str(counted[0]), str(counted[1])),
+                *(f"{whole} of {len(flags)}", f"{low:.1f} %"),
+            )
         )
     verdict = f"Missed: {', '.join(missed)}." if missed else f"All {shown} met."
     return [
@@ -74,9 +78,11 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
         "",
         "The last column is what the rate is not below, at 95 % confidence (Clopper and Pearson).",
         "",
-        "| defect | motion | noise | λ | `lack_of_fit` | `nonlinear` | detected | rate above |",
-        "|---|---|---|--:|--:|--:|--:|--:|",
-        *rows,
+        markdown.table(
+            ("defect", "motion", "noise", "λ", "`lack_of_fit`", "`nonlinear`", "detected", "rate above"),
+            rows,
+            right=range(3, 8),
+        ),
         "",
         f"At least 95 % of the runs detected: {shown - len(missed)} of {shown} cells. {verdict}",
         "",
@@ -93,9 +99,9 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
             continue
         unit = own[1.0][0]["size"]
         defect = DEFECTS[first.defect]
-        start = f"| {first.defect} | {first.excitation} | {defect.write(unit) if unit else '–'} | "
+        start = (first.defect, first.excitation, defect.write(unit) if unit else "–")
         if not unit:
-            rows.append(start + " | ".join("–" for _ in parts) + " |")
+            rows.append((*start, *("–" for _ in parts)))
             continue
         cells_of_row = []
         for part in parts:
@@ -105,7 +111,7 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
             beside = f" ({either})" if first.defect == "cubic" and either != said else ""
             met = f"λ {_strength(own[part])}, {_expected(own[part])}"
             cells_of_row.append(f"{said} of {len(flags)}{beside}; {met}")
-        rows.append(start + " | ".join(cells_of_row) + " |")
+        rows.append((*start, *cells_of_row))
     return [
         "## How small a defect is found, with 1 % of noise",
         "",
@@ -113,9 +119,7 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
         "parts and multiples of that size: runs with `lack_of_fit` (in brackets: with that or `nonlinear`); the λ that",
         "was met, and the rate that the χ² test should have at that λ. No size: the nominal defect adds less.",
         "",
-        "| defect | motion | size | " + " | ".join(f"× {part:g}" for part in parts) + " |",
-        "|---|---|---|" + "---|" * len(parts),
-        *rows,
+        markdown.table(("defect", "motion", "size", *(f"× {part:g}" for part in parts)), rows),
         "",
     ]
 
@@ -135,7 +139,7 @@ def _alarms(found: dict[str, list[dict]]) -> list[str]:
         total += len(flags)
         alarms = [a + b for a, b in zip(alarms, counted, strict=True)]
         rows.append(
-            f"| {sensor} | {cell.excitation} | {100 * cell.noise:g} % | {counted[0]} | {counted[1]} | {len(flags)} |"
+            (sensor, cell.excitation, f"{100 * cell.noise:g} %", str(counted[0]), str(counted[1]), str(len(flags)))
         )
     high = [100.0 * float(beta.ppf(0.95, a + 1, total - a)) if total > a else 100.0 for a in alarms]
     return [
@@ -143,9 +147,7 @@ def _alarms(found: dict[str, list[dict]]) -> list[str]:
         "",
         "The same sensors without a defect. The test's level is 0.1 %.",
         "",
-        "| sensor | motion | noise | `lack_of_fit` | `nonlinear` | runs |",
-        "|---|---|---|--:|--:|--:|",
-        *rows,
+        markdown.table(("sensor", "motion", "noise", "`lack_of_fit`", "`nonlinear`", "runs"), rows, right=(3, 4, 5)),
         "",
         f"Together: `lack_of_fit` in {alarms[0]} of {total} runs (below {high[0]:.2g} % at 95 % confidence), "
         f"`nonlinear` in {alarms[1]} (below {high[1]:.2g} %).",

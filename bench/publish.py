@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.figures import Figure, Section
+from vibrident.present import markdown
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
@@ -108,19 +109,16 @@ def _markdown(section: Section) -> str:
         "",
         f"Commit {taken['commit']}, {taken['date']}, {taken['machine']}.",
         "",
-        "| figure | value | target | | remark |",
-        "|---|--:|--:|---|---|",
-        *(_row(one) for one in section.figures),
+        markdown.table(("figure", "value", "target", "", "remark"), map(_row, section.figures), right=(1, 2)),
         "",
         *(f"{remark}\n" for remark in section.remarks),
     ]
     return "\n".join(lines).rstrip()
 
 
-def _row(one: Figure) -> str:
+def _row(one: Figure) -> tuple[str, ...]:
     verdict = f"**{one.verdict}**" if one.verdict == "NOT met" else one.verdict
-    cells = (one.what, one.shown, one.target, verdict, one.note)
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return one.what, one.shown, one.target, verdict, one.note
 
 
 def _write(path: Path, text: str) -> None:

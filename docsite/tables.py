@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from vibrident.present import markdown
+
 _PAGES = Path(__file__).parent / "pages"
 _PLACE = "<!-- table -->"
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table; a bar within a cell stays one."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return markdown.table(heads, rows)
 
 
 def page(name: str, content: str) -> str:

@@ -10,8 +10,10 @@ import numpy as np
 from scipy.stats import beta
 
 from bench.adversary.judge import ALARM, BAD, LIMIT, REFUSED, RIGHT, ROUNDING, SILENT, TRACEBACK, WARNED
+from vibrident.present import markdown
 
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
+Row = tuple[str, ...]
 #: Most failures that are listed by name.
 LISTED = 400
 HEAD = """# Sensors, motions and defects from a simulator of its own
@@ -81,20 +83,17 @@ def _verdict(found: list[dict[str, Any]]) -> list[str]:
     return [
         "## Against the targets",
         "",
-        "| | cases | rate | 95 % between | target | |",
-        "|---|--:|--:|--:|--:|---|",
-        *rows,
+        markdown.table(("", "cases", "rate", "95 % between", "target", ""), rows, right=(1, 2, 3, 4)),
         "",
     ]
 
 
-def _rate(what: str, among: list[dict[str, Any]], kind: str, target: str, limit: float) -> str:
+def _rate(what: str, among: list[dict[str, Any]], kind: str, target: str, limit: float) -> Row:
     count, total = sum(one["class"] == kind for one in among), max(len(among), 1)
     low = 100.0 * float(beta.ppf(0.025, count, total - count + 1)) if count else 0.0
     high = 100.0 * float(beta.ppf(0.975, count + 1, total - count)) if count < total else 100.0
     verdict = "met" if count <= limit * total else "**NOT met**"
-    rate = f"{100 * count / total:.2f} % | {low:.2g} to {high:.2g} %"
-    return f"| {what} | {count} of {total} | {rate} | {target} | {verdict} |"
+    return what, f"{count} of {total}", f"{100 * count / total:.2f} %", f"{low:.2g} to {high:.2g} %", target, verdict
 
 
 def _counted(
@@ -104,15 +103,13 @@ def _counted(
     for one in found:
         counts[key(one)][one["class"]] += 1
     rows = [
-        f"| {name} | {sum(own.values())} | " + " | ".join(str(own[kind] or "") for kind in CLASSES) + " |"
+        (name, str(sum(own.values())), *(str(own[kind] or "") for kind in CLASSES))
         for name, own in sorted(counts.items())
     ]
     return [
         f"## {title}",
         "",
-        f"| {label} | cases | " + " | ".join(CLASSES) + " |",
-        "|---|--:|" + "--:|" * len(CLASSES),
-        *rows,
+        markdown.table((label, "cases", *CLASSES), rows, right=range(1, 2 + len(CLASSES))),
         "",
     ]
 
@@ -130,18 +127,14 @@ def _scatter(found: list[dict[str, Any]]) -> list[str]:
 
 def _failures(found: list[dict[str, Any]]) -> list[str]:
     failed = sorted((one for one in found if one["class"] in BAD), key=lambda one: (one["class"], one["name"]))
-    rows = [
-        f"| {one['class']} | `{one['name']}`{_run(one)} | {_worst(one)} | {_said(one)} |" for one in failed[:LISTED]
-    ]
+    rows = [(one["class"], f"`{one['name']}`{_run(one)}", _worst(one), _said(one)) for one in failed[:LISTED]]
     more = [f"… and {len(failed) - LISTED} more.", ""] if len(failed) > LISTED else []
     return [
         "## What failed",
         "",
         "`python -m bench.adversary --show NAME` runs one again.",
         "",
-        "| | case | furthest off | said |",
-        "|---|---|---|---|",
-        *rows,
+        markdown.table(("", "case", "furthest off", "said"), rows),
         "",
         *more,
     ]

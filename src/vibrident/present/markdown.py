@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
@@ -10,6 +11,8 @@ from urllib.parse import quote
 from vibrident.escaping import markdown, markdown_paragraph
 from vibrident.present.formulas import typeset
 from vibrident.present.views import Block, Card, Cards, Document, Doubt, Facts, Figure, Folded, Sentence, Table
+
+_BAR = re.compile(r"(?<!\\)\|")
 
 
 def render(document: Document, pictures: Mapping[str, str] | None = None) -> str:
@@ -40,10 +43,11 @@ def links(
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[int] = ()) -> str:
-    """A table of cells that are Markdown already."""
+    """A table of cells that are Markdown already; a bar within a cell stays one."""
     numbers = set(right)
     rule = ["---:" if i in numbers else "---" for i in range(len(header))]
-    return "\n".join(f"| {' | '.join(row)} |" for row in (header, rule, *rows))
+    lines = ([_BAR.sub(r"\\|", text) for text in row] for row in (header, rule, *rows))
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _set(escaped: str) -> str:
@@ -87,7 +91,7 @@ def markdown_table(block: Table) -> str:
     for i, row in enumerate(block.rows):
         if i in block.groups:
             rows.append((cell(block.groups[i]), *("" for _ in row[1:])))
-        rows.append(tuple(cell(text) for text in row))
+        rows.append(tuple(f"*{cell(text)}*" if text and i in block.quoted else cell(text) for text in row))
     body = table([cell(text) for text in block.header], rows, block.right)
     title = f"### {cell(block.title)}" if block.title else ""
     return "\n\n".join(

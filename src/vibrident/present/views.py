@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -67,6 +67,8 @@ class Table:
         title: heading, where the table has one of its own.
         groups: number of a row to the words above it.
         doubtful: numbers of rows that deserve a second look.
+        quoted: numbers of rows whose values are somebody else's; set in italics.
+        name: short name, for an anchor or a mark in a document.
     """
 
     columns: tuple[Column, ...]
@@ -76,6 +78,8 @@ class Table:
     title: str = ""
     groups: dict[int, str] = field(default_factory=dict)
     doubtful: tuple[int, ...] = ()
+    quoted: tuple[int, ...] = ()
+    name: str = ""
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -91,7 +95,7 @@ class Table:
         """The same with these columns only."""
         rows = tuple(tuple(row[j] for j in keep) for row in self.rows)
         chosen = tuple(self.columns[j] for j in keep)
-        return Table(chosen, rows, self.lead, self.notes, self.title, self.groups, self.doubtful)
+        return replace(self, columns=chosen, rows=rows)
 
     def telling(self) -> Table:
         """The same without columns in which nothing stands, but for the first."""
