@@ -46,7 +46,7 @@ def test_text_of_others_stays_text(visit, picture, tmp_path):
     page.get_by_label("Serial number", exact=True).fill(f'</script>{TAG}```*\\"')
     page.locator("#confirm").click()
     page.locator("#start").wait_for()
-    page.get_by_text("The calibration file: what is confirmed above").click()
+    page.get_by_text("The calibration file: as confirmed above").click()
     page.locator("#calibration-text .plain").wait_for()
     assert TAG in page.locator("#calibration-text .plain").inner_text()
     stays_text(page)

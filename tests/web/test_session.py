@@ -71,7 +71,7 @@ def test_what_is_no_data_what_is_there_and_what_has_no_room_is_refused(session):
     place = session.place_for("../a.csv", 600_000)
     assert place == session.data / "a.csv"
     place.write_bytes(b"x" * 600_000)
-    with pytest.raises(InputError, match="of that name is here already"):
+    with pytest.raises(InputError, match="of that name already exists"):
         session.place_for("a.csv", 1)
     with pytest.raises(InputError, match="too large"):
         session.place_for("b.csv", 600_000)

@@ -107,7 +107,7 @@ def test_too_many_users(everybody, clock, monkeypatch):
         clock.s = float(second)
         with_file(everybody, tab)
     late = Browser("late")
-    with pytest.raises(InputError, match="as many users"):
+    with pytest.raises(InputError, match="limit of users"):
         everybody.attach(late.client, late.storage)
     tabs[1].leave()
     clock.s = 10.0

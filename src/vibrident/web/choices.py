@@ -1,4 +1,4 @@
-"""What is chosen for an identification: a task for the worker, and the same as a command for a shell."""
+"""Choices for an identification: as a task for the worker, and as a command for a shell."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Choices:
     Attributes:
         calibration: name of the calibration file, in the folder of the data.
         estimator: its name.
-        discretisation: of an estimator that has one; of others there is none, and none is passed on.
+        discretisation: of an estimator that has one; ignored for others.
         uncertainty: what the uncertainties cover.
     """
 
@@ -26,7 +26,7 @@ class Choices:
 
     @property
     def options(self) -> dict[str, str]:
-        """Every option that has a meaning here, those at their default as well."""
+        """Every applicable option, including those at their default."""
         own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
         return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
 
@@ -37,6 +37,6 @@ class Choices:
 
     @property
     def command(self) -> str:
-        """For a shell, in the folder of the data; file names hold nothing that double quotes would not keep."""
+        """For a shell, in the folder of the data; file names are safe within double quotes."""
         file = f'"{self.calibration}"' if " " in self.calibration else self.calibration
         return " ".join(("vibrident identify", file, *(f"--{key} {value}" for key, value in self.options.items())))

@@ -1,4 +1,4 @@
-"""Second step: what the columns mean, guessed and shown with a plot, for the user to confirm."""
+"""Second step: the meaning of the columns, guessed and shown with a plot, for the user to confirm."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ROLES = (
 
 
 class _Outdated(Exception):
-    """Other files have come while the form was built, or the page was left."""
+    """The files changed while the form was built, or the page was left."""
 
 
 class ColumnsStep:
@@ -64,18 +64,18 @@ class ColumnsStep:
         self.section.visible = False
 
     async def show(self) -> None:
-        """The files have changed: guess again, or take the calibration file that came with them."""
+        """The files have changed: guess again, or use the uploaded calibration file."""
         self.on_doubt()
         self.user.session.forget_calibration()
         if await self._look(again=True):
             frame.go(self.section)
 
     async def restore(self) -> None:
-        """Show what the user had."""
+        """Show the user's earlier state."""
         await self._look(again=False)
 
     async def _look(self, *, again: bool) -> bool:
-        """Returns whether there is something to confirm."""
+        """Update the form; returns whether there is something to confirm."""
         self.turn += 1
         turn, session = self.turn, self.user.session
         self.body.clear()
@@ -99,7 +99,7 @@ class ColumnsStep:
             if turn == self.turn:
                 frame.show_error(self.body, error, session)
             return False
-        if turn != self.turn or self.body.is_deleted:  # meanwhile other files have come, or the page was left
+        if turn != self.turn or self.body.is_deleted:  # the files changed meanwhile, or the page was left
             return False
         self.body.clear()
         with self.body:
@@ -113,8 +113,8 @@ class ColumnsStep:
         return True
 
     def _as_it_stands(self, name: str, text: str) -> None:
-        """Show the calibration file that came with the data."""
-        ui.label(f"{name} came with the data and says what the columns mean:").classes("hint")
+        """Show the uploaded calibration file."""
+        ui.label(f"{name} came with the data and describes the columns:").classes("hint")
         frame.Text("calibration-came", text)
         ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
 
@@ -122,12 +122,12 @@ class ColumnsStep:
         form = self.user.form
         assert form is not None
         self.fields: dict[str, list[Any]] = {}
-        kept = "; what you have set stays as you set it" if form.touched else ""
+        kept = "; your settings are kept" if form.touched else ""
         first = self.user.session.files[0]
         ui.label(f"Guessed from the names in {first} and the motion{kept}. Please check.").classes("hint")
         if form.guess.all_columns > len(form.guess.columns.columns):
             ui.label(
-                f"The file has {form.guess.all_columns} columns: write the name of each that is needed, or its number. "
+                f"The file has {form.guess.all_columns} columns: enter the name or number of each that is needed. "
                 f"The first are {frame.listed(form.guess.columns.labels)}."
             ).classes("hint")
         kind = ui.toggle({False: "Records in time", True: "Table of a response"}, value=form.given.table)
@@ -157,7 +157,7 @@ class ColumnsStep:
             return
         with self.plot:
             self.chart = frame.Chart(drawn, HEIGHT)
-            ui.label(f"{self.user.session.files[0]}, its beginning as it stands in the file.").classes("hint")
+            ui.label(f"{self.user.session.files[0]}, the beginning of the file as it is.").classes("hint")
 
     def _field(self, name: str, element: Any) -> Any:
         """An element that shows and sets one field of the form."""
@@ -169,7 +169,7 @@ class ColumnsStep:
         if form is None or form.get(name) == value:
             return
         form.set(name, value)
-        for element in self.fields[name]:  # some stand twice, for records and for a table
+        for element in self.fields[name]:  # some occur twice, for records and for a table
             if element.value != value:
                 element.value = value
         self._visible()
@@ -182,16 +182,16 @@ class ColumnsStep:
             element.visible = given.time is None
 
     async def _records(self, form: Form) -> None:
-        with _group("Reference: what moved the sensor"):
+        with _group("Reference: motion of the sensor"):
             await self._column(form, "Reference: column", "reference", "reference-column")
             await self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
             await self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
             await self._text(form, "Reference: unit, for reports", "unit")
             await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
-        with _group("Response: what the sensor gave"):
+        with _group("Response: output of the sensor"):
             await self._column(form, "Response: column", "response", "response-column")
             await self._text(form, "Response: unit", "response_unit", "response-unit")
-            await self._number(form, "Response: such units per unit of the file", "response_scale", "response-scale")
+            await self._number(form, "Response: units per unit of the file", "response_scale", "response-scale")
         with _group("Sampling and excitation"):
             await self._column(form, "Time column, in s", "time", "time-column", optional=True)
             await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
@@ -228,7 +228,7 @@ class ColumnsStep:
         await self._select(form, choices, label, name, identity)
 
     async def _written(self, form: Form, label: str, name: str, identity: str) -> None:
-        """A column by its name or number, where a list of all would be too long."""
+        """A column by its name or number, if the list would be too long."""
         chosen = form.get(name)
         element = ui.input(label, value="" if chosen is None else str(chosen), placeholder="name, or number from 1")
         element.props("dense outlined stack-label")
@@ -259,7 +259,7 @@ class ColumnsStep:
         await self._breathe()
 
     async def _breathe(self) -> None:
-        """Let the other users have their turn; a form is many elements."""
+        """Yield to the other users; a form has many elements."""
         turn = self.turn
         await asyncio.sleep(0)
         if turn != self.turn or self.body.is_deleted:
@@ -293,7 +293,7 @@ class ColumnsStep:
 
 
 def merged(before: Form | None, found: Guess) -> Form:
-    """The form for a new guess: as it was where a person has touched it, but for columns that are no longer there."""
+    """The form for a new guess: keeps what the user set, except columns that no longer exist."""
     given = described(found.columns, found.excitation or "sine")
     if before is None or not before.touched:
         return Form(found, given)
@@ -305,7 +305,7 @@ def merged(before: Form | None, found: Guess) -> Form:
 
 def _missing_data() -> InputError:
     return InputError(
-        "A calibration file came, but no data.",
+        "There is a calibration file, but no data.",
         expected="the files that it names",
         found="none",
         where="upload",
@@ -314,7 +314,7 @@ def _missing_data() -> InputError:
 
 
 def _group(title: str) -> ui.element:
-    """Fields that belong together, below their heading."""
+    """A group of fields with a heading."""
     ui.html(f"<h3>{title}</h3>", sanitize=False)
     return ui.element("div").classes("fields").props(f'role=group aria-label="{title}"')
 

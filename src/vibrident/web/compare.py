@@ -1,4 +1,4 @@
-"""Last step: results side by side, those of this page and those brought along."""
+"""Last step: results side by side, of this page and uploaded ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""First step: files come in by drop, by choice, as a folder, or from the simulated demo."""
+"""First step: files by drop, by choice, as a folder, or from the simulated demo."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from vibrident.web.looks import facts
 from vibrident.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
 from vibrident.web.users import User
 
-#: Files that are named one by one, with a button to remove each.
+#: Most files listed one by one, each with a button to remove it.
 _MOST_NAMED = 40
-#: Files left out whose names the browser tells.
+#: Most omitted files whose names the browser reports.
 _MOST_TOLD = 1000
 _KNOWN = json.dumps(KNOWN)
-#: Files that nothing here reads are not sent at all; each is told of, by its name.
+#: Files of unknown format are not sent; the browser reports their names.
 _FILTER = f"files => files.filter(f => {_KNOWN}.some(e => f.name.toLowerCase().endsWith(e)))"
 _TOLD = f"rejected => emit(rejected.slice(0, {_MOST_TOLD}).map(r => [r.failedPropValidation, r.file.name]))"
 
@@ -35,13 +35,13 @@ class DataStep:
         self.not_sent: dict[str, list[str]] = {}
 
     def build(self, on_data: Callable[[], Awaitable[Any]], on_result: Callable[[], Awaitable[Any]]) -> None:
-        """Build the section; ``on_data`` is called when files have come, ``on_result`` when an earlier result has."""
+        """Build the section; ``on_data`` is called after files have arrived, ``on_result`` after an earlier result."""
         self.on_data, self.on_result = on_data, on_result
         limit_mb = self.user.session.limit_mb
         with frame.step(1, "Data", "data"):
             ui.label(
                 "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
-                "magnitude and phase; with calibration.toml, if you have one. A result.json of before can be compared."
+                "magnitude and phase; with calibration.toml, if you have one. An earlier result.json can be compared."
             ).classes("hint")
             self.upload = (
                 ui.upload(
@@ -72,7 +72,7 @@ class DataStep:
         self._list()
 
     def hold(self) -> None:
-        """Tell the browser whether it should ask before the page is left."""
+        """Tell the browser whether to ask before the page is left."""
         self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
 
     def _begin(self) -> None:
@@ -97,14 +97,14 @@ class DataStep:
             InputError(
                 "The files did not arrive.",
                 expected=f"at most {limit:g} MB at once, and a connection to the server",
-                found="an upload that broke off",
+                found="an interrupted upload",
                 where="upload",
-                remedy="try again; where the files are large, fewer at a time",
+                remedy="try again, with fewer large files at a time",
             ),
         )
 
     def _unknown(self) -> str:
-        return f"Not a kind of file that is read here ({', '.join(KNOWN)})"
+        return f"Not a supported kind of file ({', '.join(KNOWN)})"
 
     def _large(self) -> str:
         return f"Beyond the limit of {self.user.session.limit_mb:g} MB and {MOST_FILES} files in all"
@@ -150,7 +150,7 @@ class DataStep:
         return known.get(error.problem, error.problem.rstrip("."))
 
     async def _result(self, place: Path) -> int:
-        """An earlier result: whether it is one is seen in a process of its own."""
+        """An earlier result, checked in a separate process."""
         session = self.user.session
         try:
             await self.user.look(facts, place)

@@ -1,4 +1,4 @@
-"""From what was confirmed on the page to the calibration file that reproduces it from the shell."""
+"""From the confirmed form to the calibration file that reproduces it from the shell."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def delays() -> list[str]:
 
 @dataclass
 class Description:
-    """What the user says of the data; begins as a guess. A column is its name, or its number from 1."""
+    """The user's description of the data, starting with a guess. A column is its name, or its number from 1."""
 
     table: bool = False
     time: int | str | None = None
@@ -51,7 +51,7 @@ class Description:
 
 
 def described(guess: Columns, excitation: str = "sine") -> Description:
-    """What a guess says, ready to be corrected; the excitation is a guess of its own."""
+    """A guess as a description; the excitation is guessed separately."""
     same = ("time", "reference", "quantity", "scale", "unit", "response", "response_unit")
     points = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
     known = {name: getattr(guess, name) for name in (*same, *points)}
@@ -65,7 +65,7 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
     """The calibration file, as text.
 
     Raises:
-        InputError: something is not chosen yet.
+        InputError: a choice is missing.
     """
     _complete(given, files)
     sensor = {key: text for key, text in given.sensor.items() if text} | {"model": given.model}
@@ -116,9 +116,7 @@ def _complete(given: Description, files: Sequence[str]) -> None:
         numbers["scale of the reference"] = given.scale
     for name, number in numbers.items():
         if number is None:
-            raise _missing(
-                f"The {name} is empty.", "a number; 1 where the file has the unit itself", "none", "fill it in"
-            )
+            raise _missing(f"The {name} is empty.", "a number; 1 if the file has the unit itself", "none", "fill it in")
     if not given.table and given.response == given.reference and given.excitation != "decay":
         text = "Reference and response are the same column."
         raise _missing(text, "two columns", repr(given.response), "choose another for one of the two")

@@ -22,11 +22,11 @@ from vibrident.web.session import CALIBRATION
 from vibrident.web.users import Confirmed, Job, User
 from vibrident.workflow.estimators import AUTO, estimators_with
 
-#: Seconds between two looks at the identification.
+#: Seconds between two updates from the identification.
 _PACE_S = 0.25
-#: Of the curve, in pixels.
+#: Height of the curve in pixels.
 HEIGHT = 230
-#: Iterations drawn, of all starts together.
+#: Most iterations drawn, of all starts together.
 _MOST_DRAWN = 2000
 
 
@@ -44,7 +44,7 @@ class FitStep:
         self.on_result = on_result
         self.section = frame.step(3, "Identify", "identify")
         with self.section:
-            with ui.expansion("The calibration file: what is confirmed above").classes("w-full"):
+            with ui.expansion("The calibration file: as confirmed above").classes("w-full"):
                 self.text = frame.Text("calibration-text")
             stepping = estimators_with("discretisation")
             with ui.element("div").classes("fields wide"):
@@ -71,7 +71,7 @@ class FitStep:
         self.stop.visible = self.spinner.visible = self.section.visible = False
 
     def doubt(self) -> None:
-        """What was confirmed no longer holds; an identification under way goes on with the data it has."""
+        """The confirmation no longer holds; a running identification continues with its copy of the data."""
         self.user.confirmed = None
         self._renew()
 
@@ -83,7 +83,7 @@ class FitStep:
         frame.go(self.section)
 
     async def restore(self) -> None:
-        """Show again what was confirmed and what runs."""
+        """Show the confirmed file and the running identification again."""
         if self.user.confirmed:
             await self._read()
         if self.user.busy:
@@ -91,7 +91,7 @@ class FitStep:
         self._renew()
 
     def refresh(self) -> None:
-        """Take over what the form says now."""
+        """Take over the form's values."""
         if not (self.user.confirmed and self.user.confirmed.from_form and self.user.form):
             return
         self.errors.clear()
@@ -117,7 +117,7 @@ class FitStep:
         self._renew()
 
     def _renew(self) -> None:
-        """What can be pressed, and what is seen."""
+        """Update enabled buttons and visible parts."""
         busy, confirmed = self.user.busy, self.user.confirmed is not None
         self.section.visible = confirmed or busy
         self.start.set_enabled(confirmed and not busy)
@@ -145,7 +145,7 @@ class FitStep:
         self.section.client.run_javascript("vibrident.see('status')")
 
     async def _follow(self) -> None:
-        """One look at the identification."""
+        """Update from the identification."""
         job = self.user.job
         if job is None or job is self.over:
             self.timer.deactivate()
@@ -162,12 +162,12 @@ class FitStep:
         if job.error is not None:
             frame.show_error(self.errors, job.error, self.user.session)
         elif job.words == Job.DONE:
-            self._forget_curve()  # the result draws the whole of it
+            self._forget_curve()  # the result shows the whole curve
             await self.on_result()
 
     def _draw(self, starts: list[list[float]]) -> None:
         drawn = json.dumps(_curve(starts)).encode()
-        if self.curve is None:  # plotly draws nothing where it cannot be seen
+        if self.curve is None:  # plotly draws nothing in a hidden element
             with self.place:
                 self.curve = frame.Chart(drawn, HEIGHT)
         else:

@@ -1,4 +1,4 @@
-"""What the steps of the page share: the frame of a section, boxes of errors and notes, text of others, charts."""
+"""Shared by the steps of the page: the frame of a section, boxes of errors and notes, untrusted text, charts."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from vibrident.errors import InputError
 from vibrident.web.mishaps import foreseen
 from vibrident.web.session import Session
 
-#: To name it is to have its library among those that the browser may load.
+#: Naming it makes its library available to the browser.
 _PLOTLY = ui.plotly
-#: Names that a list shows before it counts the rest.
+#: Most names in a list; the rest is counted.
 _MOST_NAMES = 12
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
-    """The message of the command line, in a box; of what nobody foresaw, its number in the log."""
+    """The message of the command line, in a box; for unexpected errors, the number in the log."""
     known = foreseen(error)
     local = session.local(known) if session else known
     if place.is_deleted:  # the page was left meanwhile
@@ -38,7 +38,7 @@ def show_error(place: ui.element, error: BaseException, session: Session | None 
 
 
 def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
-    """Files that did not come along, by the reason."""
+    """Omitted files, by reason."""
     if place.is_deleted or not left_out:
         return
     count = sum(map(len, left_out.values()))
@@ -49,7 +49,7 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
 
 
 def listed(names: Sequence[str]) -> str:
-    """Some names, and how many more there are."""
+    """Some names, and the number of the others."""
     more = len(names) - _MOST_NAMES
     return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
@@ -65,12 +65,12 @@ def step(number: int, title: str, name: str) -> ui.element:
 
 
 def go(section: ui.element) -> None:
-    """Bring a step into view, and the focus to its heading."""
+    """Scroll to a step and focus its heading."""
     section.client.run_javascript(f"vibrident.go('{section.props['id']}')")
 
 
 class Text:
-    """Text of others as it stands, in the type of a terminal, with a button to copy it."""
+    """Untrusted text, verbatim and monospaced, with a button to copy it."""
 
     def __init__(self, name: str, text: str = "") -> None:
         with ui.element("div").classes("code w-full").props(f"id={name}"):
@@ -85,7 +85,7 @@ class Text:
 
 
 class Chart:
-    """A chart from its JSON, which goes to the browser as it is: nothing here looks into it.
+    """A chart from its JSON, which is passed to the browser unread.
 
     NiceGUI's own element would copy every number several times, and asks plotly to fit charts that are hidden or gone.
     """
@@ -93,7 +93,7 @@ class Chart:
     def __init__(self, figure: bytes, height: int) -> None:
         self.place = (
             ui.element("div").classes("chart").style(f"min-height: {height}px")
-        )  # nothing moves when it is drawn
+        )  # the layout stays when it is drawn
         self.show(figure)
 
     def show(self, figure: bytes) -> None:

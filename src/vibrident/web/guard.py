@@ -1,4 +1,4 @@
-"""What comes before the page: names it is not known by and other sites are refused, uploads are cut at their limit."""
+"""The guard before the page: refuses foreign host names and other sites, and cuts uploads at their limit."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import re
 from typing import Any
 from urllib.parse import urlsplit
 
-#: Room for what a browser writes around files.
+#: Allowance for the browser's envelope around files.
 _ENVELOPE_BYTES = 1_000_000
 _MOST_DIGITS = 18
-#: Uploads of the largest size that may be under way at once, of all users together.
+#: Most simultaneous uploads of the largest size, of all users together.
 _AT_ONCE = 4
 _HOST = re.compile(r"[\w.\-]+(:\d{1,5})?|\[[0-9a-fA-F:.]+\](:\d{1,5})?", re.ASCII)
 _HEADERS = (
@@ -28,10 +28,10 @@ _BUSY = b"The server takes as many files as it can at this moment. Try again in 
 
 
 def policy(host: str) -> str:
-    """The content security policy: everything comes from here and goes here; the browser refuses the rest.
+    """The content security policy: only this server as source and target.
 
     Args:
-        host: as the browser called the page; its connection goes there. Some browsers do not count it as ``'self'``.
+        host: of the page, target of its WebSocket; some browsers do not count it as ``'self'``.
     """
     return (
         "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
@@ -42,17 +42,16 @@ def policy(host: str) -> str:
 
 
 class TooMuch(Exception):
-    """More bytes came than may."""
+    """The body exceeds the limit."""
 
 
 class Guard:
     """ASGI middleware.
 
     Args:
-        app: what it guards.
+        app: the guarded application.
         limit_bytes: most bytes of a request's body.
-        names: what the page may be called, beside the address at which a request arrives. A foreign name that leads
-            here is another site's trick (DNS rebinding).
+        names: allowed host names, beside the address at which a request arrives; others could be DNS rebinding.
     """
 
     def __init__(self, app: Any, limit_bytes: int, names: frozenset[str]) -> None:
@@ -80,7 +79,7 @@ class Guard:
             await self._guarded(scope, receive, send, headers[b"host"])
 
     def _known(self, scope: Any, headers: dict[bytes, str]) -> bool:
-        """Whether it is called by a name of its own, or by the address at which the request arrived."""
+        """Whether the host is an allowed name, or the address at which the request arrived."""
         host = headers.get(b"host", "")
         if not _HOST.fullmatch(host):
             return False
@@ -123,7 +122,7 @@ class Guard:
 
 
 def _headers(scope: Any) -> dict[bytes, str]:
-    """The headers; of one that came twice with different words, nothing is left but what fits no rule."""
+    """The headers; one that occurs twice with different values becomes a value that fits no rule."""
     found: dict[bytes, str] = {}
     for key, value in scope["headers"]:
         text = value.decode("latin-1")
@@ -132,12 +131,12 @@ def _headers(scope: Any) -> dict[bytes, str]:
 
 
 def _of_another_site(scope: Any, headers: dict[bytes, str]) -> bool:
-    """Whether a page of another origin makes the request; following a link to this page is nobody's trick."""
+    """Whether a page of another origin makes the request; following a link to this page is allowed."""
     origin = headers.get(b"origin")
     try:
         if origin is not None and urlsplit(origin).netloc != headers[b"host"]:
             return True
-    except ValueError:  # no address at all, such as one with a single bracket
+    except ValueError:  # not an address, such as one with a single bracket
         return True
     if headers.get(b"sec-fetch-site", "same-origin") in ("same-origin", "none"):
         return False
@@ -146,7 +145,7 @@ def _of_another_site(scope: Any, headers: dict[bytes, str]) -> bool:
 
 
 def _plain(name: str) -> str:
-    """A name or address in one spelling."""
+    """A name or address in normal form."""
     try:
         address = ipaddress.ip_address(name)
     except ValueError:

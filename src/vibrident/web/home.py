@@ -1,4 +1,4 @@
-"""The folder of a running server, in which all that people upload lies; folders of servers that died are removed."""
+"""The folder of a running server with all uploads; folders of dead servers are removed."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any
 fcntl: Any
 try:
     import fcntl
-except ImportError:  # Windows: no lock tells a dead server from a living one, and leftovers stay
+except ImportError:  # Windows: without locks a dead server cannot be detected, and leftovers stay
     fcntl = None
 
 PREFIX = "vibrident-serve-"
-#: Held by the server as long as it lives: the system lets go of it, however the server ends.
+#: Lock file, held while the server lives; the system releases it however the server ends.
 _LOCK = "lock"
 _NEW = "vibrident-new-"
 
 
 class Home:
-    """A folder that nobody else may read, made below the system's folder for temporary files."""
+    """A private folder below the system's temporary folder."""
 
     def __init__(self) -> None:
         top = Path(tempfile.gettempdir())
@@ -34,7 +34,7 @@ class Home:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.write(self._lock, f"{os.getpid()}\n".encode())
         self.folder = top / (PREFIX + made.name.removeprefix(_NEW))
-        made.rename(self.folder)  # only now can another server see it, and it is locked
+        made.rename(self.folder)  # another server sees it only now, locked
         self.spool = self.folder / "spool"
         self.spool.mkdir()
 
@@ -49,8 +49,8 @@ class Home:
 def remove_leftovers(top: Path) -> list[str]:
     """Remove the folders of this user's servers that no longer run; returns their names.
 
-    A server holds the lock in its folder while it lives, so no other process can be taken for it. Nothing is done to
-    what is not a folder itself (a link to one), to what belongs to another user, or to a folder without a lock.
+    A server holds the lock in its folder while it lives, which identifies it. Links, folders of other users, and
+    folders without a lock are left alone.
     """
     if fcntl is None:
         return []
@@ -82,7 +82,7 @@ def _remove(name: str, above: int) -> bool:
         if not stat.S_ISREG(os.fstat(lock).st_mode):
             return False
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError: its server lives
-        shutil.rmtree(name, dir_fd=above)  # follows no link, whoever puts one there meanwhile
+        shutil.rmtree(name, dir_fd=above)  # follows no links
     finally:
         os.close(lock)
     return True

@@ -1,7 +1,7 @@
 """Colours, type and widths of the page: readable contrast, one column on a phone, a visible focus.
 
 Quasar's own important rules stand in layers, and of these the first wins: the outline of the focus is in it.
-Quasar gives meaning to short class names of its own (``row``, ``column``) and to ``main``: they are left alone here.
+Quasar uses short class names (``row``, ``column``) and ``main`` itself; they are avoided here.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What the page asks of files that were uploaded. Each function runs in a process of its own (``vibrident.sandbox``).
+"""Access to uploaded files. Each function runs in a separate process (``vibrident.sandbox``).
 
-The server never opens such a file: it gets text, figures as JSON, and bytes of bounded size.
+The server never opens such a file; it receives text, figures as JSON, and bytes of bounded size.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from vibrident.web.motion import likely_excitation
 from vibrident.web.preview import preview
 from vibrident.web.session import refuse_outside
 
-#: Columns offered in lists; of more, the name is written by hand.
+#: Most columns offered in lists; otherwise names are typed.
 MOST_COLUMNS = 60
-#: Characters of a calibration file shown.
+#: Most characters of a calibration file shown.
 MOST_TEXT = 20_000
-#: Bytes of charts that are sent to the browser at once.
+#: Most bytes of charts sent to the browser at once.
 MOST_BYTES = 4_000_000
 _LONGEST_LABEL = 200
 
 
 @dataclass(frozen=True)
 class Guess:
-    """What the columns may mean.
+    """The possible meaning of the columns.
 
     Attributes:
-        columns: by their names; not more than can be shown.
-        excitation: by the file's name or the motion; None if nothing can be seen.
-        all_columns: how many the file has.
-        chart: the columns that were guessed, as ``chart`` draws them; empty where that fails.
+        columns: by their names; at most what can be shown.
+        excitation: by the file's name or the motion; None if undetermined.
+        all_columns: number of the file's columns.
+        chart: the guessed columns, as ``chart`` draws them; empty if that fails.
     """
 
     columns: Columns
@@ -52,7 +52,7 @@ class Guess:
 
 
 def guess(folder: Path, files: Sequence[str]) -> Guess:
-    """Guess from the first file what the columns mean, from several what the excitation is.
+    """Guess the columns from the first file, and the excitation from several.
 
     Raises:
         InputError: the first file cannot be opened.
@@ -61,17 +61,17 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
     count = len(columns.columns)
     try:
         excitation = likely_excitation(columns, folder, files)
-    except MemoryError:  # the files may be larger than what a guess is worth
+    except MemoryError:  # the files may be too large for a guess
         excitation = None
     try:
         drawn = chart(described(columns, excitation or "sine"), folder, files)
-    except (VibridentError, MemoryError):  # said when the page asks for the chart itself
+    except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
     return Guess(_few(columns), excitation, count, drawn)
 
 
 def _few(columns: Columns) -> Columns:
-    """Those columns that can be offered: the first, and those that were guessed."""
+    """The columns to offer: the first ones and the guessed ones."""
     roles = ("time", "reference", "response", "frequency", "magnitude", "phase", "magnitude_uncertainty")
     guessed = {getattr(columns, role) for role in (*roles, "phase_uncertainty")}
     pairs = list(zip(columns.columns, columns.labels, strict=True))
@@ -81,10 +81,10 @@ def _few(columns: Columns) -> Columns:
 
 
 def calibration(folder: Path, name: str) -> str:
-    """The text of a calibration file, its beginning where it is long.
+    """The text of a calibration file; of a long one the beginning.
 
     Raises:
-        InputError: it cannot be read, or names files that did not come with it.
+        InputError: it cannot be read, or names files that were not uploaded.
     """
     refuse_outside(folder / name)
     text = (folder / name).read_text(encoding="utf-8-sig")
@@ -101,14 +101,14 @@ def facts(path: Path) -> tuple[str, str]:
     """Model and estimator of a result.
 
     Raises:
-        InputError: it is none.
+        InputError: the file is not a result.
     """
     result = Result.load(path)
     return result.model, result.estimator
 
 
 def outcome(path: Path) -> dict[str, Any]:
-    """All that is shown of a result: whether it is fine, its numbers and warnings as HTML, its charts as JSON."""
+    """The view of a result: verdict, numbers and warnings as HTML, charts as JSON."""
     result = Result.load(path)
     verdict = document.verdict(result)
     drawn = [make(result) for make in (figures.sensitivity, figures.deviation, figures.training)]
@@ -130,7 +130,7 @@ def _charts(figure: Figure | None) -> list[tuple[str, Any]]:
 
 
 def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes, int]], int]:
-    """Charts while they find room, and the room that is left; below zero where one did not.
+    """Charts that fit the limit, and the bytes left; negative if one did not fit.
 
     Each is its title, its JSON and its height in pixels.
     """
@@ -151,7 +151,7 @@ def report(paths: Sequence[Path], form: Any, names: Sequence[str]) -> bytes:
 
 
 def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tuple[bytes, str]:
-    """One file as it is, several as an archive; with its name. The folder is the caller's, to be removed."""
+    """One file as it is, several as an archive; with its name. The caller removes the folder."""
     from vibrident.export import export
 
     files = export(Result.load(path), form, folder, **options)
@@ -212,4 +212,4 @@ def _json(tree: Any) -> bytes:
     try:
         return json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
     except ValueError as error:
-        raise VibridentError("A number that is none cannot be drawn.") from error
+        raise VibridentError("NaN or infinity cannot be drawn.") from error

@@ -1,4 +1,4 @@
-"""What kind of motion the files hold, looked at where their names do not say."""
+"""The kind of motion in the files, if their names do not state it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from vibrident.io.guess import Columns
 from vibrident.io.readers import open_columns
 from vibrident.measure.motion import kind_of_motion
 
-#: Files looked at, spread over all of them.
+#: Most files examined, spread over all of them.
 MOST_FILES = 5
 
 
 def likely_excitation(guess: Columns, folder: Path, files: Sequence[str]) -> str:
-    """The excitation that most files look like; a sine where nothing can be seen."""
+    """The excitation of most files; a sine if undetermined."""
     if guess.is_table or guess.reference is None:
         return guess.excitation or "sine"
     if guess.excitation is not None:
@@ -26,7 +26,7 @@ def likely_excitation(guess: Columns, folder: Path, files: Sequence[str]) -> str
         try:
             source = open_columns(folder / file)
             (motion,) = source.load([source.position_of(guess.reference, "columns and units")])
-        except VibridentError:  # said when the columns are drawn or confirmed
+        except VibridentError:  # reported when the columns are drawn or confirmed
             continue
         seen[kind_of_motion(motion)] += 1
     return seen.most_common(1)[0][0] if seen else "sine"

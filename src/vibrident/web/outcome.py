@@ -1,4 +1,4 @@
-"""Fourth step: the result as curve, numbers and warnings, and everything that can be taken home."""
+"""Fourth step: the result as curve, numbers and warnings, and its downloads."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class OutcomeStep:
             frame.Text("command", named.choices.command)
 
     def _exports(self, named: Named) -> None:
-        """Other formats, each with the option that it alone needs."""
+        """Other formats, each with its own options."""
         from vibrident.export import FORMATS
         from vibrident.export.options import OPTIONS
 
@@ -155,7 +155,7 @@ class OutcomeStep:
 
 
 async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any) -> None:
-    """Let the browser download what a function of ``looks`` makes."""
+    """Let the browser download the output of a function of ``looks``."""
     try:
         made = await user.look(function, *args)
         place = await asyncio.to_thread(user.session.download, made)
@@ -167,7 +167,7 @@ async def give(user: User, errors: ui.element, name: str, function: Any, *args: 
 
 
 def _verdict(shown: dict[str, Any]) -> None:
-    """The pieces of HTML come from ``looks``, where text of others was made text."""
+    """The pieces of HTML come from ``looks``, where untrusted text was escaped."""
     kind, verdict, doubts = (html(part) for part in shown["verdict"])
     ui.html(f'<p class="{kind}"><b>{verdict}</b>; {doubts}.</p>', sanitize=False)
     ui.html(f'<div class="scroll">{shown["parameters"]}</div>', sanitize=False)
@@ -177,7 +177,7 @@ def _verdict(shown: dict[str, Any]) -> None:
 
 def _curves(shown: dict[str, Any]) -> None:
     if shown["left_out"]:
-        ui.label("The result holds more than can be drawn here; the report (HTML) shows it.").classes("hint")
+        ui.label("Not everything can be drawn here; see the report (HTML).").classes("hint")
     for title, figure, height in shown["charts"]:
         ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
         frame.Chart(figure, height)

@@ -9,7 +9,7 @@ window.vibrident = {
     if (!empty || sessionStorage.vibridentHeld !== 'yes') return;
     const note = document.createElement('div');
     note.className = 'warning'; note.id = 'gone'; note.setAttribute('role', 'alert');
-    note.textContent = 'What this page held is gone: the server keeps it for an hour, as long as it runs and has room.';
+    note.textContent = 'The state of this page was removed: the server keeps it for an hour, while it runs and has room.';
     document.getElementById('main').prepend(note);
   },
   go(name) {

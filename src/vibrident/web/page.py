@@ -1,4 +1,4 @@
-"""One user's page: the steps in their order. A tab that comes back finds what it left."""
+"""One user's page: the steps in their order. A tab that reconnects finds its state."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vibrident.web.users import User, Users
 
 
 async def page(users: Users) -> None:
-    """Build the page. What costs anything waits until a browser has connected: a mere request gets a heading."""
+    """Build the page. Expensive parts wait until a browser has connected; a bare request gets a heading."""
     ui.colors(primary="#0a4b78", positive="#14632f", negative="#a1001a", warning="#7a4b00")
     ui.add_css(STYLE)
     ui.add_body_html(f"<script>{SCRIPT}</script>")
@@ -51,7 +51,7 @@ async def _steps(user: User) -> None:
         await compare.show()
 
     data.build(on_data=columns.show, on_result=results)
-    await asyncio.sleep(0)  # others have their turn between the steps
+    await asyncio.sleep(0)  # yield between the steps
     columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
     fit.build(on_result=results)
     await asyncio.sleep(0)

@@ -1,4 +1,4 @@
-"""The beginning of the chosen columns as they stand in the file, so that a wrong choice is seen."""
+"""The beginning of the chosen columns as in the file, so that a wrong choice is visible."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vibrident.present.numbers import shortened
 from vibrident.present.views import BLUE, VERMILION, Axis, Figure, Look, Panel, Series, Stack
 from vibrident.web.description import Description
 
-#: Of the chart, in pixels.
+#: Height of the chart in pixels.
 HEIGHT = 360
 #: Samples drawn.
 MOST_SAMPLES = 3000
@@ -33,7 +33,7 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     positions = [source.position_of(column, "columns and units") for column in wanted]
     values = [column[:MOST_SAMPLES] for column in source.load(positions)]
     x = values.pop(0) if across is not None else None
-    if x is not None and not given.table and x.size:  # a clock that counts from 1970 makes labels nobody can read
+    if x is not None and not given.table and x.size:  # times since 1970 make unreadable labels
         x = x - x[0]
     names = [shortened(str(column), 50) for column in wanted if column != across or column in (first, second)]
     size = min((column.size for column in values), default=0)

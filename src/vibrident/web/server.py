@@ -18,9 +18,9 @@ from vibrident.web.session import MEGABYTE
 USUAL_PORT = 8080
 _LAST_PORT = 65_535
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
-#: Seconds without a connection after which the browser builds the page anew; what it shows is kept for longer.
+#: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
 _RECONNECT_S = 30.0
-#: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there, the system only says from where it would be.
+#: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.
 _ANYWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="6" fill="#0a4b78"/>'
@@ -42,10 +42,10 @@ def serve(
 
     Args:
         host: address to listen at; loopback is for this machine alone.
-        port: 0 takes 8080 where it is free, else any that is.
+        port: 0: 8080 if free, else any free one.
         show: open the browser.
         limit_mb: most megabytes of one user's files.
-        names: further names that the page may be called by.
+        names: further host names of the page.
         store: URL of the history that everybody who reaches the page may read and add to; None for none.
         say: called with the address.
 
@@ -58,7 +58,7 @@ def serve(
 
     chosen = _free_port(host, port)
     home = Home()
-    os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # what is half received lies there too
+    os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
     try:
         build(limit_mb, home, names=own_names(host) | frozenset(names), store=store)
         say(f"http://{_bracketed(reachable(host))}:{chosen}/")
@@ -73,8 +73,8 @@ def serve(
             reconnect_timeout=_RECONNECT_S,
             dark=False,
             language="en-US",
-            gzip_middleware_factory=None,  # to compress scripts and charts takes longer than to send them, and
-            ws_per_message_deflate=False,  # everybody waits meanwhile
+            gzip_middleware_factory=None,  # compressing takes longer than sending, and
+            ws_per_message_deflate=False,  # delays all users
         )
     finally:
         home.close()
@@ -92,7 +92,7 @@ def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, stor
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names)
     app.on_startup(users.start)
     app.on_shutdown(users.close)
-    app.on_shutdown(home.close)  # a signal ends the process before ``serve`` comes back
+    app.on_shutdown(home.close)  # a signal ends the process before ``serve`` returns
 
     @ui.page("/", title="vibrident", markdown=False)
     async def _page() -> None:
@@ -100,7 +100,7 @@ def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, stor
 
 
 def own_names(host: str) -> frozenset[str]:
-    """What a page that listens at this address may be called; addresses of this machine are known from the request."""
+    """Host names of a page at this address; addresses of this machine are known from the request."""
     if host in LOOPBACK:
         return LOOPBACK
     own = socket.gethostname().lower()
@@ -108,7 +108,7 @@ def own_names(host: str) -> frozenset[str]:
 
 
 def reachable(host: str) -> str:
-    """An address at which a browser finds what listens there: 0.0.0.0 and :: are none."""
+    """An address for the browser; 0.0.0.0 and :: are not usable as one."""
     try:
         if not ipaddress.ip_address(host).is_unspecified:
             return host
@@ -126,15 +126,15 @@ def reachable(host: str) -> str:
 def _require(port: int, limit_mb: float) -> None:
     if not 0 <= port <= _LAST_PORT:
         raise InputError(
-            "That is no port.",
+            "The port cannot be used.",
             expected=f"a whole number from 0 to {_LAST_PORT}",
             found=str(port),
             where="--port",
-            remedy="leave --port out, and a free one is taken",
+            remedy="leave --port out to use a free one",
         )
     if not 1.0 <= limit_mb <= 1e6:
         raise InputError(
-            "That is no limit for uploads.",
+            "The limit for uploads cannot be used.",
             expected="a number of megabytes from 1 to a million",
             found=f"{limit_mb:g}",
             where="--limit-mb",
@@ -165,9 +165,9 @@ def _free_port(host: str, port: int) -> int:
                     expected="an address of this machine and a port that is free",
                     found=f"{error.strerror or error}",
                     where=f"--host {host} --port {number}",
-                    remedy="leave --port out, and a free one is taken"
+                    remedy="leave --port out to use a free one"
                     if error.errno in (errno.EADDRINUSE, errno.EACCES)
-                    else "leave --host out, and the page is for this machine alone",
+                    else "leave --host out to serve this machine alone",
                 ) from error
             return probe.getsockname()[1]
     raise AssertionError("unreachable")

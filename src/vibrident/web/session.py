@@ -17,9 +17,9 @@ from vibrident.io.readers import READERS, unknown_format
 CALIBRATION, RESULT = "calibration.toml", "result.json"
 MEGABYTE = 1_000_000
 MOST_FILES = 500
-#: Results that one page keeps; of more, the oldest go.
+#: Most results of one page; the oldest are evicted.
 MOST_RESULTS = 20
-#: Endings of files that are taken.
+#: Endings of accepted files.
 KNOWN = (*READERS, ".toml", ".json")
 _LONGEST_NAME = 120
 _DOWNLOADS = 4
@@ -29,12 +29,12 @@ _T = TypeVar("_T", bound=VibridentError)
 
 
 class Session:
-    """Files of one user, in a folder that nobody else may read; it is made when the first file comes.
+    """Files of one user, in a private folder that is made with the first file.
 
     Args:
         parent: folder of all users.
         limit_mb: most megabytes of the data, and of the results.
-        room: called with the bytes that are about to come; raises InputError where the server has no room for them.
+        room: called with the bytes to come; raises InputError if the server has no room for them.
     """
 
     def __init__(self, parent: Path, limit_mb: float, room: Callable[[int], None] = lambda size: None) -> None:
@@ -49,7 +49,7 @@ class Session:
         self._written = False
 
     def open(self) -> None:
-        """Make the folders, unless they are there."""
+        """Make the folders unless they exist."""
         for folder in (self.data, self.results):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
@@ -59,13 +59,13 @@ class Session:
         self._sizes, self._result_sizes, self._written = {}, {}, False
 
     def clear(self) -> None:
-        """Forget the data, keep the results that were made of them."""
+        """Remove the data, keep their results."""
         shutil.rmtree(self.data, ignore_errors=True)
         self._sizes, self._written = {}, False
 
     @property
     def names(self) -> list[str]:
-        """Names of all files that came, in natural order."""
+        """Names of all files, in natural order."""
         own = {CALIBRATION} if self._written else set()
         return sorted(set(self._sizes) - own, key=natural)
 
@@ -76,15 +76,15 @@ class Session:
 
     @property
     def used_bytes(self) -> int:
-        """Size of all files, those of the results among them."""
+        """Size of all files, including the results."""
         return sum(self._sizes.values()) + sum(self._result_sizes.values())
 
     @property
     def calibration(self) -> str | None:
-        """Name of the calibration file that came with the data; the page's own is none.
+        """Name of the uploaded calibration file; the page's own does not count.
 
         Raises:
-            InputError: several came, and none of them has the usual name.
+            InputError: there are several, none with the usual name.
         """
         names = [name for name in self.names if Path(name).suffix.lower() == ".toml"]
         if len(names) > 1 and CALIBRATION not in names:
@@ -98,23 +98,23 @@ class Session:
         return None if not names else CALIBRATION if CALIBRATION in names else names[0]
 
     def write_calibration(self, text: str) -> None:
-        """Write what was confirmed on the page, for the identification to read."""
+        """Write the confirmed calibration file, for the identification."""
         self.open()
-        (self.data / CALIBRATION).unlink(missing_ok=True)  # a copy of it may be in use
+        (self.data / CALIBRATION).unlink(missing_ok=True)  # a hard link to it may be in use
         (self.data / CALIBRATION).write_text(text, encoding="utf-8")
         self._sizes[CALIBRATION] = len(text)
         self._written = True
 
     def forget_calibration(self) -> None:
-        """Remove what the page wrote: with other data, it no longer holds."""
+        """Remove the page's calibration file: it does not hold for other data."""
         if self._written:
             self.remove(CALIBRATION)
 
     def place_for(self, name: str, size: int) -> Path:
-        """Where to put a file of this name and size. A calibration file takes the place of one of the same name.
+        """Path for a file of this name and size. A calibration file replaces one of the same name.
 
         Raises:
-            InputError: the format is not read here, a file of that name is there, or there is no room for it.
+            InputError: the format is not supported, the name is taken, or there is no room.
         """
         safe = safe_name(name)
         if not is_known(safe):
@@ -124,11 +124,11 @@ class Session:
         taken = {other.lower(): other for other in self._sizes}.get(safe.lower())
         if taken is not None and Path(safe).suffix.lower() != ".toml":
             raise InputError(
-                "A file of that name is here already.",
-                expected="a name of its own for each file",
+                "A file of that name already exists.",
+                expected="a unique name for each file",
                 found=repr(safe),
                 where="upload",
-                remedy="remove the one that is here, or rename one of the two",
+                remedy="remove the existing one, or rename one of the two",
             )
         data_bytes = sum(self._sizes.values())
         if data_bytes + size > self.limit_mb * MEGABYTE or len(self._sizes) >= MOST_FILES:
@@ -141,13 +141,13 @@ class Session:
         return self.data / safe
 
     def remove(self, name: str) -> None:
-        """Forget one file."""
+        """Remove one file."""
         if self._sizes.pop(name, None) is not None:
             (self.data / name).unlink(missing_ok=True)
             self._written = self._written and name != CALIBRATION
 
     def rescan(self) -> None:
-        """Take note of what another process wrote."""
+        """Update the list of files after another process has written."""
         self._sizes = {path.name: path.stat().st_size for path in self.data.iterdir()}
 
     def new_folder(self, name: str) -> Path:
@@ -159,7 +159,7 @@ class Session:
         return folder
 
     def copy_to(self, copy: Path) -> None:
-        """Copy the data: what is done to them later does not reach an identification."""
+        """Copy the data, so that later changes do not affect an identification."""
         for name in self._sizes:
             try:
                 os.link(self.data / name, copy / name)
@@ -167,7 +167,7 @@ class Session:
                 shutil.copyfile(self.data / name, copy / name)
 
     def keep_result(self, place: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
-        """Move a result and its calibration file here; returns where it is, and those that had to go for it."""
+        """Move a result and its calibration file here; returns its path, and the evicted results."""
         moved = [place, calibration] if calibration else [place]
         size = sum(path.stat().st_size for path in moved)
         self._room(size)
@@ -189,7 +189,7 @@ class Session:
         return kept, gone
 
     def download(self, content: bytes) -> Path:
-        """A place for bytes on their way to the browser; those before the last few are removed."""
+        """A file for bytes to the browser; all but the last few are removed."""
         self.open()
         folder = self.folder / "downloads"
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -200,7 +200,7 @@ class Session:
         return place
 
     def local(self, error: _T) -> _T | InputError:
-        """The error as the command line words it in the folder of the data: without the path of this machine."""
+        """The error with paths relative to the folder of the data."""
         if not isinstance(error, InputError):
             return error
         fields = dict(vars(error))
@@ -227,7 +227,7 @@ def is_known(name: str) -> bool:
 
 
 def unknown_kind(name: str) -> InputError:
-    """The error of a file that nothing here reads."""
+    """The error of an unsupported file."""
     return unknown_format(Path(name).suffix, name)
 
 
@@ -243,7 +243,7 @@ def too_large(limit_mb: float, where: str = "upload") -> InputError:
 
 
 def refuse_outside(file: Path) -> None:
-    """Refuse a calibration file that names files beyond its own folder: on a server they would be somebody else's.
+    """Refuse a calibration file that names files outside its folder.
 
     Raises:
         InputError: a path is absolute or leads upwards, or the file cannot be read.

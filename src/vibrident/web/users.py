@@ -1,4 +1,4 @@
-"""Who uses the page: what each of them has, kept for an hour after the page was left; and how much all may have."""
+"""The users of the page: their state, kept for an hour after they left, and limits of all users."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from vibrident.web.looks import Guess, facts
 from vibrident.web.session import MEGABYTE, RESULT, Session
 from vibrident.web.worker import Worker
 
-#: Seconds for which what a page held is kept when nobody looks at it.
+#: Seconds for which a page's state is kept without a browser.
 KEPT_S = 3600.0
-#: Users at once; beyond, the one who left first is forgotten, and where nobody has left, a new one is refused.
+#: Most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused.
 MOST_USERS = 50
-#: Megabytes of all users, in megabytes of one.
+#: Limit of all users, in limits of one.
 _ALL_LIMITS = 10
-#: Processes that look at files at once.
+#: Most processes that read files at once.
 _LOOKS_AT_ONCE = 3
 _LOOK_SECONDS = 60.0
 #: Memory of a look: bytes, and bytes for each byte that a user may upload.
@@ -41,7 +41,7 @@ _T = TypeVar("_T")
 
 @dataclass
 class Named:
-    """A result and what to call it; where it was made here, with the choices made."""
+    """A result and its name; if made here, with its choices."""
 
     name: str
     path: Path
@@ -55,12 +55,12 @@ class Named:
 
 @dataclass
 class Form:
-    """What the page asks about the columns, and what the person has said.
+    """The form about the columns, and the user's input.
 
     Attributes:
-        guess: what may be chosen, and what the columns may mean.
-        given: as it stands in the form.
-        touched: fields that the person set; no guess sets them again.
+        guess: the choices, and the possible meaning of the columns.
+        given: the form's values.
+        touched: fields set by the user; a guess does not change them.
     """
 
     guess: Guess
@@ -68,12 +68,12 @@ class Form:
     touched: set[str] = field(default_factory=set)
 
     def get(self, name: str) -> Any:
-        """What a field holds; those of the sensor are named ``sensor.NAME``."""
+        """Value of a field; those of the sensor are named ``sensor.NAME``."""
         whole, _, part = name.partition(".")
         return getattr(self.given, whole)[part] if part else getattr(self.given, whole)
 
     def set(self, name: str, value: Any) -> None:
-        """What a person says."""
+        """Set a field to the user's value."""
         self.touched.add(name)
         whole, _, part = name.partition(".")
         if part:
@@ -84,7 +84,7 @@ class Form:
 
 @dataclass
 class Confirmed:
-    """The calibration file that identifications use: the one that came with the data, or what the form says."""
+    """The calibration file that identifications use: the uploaded one, or the form's."""
 
     name: str
     from_form: bool
@@ -92,7 +92,7 @@ class Confirmed:
 
 @dataclass
 class Job:
-    """An identification under way, seen from the page: its words, the cost of each start, and how it ended."""
+    """A running identification: its status, the cost of each start, and how it ended."""
 
     BEGINNING: ClassVar[str] = "Reading the data, loading the libraries …"
     DONE: ClassVar[str] = "Identified."
@@ -105,11 +105,11 @@ class Job:
 
     @property
     def status(self) -> str:
-        """What the page says, with the seconds it has taken so far."""
+        """The status, with the elapsed seconds."""
         return self.words if self.over else f"{self.words} ({time.monotonic() - self.began:.0f} s)"
 
     def heard(self, iteration: int, most: int, cost: float) -> None:
-        """Take note of an iteration; where the count does not go on, another start has begun."""
+        """Record an iteration; if the count does not increase, another start has begun."""
         if not self.starts or iteration <= len(self.starts[-1]):
             self.starts.append([])
         self.starts[-1].append(cost)
@@ -118,7 +118,7 @@ class Job:
 
 
 class User:
-    """What one open page knows. Nothing of it is shared with another page."""
+    """State of one open page; not shared with other pages."""
 
     def __init__(self, users: Users) -> None:
         self.users = users
@@ -134,7 +134,7 @@ class User:
 
     @property
     def connected(self) -> bool:
-        """Whether a browser shows the page now."""
+        """Whether a browser is connected."""
         return self.client is not None and bool(self.client.has_socket_connection)
 
     @property
@@ -144,15 +144,15 @@ class User:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing would be lost."""
+        """Whether there is nothing to lose."""
         return not (self.session.names or self.results or self.busy)
 
     async def look(self, function: Callable[..., _T], *args: Any, **limits: Any) -> _T:
-        """Run a function of ``looks`` in a process of its own."""
+        """Run a function of ``looks`` in a separate process."""
         return await self.users.look(function, *args, **limits)
 
     def start(self, choices: Choices) -> None:
-        """Begin to identify with a copy of the data; what comes of it stands in ``job`` and ``results``."""
+        """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``."""
         self.job = Job()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
 
@@ -162,7 +162,7 @@ class User:
         try:
             await asyncio.to_thread(self.session.copy_to, copy)
             if self.users.identifying.locked():
-                job.words = "Waiting: others identify at this moment …"
+                job.words = "Waiting for other identifications …"
             async with self.users.identifying:
                 job.words = Job.BEGINNING
                 async for step in self.worker.run({**choices.task, "result": str(made)}, copy):
@@ -184,7 +184,7 @@ class User:
         return max((int(number) for number in taken if number.isdecimal()), default=0) + 1
 
     def keep(self, name: str, place: Path, calibration: Path | None = None, choices: Choices | None = None) -> None:
-        """Keep a result under a name that is not taken; the oldest go where there are too many."""
+        """Keep a result under a free name; evict the oldest beyond the limit."""
         path, gone = self.session.keep_result(place, calibration)
         taken = {named.name for named in self.results}
         others = (f"{name} {number}" for number in range(2, len(taken) + 3))
@@ -194,10 +194,10 @@ class User:
         self.results = [named for named in self.results if named.path not in gone]
         if lost:
             names = ", ".join(f"“{name}”" for name in lost)
-            self.notice = f"There are more results than are kept here; gone: {names}."
+            self.notice = f"Too many results; removed: {names}."
 
     def close(self) -> None:
-        """End what runs, remove the files."""
+        """End running processes, remove the files."""
         self.worker.cancel()
         self.session.close()
         self.results, self.form, self.confirmed = [], None, None
@@ -207,7 +207,7 @@ class Users:
     """All users of a server.
 
     Args:
-        folder: where their files lie.
+        folder: folder of their files.
         limit_mb: most megabytes of one user's files.
         store: URL of the history that all of them share; None for none.
     """
@@ -221,10 +221,10 @@ class Users:
         self._round: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Prepare the first look, begin to forget."""
+        """Prepare the first process, begin to remove absent users."""
         self._threads.submit(self._ready.prepare)
         gc.collect()
-        gc.freeze()  # the libraries stay: to look through them for garbage would hold everybody up, again and again
+        gc.freeze()  # libraries stay: collecting them again and again would delay all users
         self._round = asyncio.create_task(self._rounds())
 
     def close(self) -> None:
@@ -238,7 +238,7 @@ class Users:
         self._threads.shutdown(wait=False, cancel_futures=True)
 
     async def look(self, function: Callable[..., _T], *args: Any, file_bytes: int = 0) -> _T:
-        """Run a function of ``looks`` in a process of its own, within limits."""
+        """Run a function of ``looks`` in a separate process, within limits."""
         memory = int(_LOOK_MEMORY + _LOOK_MEMORY_A_BYTE * self.limit_mb * MEGABYTE)
         call = partial(
             self._ready.run, function, *args, memory_bytes=memory, seconds=_LOOK_SECONDS, file_bytes=file_bytes
@@ -250,7 +250,7 @@ class Users:
 
         Args:
             client: the page that was opened.
-            tab: what the server remembers of the tab; a copy of it where a tab was duplicated.
+            tab: the server's storage of the tab; a copy if the tab was duplicated.
 
         Raises:
             InputError: there are too many users.
@@ -266,7 +266,7 @@ class Users:
         while len(self.kept) >= MOST_USERS:
             if not self._drop_oldest():
                 raise InputError(
-                    "The server has as many users as it takes.",
+                    "The server has reached its limit of users.",
                     expected=f"at most {MOST_USERS} at once",
                     found="as many",
                     remedy="reload the page later, or start vibrident serve on a machine of your own",
@@ -276,16 +276,16 @@ class Users:
         return user
 
     def make_room(self, size: int) -> None:
-        """Forget users who have left, the first of them first, until so many bytes find room.
+        """Evict users who have left, the earliest first, until so many bytes fit.
 
         Raises:
-            InputError: they do not.
+            InputError: they do not fit.
         """
         most = _ALL_LIMITS * self.limit_mb * MEGABYTE
         while sum(user.session.used_bytes for user in self.kept.values()) + size > most:
             if not self._drop_oldest():
                 raise InputError(
-                    "The server has no room for more files at this moment.",
+                    "The server has no room for more files at present.",
                     expected=f"at most {_ALL_LIMITS * self.limit_mb:g} MB of all users together",
                     found="more",
                     where="upload",
@@ -293,7 +293,7 @@ class Users:
                 )
 
     def forget(self) -> None:
-        """Remove what nobody came back for."""
+        """Remove users who did not return."""
         now = time.monotonic()
         for key, user in list(self.kept.items()):
             if user.connected or user.busy:

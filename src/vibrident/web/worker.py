@@ -1,6 +1,6 @@
-"""Identification in a process of its own, so that the page stays alive, can cancel, and survives what goes wrong there.
+"""Identification in a separate process, so that the page stays responsive, can cancel, and survives crashes.
 
-The process works in the folder of the data, as the command line would, and says one JSON object a line: progress, then
+The process works in the folder of the data, as the command line does, and writes one JSON object a line: progress, then
 ``done`` or ``error``.
 """
 
@@ -20,9 +20,9 @@ from vibrident.errors import InputError, NotConverged, VibridentError
 from vibrident.sandbox import WorkerError, set_limits
 
 _WORK = "from vibrident.web.worker import work; work()"
-#: Most bytes of one message: an error may quote what it found.
+#: Most bytes of one message: an error may quote its input.
 _LONGEST_MESSAGE = 16_000_000
-#: Bytes of what a dead process said last, for the log.
+#: Bytes of a dead process's last output, for the log.
 _LAST_BYTES = 20_000
 #: Memory of an identification, beside what its data need: bytes, and bytes for each byte of data.
 _MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
@@ -39,7 +39,7 @@ class Worker:
 
     @property
     def busy(self) -> bool:
-        """Whether it works."""
+        """Whether it is working."""
         return self._process is not None
 
     def cancel(self) -> None:
@@ -53,7 +53,7 @@ class Worker:
 
         Raises:
             InputError, NotConverged: as the task does, or it needs more memory than it may have (InputError).
-        WorkerError: anything else that goes wrong there.
+        WorkerError: any other failure in the process.
             asyncio.CancelledError: it was cancelled.
         """
         self._cancelled = False
@@ -74,7 +74,7 @@ class Worker:
                 if "progress" in outcome:
                     yield tuple(outcome["progress"])
             await process.wait()
-        except (ValueError, ConnectionError) as error:  # no message, or one without an end
+        except (ValueError, ConnectionError) as error:  # not a message, or an endless one
             if not self._cancelled:
                 raise WorkerError(f"a message of the process cannot be read: {error}") from error
         finally:
@@ -89,7 +89,7 @@ class Worker:
 
 
 async def _tail(stream: asyncio.StreamReader) -> str:
-    """The end of what comes; the rest is forgotten, however much it is."""
+    """The end of the output; the rest is dropped."""
     kept = b""
     while piece := await stream.read(_LAST_BYTES):
         kept = (kept + piece)[-_LAST_BYTES:]
@@ -101,7 +101,7 @@ def _memory(folder: Path) -> int:
 
 
 def _raise(outcome: dict[str, Any], otherwise: str) -> None:
-    """The error that the process told of, or that it told of none and is not done."""
+    """Raise the reported error, or one for a process that ended without a report."""
     if "input" in outcome:
         raise InputError(**outcome["input"])
     if "error" in outcome:
@@ -113,10 +113,10 @@ def _raise(outcome: dict[str, Any], otherwise: str) -> None:
 
 
 def work() -> None:
-    """A worker's life: one task from stdin, its progress and outcome on stdout."""
+    """Main of a worker: one task from stdin, its progress and outcome on stdout."""
     task = json.loads(sys.stdin.buffer.read())
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # keep what libraries print out of the answer
     set_limits(task["memory_bytes"], _MOST_SECONDS, _MOST_FILE_BYTES)
 
     def say(**message: Any) -> None:
@@ -139,7 +139,7 @@ def work() -> None:
 
 def _too_large(memory_bytes: int) -> InputError:
     return InputError(
-        "The identification needs more memory than the page gives.",
+        "The identification needs more memory than the page allows.",
         expected=f"at most {memory_bytes / 1e9:.1f} GB",
         found="more",
         remedy="leave out records or parts of them, or use vibrident identify in a shell",
@@ -179,5 +179,5 @@ def _demo(task: dict[str, Any], say: Any) -> None:
         response_noise=demo.RESPONSE_NOISE,
         seed=demo.SEED,
     )
-    for name in ("calibration.toml", "truth.json"):  # what the columns mean is for the user to confirm
+    for name in ("calibration.toml", "truth.json"):  # the user confirms the columns
         Path(name).unlink()
