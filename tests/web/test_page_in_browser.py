@@ -88,9 +88,7 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.get_by_label("Reference: SI units per unit of the file", exact=True).locator("visible=true").fill("0.9425e-6")
     page.get_by_label("Reference: unit, for reports", exact=True).locator("visible=true").fill("V")
     choose(page, "Response: column", "Laser")
-    page.get_by_label("Response: units per unit of the file", exact=True).locator("visible=true").fill(
-        "0.95066e-9"
-    )
+    page.get_by_label("Response: units per unit of the file", exact=True).locator("visible=true").fill("0.95066e-9")
     page.get_by_label("Response: unit", exact=True).locator("visible=true").fill("m")
     page.locator("#show").click()
     page.locator("#columns .js-plotly-plot").wait_for()
