@@ -24,6 +24,7 @@ SECTIONS = {
     "statistics": "bench.scatter",
     "speed": "bench.speed",
     "cold": "bench.cold",
+    "memory": "bench.memory",
     "peers": "bench.against",
     "fit_som": "bench.som",
 }

@@ -17,7 +17,7 @@ from bench.progress import steps
 from bench.speed import noisy
 from vibrident.io.writer import write_calibration
 
-START_TARGET, MEMORY_TARGET = 6.0, 700.0
+START_TARGET, PLAIN_TARGET, HELP_TARGET, MEMORY_TARGET = 4.0, 2.2, 0.4, 700.0
 IMPORT = [sys.executable, "-c", "import jax"]
 LAUNCHER = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child.py"))]
 
@@ -35,44 +35,43 @@ class CommandFailed(Exception):
 
 
 def measure(options: Options) -> Section:
-    """Pairs of cold starts, first with compiled kernels at hand, then with none."""
+    """Pairs of cold starts: later ones, and ones without a cache."""
     pairs = 2 if options.quick else max(3, options.pairs // 2)
     remarks = (
-        "21 × 16 000 samples read from CSV files, estimator as chosen by the command (auto) and ipnn; every start is a "
-        "process of its own; the files are in the page cache. Peak memory: ru_maxrss of the child.",
+        "21 × 16 000 samples read from CSV files, estimator as chosen by the command (auto); every start is a process "
+        "of its own; the files are in the page cache. Peak memory: ru_maxrss of the child.",
     )
     with tempfile.TemporaryDirectory(prefix="vibrident-bench-") as folder:
         place = Path(folder)
         calibration = write_calibration(place / "records", noisy())
         try:
-            figures = [
-                figure for name in ("auto", "ipnn") for figure in _starts(calibration, place / name, name, pairs)
-            ]
+            figures = _starts(calibration, place, pairs)
         except (CommandFailed, OSError) as error:
-            figures = [
-                Figure("vibrident identify / python -c 'import jax'", {}, high=START_TARGET, note=str(error)),
-                Figure("peak memory of vibrident identify", {}, "megabytes", high=MEMORY_TARGET),
-            ]
+            figures = [Figure("vibrident identify / import jax", {}, high=START_TARGET, note=str(error))]
     return Section("cold", "Cold start, from the shell", tuple(figures), {"pairs": pairs}, remarks)
 
 
-def _starts(calibration: Path, place: Path, estimator: str, pairs: int) -> list[Figure]:
-    program = Path(sys.executable).with_name("vibrident")
-    choice = [] if estimator == "auto" else ["--estimator", estimator]
-    command = [str(program), "identify", str(calibration), *choice, "--out", str(place / "result")]
+def _starts(calibration: Path, place: Path, pairs: int) -> list[Figure]:
+    program = str(Path(sys.executable).with_name("vibrident"))
+    identify = [program, "identify", str(calibration), "--out", str(place / "result")]
 
-    def start(cache: Path) -> Child:
-        return run(command, {"VIBRIDENT_CACHE": str(cache)})
+    def beside(name: str, command: list[str], cache: str = "cache") -> list[tuple[Child, Child]]:
+        return [
+            (run(command, {"VIBRIDENT_CACHE": str(place / cache.format(number))}), run(IMPORT))
+            for number in steps(f"cold: {name}", range(pairs))
+        ]
 
-    warm = place / "cache-warm"
-    start(warm), run(IMPORT)  # fills the cache, and the page cache
-    compiled = [(start(warm), run(IMPORT)) for _ in steps(f"cold: {estimator}, compiled", range(pairs))]
-    empty = [(start(place / f"cache-{i}"), run(IMPORT)) for i in steps(f"cold: {estimator}, empty", range(pairs))]
+    run(identify), run(IMPORT)  # fills the page cache
+    drawn = beside("identify", identify)
+    first = beside("identify, first run", identify, "cache-{}")
+    plain = beside("identify --no-pictures", [*identify, "--no-pictures"])
+    helped = beside("--help", [program, "--help"])
     return [
-        _ratio(f"identify ({estimator}), kernels cached / import jax", compiled, START_TARGET),
-        _ratio(f"identify ({estimator}), empty cache / import jax", empty, START_TARGET),
-        _memory(f"peak memory of identify ({estimator}), kernels cached", compiled),
-        _memory(f"peak memory of identify ({estimator}), empty cache", empty),
+        _ratio("identify, with pictures / import jax", drawn, START_TARGET),
+        _ratio("identify, with pictures, without a cache / import jax", first, START_TARGET),
+        _ratio("identify --no-pictures / import jax", plain, PLAIN_TARGET),
+        _ratio("vibrident --help / import jax", helped, HELP_TARGET),
+        _memory("peak memory of identify --no-pictures", plain),
     ]
 
 

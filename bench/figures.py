@@ -118,5 +118,6 @@ STYLES = {
     "plain": lambda value: f"{value:.3g}",
     "sigma": lambda value: f"{value:.2f} σ",
     "percent": lambda value: f"{100.0 * value:.3g} %",
+    "bytes": lambda value: f"{value:.0f} B",
     "megabytes": lambda value: f"{value:.0f} MB",
 }

@@ -12,18 +12,24 @@ from bench.options import Options
 from bench.pairs import pairwise
 from bench.progress import steps
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
-from vibrident import Calibration, identify
+from vibrident import Calibration, identify, identify_many
 from vibrident.discretize import method
 from vibrident.estimators import Ipnn, MaximumLikelihood
 from vibrident.estimators.adam import adam
 from vibrident.estimators.start import start_values
 from vibrident.problem import Coordinates, Evidence, network_objective
 from vibrident.problem.time_domain import TimeProblem
-from vibrident.simulation import with_noise
+from vibrident.simulation import simulate, with_noise
 
-FILTER_TARGET, ADAM_TARGET, TWICE_TARGET = 60.0, 100.0, 2.2
+#: Passes of a filter, at most: sines, and motion of other kinds.
+FILTER_TARGETS = {"ipnn fit": 20.0, "ml fit": 15.0, "ipnn identify": 40.0, "ml identify": 40.0}
+BROAD_TARGETS = {"ipnn fit": 60.0, "ipnn identify": 90.0}
+BROAD = ("random", "sweep", "multisine", "shock")
+ADAM_TARGET, TWICE_TARGET = 100.0, 2.1
 ADAM_STEPS, ADAM_TIMED = 1500, 100
 FILTER_PASSES = 15
+#: Sensors for the comparison with one by one.
+MANY = 12
 
 
 def noisy(samples: int = SAMPLES) -> Calibration:
@@ -40,8 +46,14 @@ def measure(options: Options) -> Section:
     figures = []
     for name, job in steps("speed: filter", list(once.items())):
         ratio = pairwise(job, filtering, pairs, repeats_b=FILTER_PASSES)
-        what = f"{name} / one scipy.signal.lfilter pass"
-        figures.append(Figure(what, {"ratio": ratio.median}, high=FILTER_TARGET, note=ratio.note))
+        what = f"{name} of sines / one scipy.signal.lfilter pass"
+        figures.append(Figure(what, {"ratio": ratio.median}, high=FILTER_TARGETS[name], note=ratio.note))
+    for kind in steps("speed: other motion", BROAD):
+        jobs = _jobs(broad(kind))
+        for name, high in BROAD_TARGETS.items():
+            ratio = pairwise(jobs[name], filtering, max(3, pairs // 3), repeats_b=FILTER_PASSES)
+            what = f"{name}, {kind} / one scipy.signal.lfilter pass"
+            figures.append(Figure(what, {"ratio": ratio.median}, high=high, note=ratio.note))
     training = _adam_steps(ADAM_TIMED)
     for name in steps("speed: Adam", ["ipnn fit", "ipnn identify"]):
         ratio = pairwise(training, once[name], max(3, pairs // 2)).times(ADAM_STEPS / ADAM_TIMED)
@@ -49,15 +61,41 @@ def measure(options: Options) -> Section:
         what = f"{ADAM_STEPS} Adam steps of the Euler network / {name}"
         figures.append(Figure(what, {"ratio": ratio.median}, low=ADAM_TARGET, note=note))
     for name, job in steps("speed: twice the samples", list(twice.items())):
-        ratio = pairwise(job, once[name], pairs)
+        ratio = pairwise(job, once[name], max(3, pairs // 2))
         what = f"{name}, 32 000 / 16 000 samples"
         figures.append(Figure(what, {"ratio": ratio.median}, high=TWICE_TARGET, note=ratio.note))
+    for samples in steps("speed: many", (2000, SAMPLES)):
+        figures.append(_many(samples, max(2, pairs // 5)))
     remarks = (
-        "21 records at 51.2 kHz, 1 % response noise, kernels compiled. fit: training from the gathered evidence; "
-        "identify: screening, tones, training, uncertainty, result.",
+        "21 records of 16 000 samples at 51.2 kHz, 1 % response noise, kernels compiled. fit: training from the "
+        "gathered evidence; identify: screening, tones, training, uncertainty, result.",
         "The filter is of second order, float64, one call for all 21 × 16 000 samples.",
     )
     return Section("speed", "Speed, warm", tuple(figures), {"pairs": pairs}, remarks)
+
+
+def broad(kind: str) -> Calibration:
+    """As many samples of another motion, with the same noise."""
+    band = {} if kind == "shock" else {"frequencies_hz": [10.0, 4000.0]}
+    truth = simulate(SENSOR, kind, sampling_rate_hz=RATE_HZ, samples=SAMPLES, repeats=21, seed=3, **band)
+    return with_noise(truth, response_noise=RESPONSE_NOISE, seed=2)
+
+
+def _many(samples: int, pairs: int) -> Figure:
+    """Sensors in turn in one process, over the same by ``identify_many`` in two; starting them included."""
+    sensors = [with_noise(paper_truth(RATE_HZ, samples).calibration, response_noise=0.01, seed=s) for s in range(MANY)]
+
+    def alone() -> None:
+        for one in sensors:
+            identify(one)
+
+    def together() -> None:
+        for _ in identify_many(sensors, workers=2):
+            pass
+
+    ratio = pairwise(alone, together, pairs, warm_up=False)
+    what = f"{MANY} sensors of 21 × {samples} samples one by one / identify_many, 2 processes"
+    return Figure(what, {"ratio": ratio.median}, note=f"{MANY / min(ratio.b):.3g} sensors a second; {ratio.note}")
 
 
 def _jobs(calibration: Calibration) -> dict[str, Callable[[], object]]:
