@@ -141,7 +141,7 @@ class LineProblem:
                 groups.setdefault((*self._step_of(run), run.samples), []).append(number)
         found = []
         for (interval, fraction, samples), numbers in groups.items():
-            width = max(2 * AT_ONCE // samples, 1)
+            width = max(AT_ONCE // samples, 1)
             for first in range(0, len(numbers), width):
                 some = numbers[first : first + width]
                 counts = counted(samples, self.highest) / samples
