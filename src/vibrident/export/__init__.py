@@ -1,8 +1,8 @@
-"""A result in the forms that other programs read: made from the result alone, by one function.
+"""A result in other programs' formats, from the result alone, by one function.
 
     files = export(result, "stationxml", "out")
 
-``FORMATS`` lists the formats; docs/exports.md says what each holds and what it cannot.
+``FORMATS`` lists the formats; docs/exports.md states what each holds.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ def export(
     country: str | None = None,
     channel: str | None = None,
 ) -> list[Path]:
-    """Write a result in another program's form.
+    """Write a result in another program's format.
 
     Args:
         result: from :func:`vibrident.identify` or :meth:`vibrident.Result.load`.
         form: name of the format, one of ``FORMATS``.
-        folder: where the files go; made where it is missing.
-        rate_hz: sampling rate of discrete forms; None takes that of the result's network, where it has one.
+        folder: of the files; created if missing.
+        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has one.
         band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
-        without: add-ons to leave out, ``delay`` or ``boxcar``; the file says what that costs.
-        name: of the files, and of what is defined in them.
+        without: add-ons to leave out, ``delay`` or ``boxcar``; the file states the error.
+        name: of the files, and in them.
         schema: XSD to validate a certificate against.
         country: ISO 3166-1 code of the laboratory's country, for a certificate.
         channel: NET.STA.LOC.CHA, for seismological forms.
@@ -54,7 +54,7 @@ def export(
         The files written.
 
     Raises:
-        InputError: the format is not known, cannot hold this sensor, or lacks a library or a choice.
+        InputError: the format is unknown, cannot hold this sensor, or lacks a library or an option.
     """
     chosen = FORMATS[form]
     band = None if band_hz is None else check_band(*band_hz)

@@ -1,6 +1,7 @@
-"""Poles and zeros for what has none: a delay and an average over a window, by Padé's approximants of e^{−x}.
+"""Poles and zeros for a delay and an average over a window, by Padé's approximants of e^{−x}.
 
-The [n/n] approximant Q(−x)/Q(x) is all-pass, and n is raised until the band is met. The window's (1 − e^{−x})/x follows
+The [n/n] approximant Q(−x)/Q(x) is all-pass, and n is raised until the tolerance is met over the band. The window's (1
+− e^{−x})/x follows
 from the same Q: (Q(x) − Q(−x))/(x Q(x)), whose numerator is divisible by x.
 """
 
@@ -17,16 +18,16 @@ from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import Sensor, require_linear
 from vibrident.models import AddOn
 
-#: Relative error over the band below which an approximation counts as holding the model.
+#: Largest relative error of an approximation over the band.
 TOLERANCE = 1e-10
 MOST_ORDER = 12
 
 
 def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
-    """The whole sensor as poles and zeros, and in words what was approximated and how well.
+    """The whole sensor as poles and zeros, and a description of approximations and their errors.
 
     Raises:
-        InputError: the delay is negative or too long for the band, or the window is, or the model is not linear.
+        InputError: the delay is negative, delay or window is too long for the band, or the model is not linear.
     """
     require_linear(sensor)
     system, words = poles_zeros(sensor), []
@@ -34,16 +35,16 @@ def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
         delay, name = sensor.delay_s, next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
         if delay < 0:
             raise InputError(
-                "The response is ahead of the reference, which poles and zeros of a stable sensor cannot say.",
+                "The response is ahead of the reference, which stable poles and zeros cannot represent.",
                 expected="a delay of 0 or above",
                 found=f"delay = {delay!r} s",
                 where="result.json, parameters",
-                remedy=f"give --without {name}: the file then says what that costs over the band",
+                remedy=f"give --without {name}: the file then states the error over the band",
             )
         order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
         system = system.times(_delay(delay, order))
         words.append(
-            f"delay of {delay!r} s: {order} poles and {order} zeros, the last but those of an average, are its "
+            f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are its "
             f"all-pass approximation of order {order} (Pade)"
         )
     for addon in sensor.model.add_ons:
@@ -61,7 +62,7 @@ def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
     if words:
         error = float(np.max(np.abs(system.response(sensor.band) / sensor.response(sensor.band) - 1.0)))
         words.append(f"largest deviation from the model over the band, relative: {error:.1e}")
-        words.append("poles and zeros of an approximation mean nothing outside the band")
+        words.append("poles and zeros of an approximation are not valid outside the band")
     return system, words
 
 
@@ -71,7 +72,7 @@ def _not_held(addon: AddOn) -> InputError:
         expected="add-ons that are ratios of polynomials, delays or averages",
         found=f"{addon.name}: {addon.title}",
         where="--format",
-        remedy=f"give --without {addon.name}: the file then says what that costs over the band",
+        remedy=f"give --without {addon.name}: the file then states the error over the band",
     )
 
 
@@ -95,11 +96,11 @@ def _order(
         if np.max(np.abs(make(order).response(sensor.band) / exact(s) - 1.0)) < 0.3 * TOLERANCE:
             return order
     raise InputError(
-        f"The {what} is too long for the band to be held by poles and zeros.",
+        f"The {what} is too long for poles and zeros over the band.",
         expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
         found=f"{what} of {seconds!r} s, band up to {sensor.band_hz[1]:g} Hz",
         where="--format",
-        remedy=f"give --without {what} (the file then says what that costs), or a narrower --band",
+        remedy=f"give --without {what} (the file then states the error), or a narrower --band",
     )
 
 

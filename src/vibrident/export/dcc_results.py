@@ -133,7 +133,7 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
 
 
 def _half_open(low: float | None, high: float | None) -> list[str]:
-    """In words, as D-SI's interval has two ends."""
+    """In words, because D-SI's interval has two ends."""
     if low is not None and high is None:
         return [f"95 % coverage interval from {numeral(low)}, without an upper limit"]
     if low is None and high is not None:
@@ -152,7 +152,7 @@ def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = 
 
 
 def _expanded(tree: Tree, expanded: float | None, probability: float) -> Any:
-    """U with k = 2, or nothing where it is not stated."""
+    """U with k = 2; empty if not stated."""
     if expanded is None:
         return None
     return tree.make(
@@ -173,13 +173,13 @@ def _correlation(tree: Tree, result: Result) -> Any:
 
 
 def _whole(curve: Curve) -> list[int]:
-    """Points that have a frequency and a magnitude: D-SI's lists know no blanks."""
+    """Points with frequency and magnitude: D-SI's lists allow no blanks."""
     points = zip(curve.frequency_hz, curve.magnitude, strict=True)
     return [k for k, point in enumerate(points) if None not in point and all(map(math.isfinite, point))]
 
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:
-    """Frequency, magnitude and phase as lists; where a point lacks its phase, the phase is left out."""
+    """Frequency, magnitude and phase as lists; the phase is left out if a point lacks it."""
     quantity = result.reference.get("quantity", "acceleration")
     unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
     probability = coverage(result).probability
@@ -207,7 +207,7 @@ def _list(
     u: Sequence[float | None] = (),
     probability: float = 0.95,
 ) -> Any:
-    """A list with one unit; expanded uncertainties (k = 2) where every point has one."""
+    """A list with one unit; expanded uncertainties (k = 2) if every point has one."""
     spread = None
     if u and None not in u:
         spread = tree.make(
@@ -233,5 +233,5 @@ def _joined(values: Sequence[float | None], factor: float = 1.0) -> str:
 
 
 def _probability(value: float) -> str:
-    """Without an exponent, as D-SI wants it."""
+    """Without an exponent, as D-SI requires."""
     return f"{value:.6f}".rstrip("0")

@@ -1,7 +1,7 @@
-"""A certificate against the schema that the user supplies. Schemas in its folder serve what it imports.
+"""Validation of a certificate against the user's schema, with the schemas in its folder for imports.
 
-PTB's schemas import by addresses in the web; nothing is fetched from there. W3C's schema of XML signatures comes with
-xmlschema where the user has none.
+PTB's schemas import web addresses; nothing is fetched. Without a local file, W3C's schema of XML signatures is
+xmlschema's.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from vibrident.errors import InputError
 from vibrident.export.missing import library
 
 _XSD = "{http://www.w3.org/2001/XMLSchema}"
-#: xmlschema brings what the W3C defines.
+#: W3C namespaces that xmlschema contains.
 _BROUGHT = "http://www.w3.org/"
 
 
 def validate(text: bytes, schema: Path) -> None:
-    """Validate XML against an XSD; what it imports is taken from the files of the same name around it.
+    """Validate XML against an XSD; imports are files of the same name near it.
 
     Raises:
-        InputError: the schema cannot be read, or refuses the text; or a library is missing.
+        InputError: the schema cannot be read, the text is invalid, or a library is missing.
     """
     xmlschema = library("xmlschema", "dcc")
     etree = library("lxml.etree", "dcc")
@@ -33,7 +33,7 @@ def validate(text: bytes, schema: Path) -> None:
     try:
         found, missing = _imports(schema, etree)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an import that is missing and used is an error a moment later
+            warnings.simplefilter("ignore")  # a missing import that is used is an error below
             rules = xmlschema.XMLSchema(str(schema), locations=found, allow="local")
     except (OSError, xmlschema.XMLSchemaException, etree.XMLSyntaxError, SyntaxError) as error:
         absent = " and ".join(missing)
@@ -51,7 +51,7 @@ def validate(text: bytes, schema: Path) -> None:
         first = faults[0]
         more = f" (the first of {len(faults)} faults)" if len(faults) > 1 else ""
         raise InputError(
-            "The schema refuses the certificate.",
+            "The certificate is not valid under the schema.",
             expected=f"a document valid under {schema.name}",
             found=" ".join((first.reason or str(first)).split()) + more,
             where=str(first.path),
@@ -60,7 +60,7 @@ def validate(text: bytes, schema: Path) -> None:
 
 
 def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
-    """Namespace → file, for what a schema imports and what these import; and what has no file."""
+    """Namespace → file of all direct and indirect imports; and imports without a file."""
     found: dict[str, str] = {}
     missing: dict[str, None] = {}
     seen, todo = {schema}, [schema]
@@ -83,7 +83,7 @@ def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
 
 
 def _places(place: str, *folders: Path) -> Iterator[Path]:
-    """Where the file of an address may lie: at the address, by ever less of its end, then one folder below."""
+    """Candidate paths for an address: its ever shorter ends, then one folder below."""
     parts = [part for part in urlsplit(place).path.split("/") if part not in ("", ".", "..")]
     for folder in folders:
         if "://" not in place:

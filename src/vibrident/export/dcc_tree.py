@@ -1,4 +1,4 @@
-"""Elements of a certificate: both namespaces, texts in English, numbers with all their digits."""
+"""Elements of a certificate: both namespaces, texts in English, numbers with all digits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 from vibrident.escaping import xml_text
 from vibrident.export.missing import library
 
-#: Of every text that is written here, by ISO 639-1.
+#: Language of the texts written here, ISO 639-1.
 LANGUAGE = "en"
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 
@@ -19,7 +19,7 @@ class Tree:
         self.etree = library("lxml.etree", "dcc")
 
     def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
-        """An element; ``si:`` before a tag puts it there, else it is DCC's."""
+        """An element; a tag with ``si:`` is in that namespace, others are DCC's."""
         space, _, name = tag.rpartition(":")
         element = self.etree.Element(f"{{{SI if space == 'si' else DCC}}}{name}", **attributes)
         element.text = text
@@ -27,15 +27,15 @@ class Tree:
         return element
 
     def text(self, tag: str, *lines: str) -> Any:
-        """Text of our own, in English; one ``content`` a line."""
+        """Own text, in English; one ``content`` a line."""
         return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
 
     def named(self, text: object) -> Any:
-        """A ``name`` that somebody gave: one ``content`` without language, as names have none."""
+        """A given ``name``: one ``content`` without language."""
         return self.make("name", self.make("content", text=cleaned(text)))
 
     def stated(self, tag: str, text: object) -> Any:
-        """Text that the laboratory wrote, line by line, in the language that it chose: we do not know which."""
+        """Text by the laboratory, line by line, in an unknown language."""
         lines = [line for line in str(text).splitlines() if line.strip()] or [""]
         return self.make(tag, *(self.make("content", text=cleaned(line)) for line in lines))
 
@@ -51,5 +51,5 @@ def numeral(value: float) -> str:
 
 
 def cleaned(text: object) -> str:
-    """One line of what XML allows, never empty."""
+    """One line of characters allowed in XML, never empty."""
     return xml_text(text) or "not stated"

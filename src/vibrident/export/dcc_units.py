@@ -27,7 +27,7 @@ _NAMES = {
     "%": "percent",
     "min": "minute",
 }
-#: Pure numbers: what a recorder counts has no unit.
+#: Spellings of dimensionless counts.
 _ONE = {"1", "count", "counts", "LSB", "digit", "digits"}
 _PREFIXES = {
     "f": "femto",
@@ -50,7 +50,7 @@ def d_si(unit: str) -> str:
     r"""A unit such as ``V/(m/s^2)`` in D-SI: ``\volt\metre\tothe{-1}\second\tothe{2}``.
 
     Raises:
-        InputError: the unit is not known, or dsiUnits is not installed.
+        InputError: the unit is unknown, or dsiUnits is not installed.
     """
     powers = _parsed(unit)
     parts = []
@@ -60,7 +60,7 @@ def d_si(unit: str) -> str:
     text = "".join(parts) or "\\one"
     kind = library("dsi_unit", "dcc").DsiUnit
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # dsiUnits warns and says so in ``valid`` too
+        warnings.simplefilter("ignore")  # ``valid`` reports the same
         valid = kind(text).valid
     if not valid:
         raise _unknown(unit, text)
@@ -68,7 +68,7 @@ def d_si(unit: str) -> str:
 
 
 def _parsed(unit: str) -> dict[str, int]:
-    """Product of named units, name → power, by one pass over the text; a quotient binds as far as the next factor."""
+    """Product of named units, name → power, by one pass over the text; a quotient applies to the next factor only."""
     text = unit.strip().translate(_PLAIN) or "1"
     powers: dict[str, int] = {}
     signs, sign, at = [1], 1, 0  # signs: of the parentheses around; sign: of the next factor

@@ -5,8 +5,8 @@ samples (Franklin, Powell & Workman 1998, sec. 6.3),
 
     x_k = Φ x_{k−1} + Γ0 a_{k−1} + Γ1 a_k,   y_k = C x_k + D a_k,
 
-which is the paper's cell with the inputs (a_{k−1}, a_k): W3 = Φ, W1 = (Γ0, Γ1), W2 = C, W4 = (0, D). What is kept is
-Φ − 1, computed without cancellation: where the sensor is slow against the sampling rate, a float cannot hold Φ.
+which is the paper's cell with the inputs (a_{k−1}, a_k): W3 = Φ, W1 = (Γ0, Γ1), W2 = C, W4 = (0, D). Stored is
+Φ − 1, computed without cancellation: for a sensor that is slow relative to the sampling rate, a float cannot hold Φ.
 
 For the same reason sections are kept in δ = z − 1 (Middleton & Goodwin 1990): poles as e^{pT} − 1.
 """
@@ -99,7 +99,7 @@ class Sections:
         return value
 
     def rounded(self) -> Sections:
-        """As single precision holds it."""
+        """Rounded to single precision."""
         return Sections(self.rows.astype(np.float32).astype(float), self.interval_s)
 
     def cmsis(self) -> np.ndarray:
@@ -119,8 +119,8 @@ def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_h
     Args:
         system: at most as many zeros as poles.
         interval_s: sampling interval.
-        filling: zeros in z for those at infinity, one for each.
-        at_hz: where the magnitude is met; the sign is the system's.
+        filling: zeros in z for each zero at infinity.
+        at_hz: where the magnitude is exact; the sign is the system's.
     """
     zeros = np.concatenate([np.expm1(system.zeros * interval_s), np.asarray(filling, complex) - 1.0])
     poles = np.expm1(system.poles * interval_s)
@@ -135,7 +135,7 @@ def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_h
 
 
 def _paired(zeros: np.ndarray, poles: np.ndarray, interval_s: float) -> Sections:
-    """As many zeros as poles, in δ: each pair of poles with the pair of zeros that lies next to it."""
+    """As many zeros as poles, in δ: each pair of poles with the nearest pair of zeros."""
     pairs = _pairs(zeros)
     rows = []
     for pole in sorted(_pairs(poles), key=lambda pair: float(np.min(np.abs(pair)))):

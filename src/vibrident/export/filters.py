@@ -2,7 +2,7 @@
 
 Each is a delay line with taps, then second-order sections. The model's sections have the sensor's own poles and zeros,
 the correction's those of its inverse with a low-pass, and, for each zero of the sensor at zero frequency, a high-pass
-instead of an integrator. The taps lead both to the wanted response over the band, by a delay of whole samples late.
+instead of an integrator. The taps adjust both to the target response over the band, with a delay of whole samples.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import Sensor, require_linear
 from vibrident.records import FloatArray
 
-#: Highest usable frequency as a part of the sampling rate.
+#: Highest usable frequency over the sampling rate.
 USABLE = 0.45
 MODEL_TOLERANCE, CORRECTION_TOLERANCE = 1e-10, 1e-4
-#: Zeros that sampling adds for one and two missing ones, those of first-order hold (Åström, Hagander & Sternby 1984).
+#: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby 1984).
 _SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
-#: Corner of the correction's high-pass, which stands for an integrator, below the band.
+#: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
 BELOW = 0.01
-#: Weight of what the correction passes above the band, against its error in it.
+#: Weight of the correction's gain above the band, relative to its error in the band.
 OUTSIDE = 1e-3
 LOW_PASS_ORDER = 8
 #: Longest delay line, samples.
@@ -38,8 +38,8 @@ class Filter:
     """y = sections(taps(x)).
 
     Attributes:
-        taps: what comes first.
-        sections: what follows.
+        taps: the delay line.
+        sections: after the taps.
         rate_hz: sampling rate.
     """
 
@@ -49,7 +49,7 @@ class Filter:
 
     @property
     def latency(self) -> int:
-        """Samples by which the output is late."""
+        """Delay of the output in samples."""
         return self.taps.latency
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
@@ -57,7 +57,7 @@ class Filter:
         return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(frequency_hz)
 
     def in_single_precision(self, frequency_hz: FloatArray) -> np.ndarray:
-        """The same with coefficients as a float holds them."""
+        """The same with coefficients rounded to float."""
         taps = self.taps.taps.astype(np.float32).astype(float)
         own = response_of(taps, self.taps.lead, frequency_hz, 1.0 / self.rate_hz)
         return own * self.sections.rounded().response(frequency_hz)
@@ -75,10 +75,10 @@ class Filter:
 
 
 def checked_rate(sensor: Sensor, rate_hz: float | None) -> float:
-    """The sampling rate that is asked for, or the network's.
+    """The requested sampling rate, or the network's.
 
     Raises:
-        InputError: there is none, or the band does not fit below half of it.
+        InputError: neither is given, or the band is not below half of it.
     """
     interval = sensor.result.weights.get("sampling_interval_s")
     if rate_hz is None and interval:
@@ -103,7 +103,7 @@ def checked_rate(sensor: Sensor, rate_hz: float | None) -> float:
 
 
 def model_filter(sensor: Sensor, rate_hz: float) -> tuple[Filter, Cell]:
-    """The sensor as a causal filter, right over the band and below, and its cell alone.
+    """The sensor as a causal filter, accurate over the band and below, and its cell.
 
     Raises:
         InputError: the model is not linear, or its delay is too long.
@@ -123,7 +123,7 @@ def model_filter(sensor: Sensor, rate_hz: float) -> tuple[Filter, Cell]:
             where="--rate",
             remedy="leave the delay out with --without, and delay the samples elsewhere",
         )
-    low = min(sensor.band_hz[0], 1e-3 * sensor.band_hz[1])  # nothing holds a model back below the band
+    low = min(sensor.band_hz[0], 1e-3 * sensor.band_hz[1])  # a model is also used below the band
     taps = fitted(
         sensor.response,
         sections.response,
@@ -141,7 +141,7 @@ def _check_aliases(system: PolesZeros, rate_hz: float) -> None:
     highest = float(np.max(np.abs(np.imag(system.poles)))) / (2.0 * np.pi)
     if highest >= 0.5 * rate_hz:
         raise InputError(
-            "The sensor resonates above half the sampling rate, where a filter cannot follow it.",
+            "The sensor's resonance is above half the sampling rate.",
             expected=f"more than {2.0 * highest:g} samples per second",
             found=f"{rate_hz:g}",
             where="--rate",
@@ -150,7 +150,7 @@ def _check_aliases(system: PolesZeros, rate_hz: float) -> None:
 
 
 def correction_filter(sensor: Sensor, rate_hz: float) -> Filter:
-    """From the response back to the reference quantity: right over the band, falling above it, stable.
+    """From the response back to the reference quantity: accurate over the band, falling above it, stable.
 
     Raises:
         InputError: the model is not linear.
@@ -162,7 +162,7 @@ def correction_filter(sensor: Sensor, rate_hz: float) -> Filter:
     near = np.array([0.9, 1.0]) * sensor.band_hz[1]
 
     def wanted(f: FloatArray) -> np.ndarray:
-        # What the high-pass takes is not for the taps to give back: they would have to be as long as it rings.
+        # The taps do not restore what the high-pass removes: they would have to be as long as its impulse response.
         s = 2j * np.pi * f
         return (s / (s + corner)) ** (2 * still) / sensor.response(f)
 
@@ -183,9 +183,9 @@ def correction_filter(sensor: Sensor, rate_hz: float) -> Filter:
 
 
 def _inverse(sensor: Sensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
-    """Poles and zeros of the inverse: the sensor's exchanged and made stable, with a low-pass behind.
+    """Poles and zeros of the inverse: the sensor's exchanged and made stable, with a low-pass.
 
-    Also the high-pass's corner, rad/s, and how many integrators it stands for.
+    Also the high-pass's corner, rad/s, and the number of integrators it replaces.
     """
     from scipy import signal
 
@@ -195,7 +195,7 @@ def _inverse(sensor: Sensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
     corner = 2.0 * np.pi * BELOW * low
     zeros = np.concatenate([system.poles, np.zeros(still, complex)])
     moving = system.zeros[system.zeros != 0]
-    # A zero right of the axis, or on it, has no stable inverse: its mirror image has the same magnitude.
+    # A zero on or right of the axis has no stable inverse; its mirror image has the same magnitude.
     poles = -np.maximum(np.abs(np.real(moving)), 0.02 * np.abs(moving)) + 1j * np.imag(moving)
     top = 2.0 * np.pi * min(1.5 * high, 0.4 * rate_hz)
     low_pass: Any = signal.butter(LOW_PASS_ORDER, top, analog=True, output="zpk")

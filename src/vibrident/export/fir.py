@@ -1,7 +1,7 @@
-"""Taps that lead a filter the rest of the way to a wanted response, by least squares over a band.
+"""Taps that adjust a filter to a target response, by least squares over a band.
 
-What is wanted is smooth where the poles are already right, so a few taps go far: the error falls like a power of
-frequency/rate with the number of taps. Small weights outside the band keep the taps from paying there.
+With the poles already right, the remaining target is smooth, so a few taps suffice: the error falls like a power of
+frequency/rate with their number. Small weights outside the band limit the gain there.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Taps:
     Attributes:
         taps: h.
         lead: whole samples of delay before the first tap.
-        latency: samples by which the wanted response is late.
+        latency: delay of the target response, samples.
         error: largest relative error over the band.
     """
 
@@ -59,15 +59,15 @@ def fitted(
     """The fewest taps with base · taps = wanted · z^{−latency} over the band within ``tolerance``, or the best found.
 
     Args:
-        wanted: response without latency.
+        wanted: target response without latency.
         base: response of the recursive part.
         band_hz: lowest and highest frequency.
         rate_hz: sampling rate.
-        shift: delay of wanted/base in samples, about; it decides the latency that a number of taps needs.
+        shift: approximate delay of wanted/base in samples; sets the latency for a number of taps.
         tolerance: largest relative error.
         outside: weight of the response above the band, relative to its largest value in it.
-        size: weight of the taps' own size, which rounding of taps and samples is proportional to.
-        fewest: number of taps to begin with.
+        size: weight of the taps' size, to which rounding is proportional.
+        fewest: least number of taps.
     """
     best: Taps | None = None
     for taps in (count for count in TAPS if count >= fewest):

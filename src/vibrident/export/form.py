@@ -1,4 +1,4 @@
-"""What an export format is to the rest: its name, what it writes, which options it reads, what it cannot hold."""
+"""An export format: its name, writer and options, and what it cannot hold."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from vibrident.export.sensor import Sensor
 
 @dataclass(frozen=True)
 class Format:
-    """A form in which a sensor is written.
+    """A format in which a sensor is written.
 
     Attributes:
         name: as ``--format`` names it.
-        title: what it is, in a few words.
-        write: (sensor, folder, options) → files. It raises InputError where the form cannot hold the sensor.
-        holds: what of a result is in it.
-        cannot_hold: what of a result is not.
-        options: fields of ``Options`` that concern this form alone or few others; each a key of ``OPTIONS``.
-        extra: extra of vibrident, or package, that brings the library it needs; empty: it needs none.
+        title: in a few words.
+        write: (sensor, folder, options) → files. Raises InputError if the format cannot hold the sensor.
+        holds: parts of a result in it.
+        cannot_hold: parts of a result not in it.
+        options: fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``.
+        extra: extra of vibrident, or package, with its library; empty: none.
     """
 
     name: str
@@ -35,4 +35,4 @@ class Format:
     def __post_init__(self) -> None:
         for option in self.options:
             if option not in OPTIONS:
-                raise ValueError(f"{option!r} is no option of an export; there are {', '.join(OPTIONS)}")
+                raise ValueError(f"{option!r} is not an option of an export; there are {', '.join(OPTIONS)}")

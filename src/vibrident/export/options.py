@@ -1,4 +1,4 @@
-"""What a user may choose for an export; each format looks at what concerns it."""
+"""Options of an export; each format uses its own."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}",
 
 @dataclass(frozen=True)
 class Option:
-    """A choice that concerns some formats alone: its flag on the command line, and its label on the page.
+    """An option of some formats: its flag on the command line, and its label on the page.
 
     Attributes:
         flag: on the command line.
-        label: in a form; empty where it is for the command line alone.
+        label: on the page; empty for the command line only.
         number: True for a number, False for text.
     """
 
@@ -28,7 +28,7 @@ class Option:
     number: bool = False
 
 
-#: Field of ``Options`` → what it is, of those that concern some formats alone.
+#: Field of ``Options`` → option, for those of some formats only.
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
         "rate_hz": Option("--rate", "Sampling rate in Hz", number=True),
@@ -44,7 +44,7 @@ class Options:
     """Choices.
 
     Attributes:
-        rate_hz: sampling rate of discrete formats; None takes the network's, where the result has one.
+        rate_hz: sampling rate of discrete formats; None takes the network's, if there is one.
         band_hz: band for errors and for the correction filter; None takes that of the data.
         without: add-ons to leave out.
         name: of files, and of what is defined in them.

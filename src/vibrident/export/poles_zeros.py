@@ -1,7 +1,7 @@
 """A sensor as poles, zeros and gain: H(s) = k ∏(s − z)/∏(s − p), in rad/s.
 
-Each add-on brings its own factor of the denominator, of second order at most, so the poles come from quadratics and
-are exact to rounding, however far apart they lie.
+Each add-on has its own factor of the denominator, of second order at most, so the poles come from quadratics and are
+exact to rounding at any distance.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class PolesZeros:
     gain: float
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
-        """Value at s = j 2π f; zeros and poles are taken in turns, so that no product overflows."""
+        """Value at s = j 2π f; zeros and poles alternate, so that no product overflows."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         value = np.full(s.shape, complex(self.gain))
         for index in range(max(len(self.zeros), len(self.poles))):
@@ -54,7 +54,7 @@ class PolesZeros:
 
 
 def poles_zeros(sensor: Sensor) -> PolesZeros:
-    """The rational part of the sensor: all of it but delay and boxcar."""
+    """The rational part of the sensor: without delay and boxcar."""
     model, values = sensor.model, sensor.values
     system = model.rational(values, sensor.quantity)
     unit = Rational(1.0, (1.0,), (1.0,), system.angular_scale)
@@ -109,7 +109,7 @@ def _polished(c: np.ndarray) -> np.ndarray:
 def uncertainties(sensor: Sensor, which: str) -> np.ndarray | None:
     """Standard uncertainties of the real and imaginary parts of ``poles`` or ``zeros``, as a complex array.
 
-    From the parameters' uncertainties and correlation, to first order; None if one of them is not stated.
+    From the parameters' uncertainties and correlation, to first order; None if one is not stated.
     """
     known = sensor.known
     if not np.isfinite(known.covariance).all():

@@ -1,4 +1,4 @@
-"""What both seismological formats need: the motion the sensor is described for, channel codes, what must be refused."""
+"""Shared by both seismological formats: input motion, channel codes, refusals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibrident.export.options import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import Sensor
 
-#: Units as SEED and StationXML spell them, where they differ.
+#: Units in the spelling of SEED and StationXML, if different.
 _SPELLING = {
     "m/s^2": "M/S**2",
     "m/s": "M/S",
@@ -37,10 +37,10 @@ class Codes:
 
 
 def codes(sensor: Sensor, options: Options) -> Codes:
-    """The user's codes, or XX, the network for tests, and a channel of the sensor's kind without direction.
+    """The user's codes; by default the test network XX and a channel of the sensor's kind without direction.
 
     Raises:
-        InputError: the codes are none.
+        InputError: the codes cannot be read.
     """
     kind = "HH1" if sensor.model.core.output == "velocity" else "HN1"
     text = options.channel or f"XX.SENS..{kind}"
@@ -57,7 +57,7 @@ def codes(sensor: Sensor, options: Options) -> Codes:
 
 
 def described(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
-    """Poles and zeros from acceleration to response, and what was approximated.
+    """Poles and zeros from acceleration to response, and the approximations.
 
     Raises:
         InputError: the reference was a drive, or the sensor has no form in poles and zeros.
@@ -68,7 +68,7 @@ def described(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
             expected="a calibration against acceleration, velocity or displacement",
             found=f"reference quantity 'drive' ({sensor.input_unit})",
             where="result.json, reference",
-            remedy="choose another format, csv or c say, or calibrate against motion",
+            remedy="choose another format, such as csv or c, or calibrate against motion",
         )
     return held(sensor)
 
@@ -79,15 +79,15 @@ def unit(name: str) -> str:
 
 
 def normal_frequency_hz(sensor: Sensor) -> float:
-    """Where sensitivity is stated: the middle of the band on a logarithmic axis."""
+    """Frequency of the stated sensitivity: the middle of the band on a logarithmic axis."""
     low, high = sensor.band_hz
     return float((low * high) ** 0.5)
 
 
 def caveats(sensor: Sensor) -> list[str]:
-    """What poles and zeros do not say."""
+    """Limits of the description by poles and zeros."""
     lines = [
-        "the pole-zero form has no place for the correlation of the parameters, nor for the uncertainty of the "
+        "poles and zeros hold neither the correlation of the parameters nor the uncertainty of the "
         "response over frequency: see result.json"
     ]
     if sensor.result.reference.get("quantity", "acceleration") != "acceleration":

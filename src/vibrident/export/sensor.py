@@ -1,4 +1,4 @@
-"""The sensor that a result describes, ready for export: model, values, band, and what is said of them in every file."""
+"""A result's sensor, ready for export: model, values, band, and their description in every file."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Sensor:
     """A result's model with its values.
 
     Attributes:
-        result: where everything comes from.
-        known: what the result says of the sensor.
-        model: the model that is exported: the result's, less what is left out.
-        band_hz: lowest and highest frequency for which the result is evidence, or the user's choice.
+        result: the source.
+        known: the identified sensor.
+        model: the exported model: the result's without what is left out.
+        band_hz: lowest and highest frequency of the data, or the user's choice.
         left_out: add-ons of the result that the export does not hold.
     """
 
@@ -45,7 +45,7 @@ class Sensor:
 
     @property
     def quantity(self) -> Quantity:
-        """What the exported sensitivity is per: acceleration (m/s²), or the drive."""
+        """Input quantity of the exported sensitivity: acceleration (m/s²), or the drive."""
         return self.known.quantity
 
     @property
@@ -75,7 +75,7 @@ class Sensor:
 
     @property
     def error_of_leaving_out(self) -> float:
-        """Largest relative deviation over the band of what is exported from the result's model; 0 where all is held."""
+        """Largest relative deviation of the exported from the result's model over the band; 0 if complete."""
         if not self.left_out:
             return 0.0
         whole = self.known.frequency_response(self.band)
@@ -114,7 +114,7 @@ class Sensor:
 
 
 def not_rational() -> tuple[str, ...]:
-    """Add-ons that are no ratio of polynomials, so that some formats cannot hold them exactly."""
+    """Add-ons that are not rational, which some formats cannot hold exactly."""
     return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 
 
@@ -128,7 +128,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sen
     band = band_hz or known.band_hz
     if band is None:
         raise InputError(
-            "The result says nothing of the frequencies it holds for.",
+            "The result states no frequencies.",
             expected="measured points or a response curve",
             found="neither",
             where="result.json",
@@ -138,7 +138,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sen
 
 
 def require_linear(sensor: Sensor) -> None:
-    """Refuse a model that is no linear system.
+    """Refuse a nonlinear model.
 
     Raises:
         InputError: it has a cubic stiffness.
@@ -155,14 +155,14 @@ def require_linear(sensor: Sensor) -> None:
 
 
 def check_band(low: float, high: float) -> tuple[float, float]:
-    """The band, if it is one.
+    """The band, checked.
 
     Raises:
-        InputError: it is not.
+        InputError: the two frequencies are not a band.
     """
     if not (math.isfinite(high) and 0.0 < low < high):
         raise InputError(
-            "The band is none.",
+            "The band cannot be used.",
             expected="a lower and a higher frequency in Hz, both above 0, such as 10:1000",
             found=f"{low:g}:{high:g}",
             where="--band",
@@ -172,7 +172,7 @@ def check_band(low: float, high: float) -> tuple[float, float]:
 
 
 def identity(sensor: Sensor) -> list[str]:
-    """What every file says first: which sensor, which model, whose numbers, which uncertainties; one line each."""
+    """The header of every file: sensor, model, origin, uncertainties; one line each."""
     result = sensor.result
     named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]
     lines = ["sensor: " + (" ".join(part for part in named if part) or "not named")]

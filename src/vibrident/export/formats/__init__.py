@@ -1,1 +1,1 @@
-"""One form a file; each holds a :class:`vibrident.export.form.Format` in the file's name."""
+"""One format a file; each holds a :class:`vibrident.export.form.Format` in the file's name."""

@@ -1,6 +1,6 @@
 """C99 header and source for firmware: the sensor's model, its correction filter and the network's cell.
 
-What each is worth is computed here from the coefficients as they are written, and stands in the comment.
+Their errors are computed from the coefficients as written, and stated in the comment.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import Sensor, identity
 from vibrident.records import FloatArray
 
-#: What counts as stopped: this part of the largest gain in the band.
+#: Gain that counts as stopped, relative to the largest gain in the band.
 PASSED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Firmware:
-    """What the C code holds."""
+    """The content of the C code."""
 
     sensor: Sensor
     model: Filter
@@ -38,10 +38,10 @@ class Firmware:
 
 
 def firmware(sensor: Sensor, rate_hz: float | None) -> Firmware:
-    """Design everything for one sampling rate.
+    """Design all filters for one sampling rate.
 
     Raises:
-        InputError: there is no rate, it is too low, or the model is not linear.
+        InputError: no rate is given, it is too low, or the model is not linear.
     """
     rate = checked_rate(sensor, rate_hz)
     model, cell = model_filter(sensor, rate)
@@ -52,7 +52,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.h`` and ``NAME.c``.
 
     Raises:
-        InputError: there is no rate, it is too low, or the model is not linear.
+        InputError: no rate is given, it is too low, or the model is not linear.
     """
     made = firmware(sensor, options.rate_hz)
     about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
@@ -67,7 +67,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 
 def description(made: Firmware) -> list[str]:
-    """Identity, and what each part does and how well, one line each."""
+    """Identity, and each part with its errors, one line each."""
     sensor, model, correction = made.sensor, made.model, made.correction
     f = sensor.band
     wanted = sensor.response(f)
@@ -84,9 +84,9 @@ def description(made: Firmware) -> list[str]:
     lines = [
         *identity(sensor),
         "",
-        f"sampling rate: {made.rate_hz!r} Hz; all coefficients hold for it alone",
+        f"sampling rate: {made.rate_hz!r} Hz; all coefficients are valid for it only",
         "errors below: largest relative deviation of the complex response over the band, from the coefficients as",
-        "written; rounding of the running sums comes on top",
+        "written; rounding in operation is not included",
         "",
         "model: taps, then second-order sections with the sensor's poles and zeros mapped by e^(sT)",
         f"  latency {model.latency} samples ({model.latency * ms:.6g} ms), the sensor's own delay not counted",
@@ -94,9 +94,9 @@ def description(made: Firmware) -> list[str]:
         f"{_error(model.in_single_precision(f), wanted * model.late(f))} (float)",
         f"  sections alone, without latency: error {_error(model.sections.response(f), rational)}{plain}",
         f"  sections in CMSIS-DSP order, float: error {_error(_single_cmsis(model.sections, f), rational)}{plain}",
-        "cell: one step of the network by first-order hold, the best that needs no future sample, without latency",
+        "cell: one step of the network by first-order hold, without latency",
         f"  error {_error(made.cell.response(f), rational)}{plain}",
-        "correction: from the response back to the input, as late as said here after the input itself",
+        "correction: from the response back to the input, with the latency stated here",
         f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
         f"  error {_error(correction.response(f), back)} (double), "
         f"{_error(correction.in_single_precision(f), back)} (float), over {low!r} Hz to {high!r} Hz",
@@ -105,14 +105,14 @@ def description(made: Firmware) -> list[str]:
         late = correction.late(upper) / sensor.response(upper)
         lines.append(f"  error from {upper[0]:.4g} Hz on: {_error(correction.response(upper), late)}")
     if np.any(poles_zeros(sensor).zeros == 0):
-        lines.append(f"  below the band a high-pass at {BELOW * low:.4g} Hz stands for the integrator, slow to settle")
+        lines.append(f"  below the band a high-pass at {BELOW * low:.4g} Hz replaces the integrator and settles slowly")
     lines += [
         f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at {above[top]:.4g} Hz), "
         f"and less than {PASSED:g} from {above[loud[-1] if len(loud) else 0]:.4g} Hz on",
         f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 {sensor.output_unit} becomes "
         f"{correction.noise_gain:.3g} {sensor.input_unit}",
         "",
-        "C has no place for uncertainties: those of the parameters stand above, those of a corrected signal do not",
+        "the code holds no uncertainties: those of the parameters are above, those of a corrected signal do not",
         "follow from them alone; see `vibrident correct`.",
         "Do not compile with -ffast-math or -funsafe-math-optimizations.",
     ]
@@ -192,7 +192,7 @@ def _single(value: float) -> str:
 
 
 def _filled(template: str, values: Mapping[str, str]) -> str:
-    """In one pass: what is filled in is no template."""
+    """In one pass, so that inserted text is not a template."""
     return re.sub("@(\\w+)@", lambda place: values[place[1]], template)
 
 

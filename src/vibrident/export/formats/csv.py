@@ -1,4 +1,4 @@
-"""CSV: every number of the result that a table can hold, with its uncertainty, and not one rounded."""
+"""CSV: all numbers of the result that fit a table, with uncertainties, unrounded."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _word(value: bool) -> str:
 
 
 def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
-    """Floats by ``repr``, which reads back to the same number; blank where there is none."""
+    """Floats by ``repr``, which reads back to the same number; blank if absent."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([csv_cell(name) for name in header])

@@ -1,7 +1,7 @@
 """Digital calibration certificate (PTB's DCC, schema 3.2.1) with D-SI numbers (schema 2.1.0).
 
-What a certificate must state and the result does not know is asked for, not invented: the calibration file's
-[certificate] section holds it, and the country code is an option. Numbers are those of the result, all digits.
+Required statements that the result lacks come from the calibration file's [certificate] section; the country code is an
+option. Numbers are those of the result, with all digits.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from vibrident.result import Result
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
-#: The role of who signs; an operator alone is responsible, but no signer unless it is said.
+#: Roles of the persons; an operator is responsible, but signs only if stated.
 _SIGNER = "approved by"
-#: Keys of [certificate] without which there is no certificate.
+#: Required keys of [certificate].
 _NEEDED = ("number", "laboratory", "customer", "date_of_calibration")
 _DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
-#: Where a calibration may have been performed, by DCC's own words; any other place is "other", and a statement.
+#: DCC's terms for the place of calibration; any other place is "other" with a statement.
 _PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")}
 
 
@@ -94,7 +94,7 @@ def _blank(value: object) -> bool:
 
 
 def _is_date(text: str) -> bool:
-    """As XSD writes it; Python reads other forms too."""
+    """In XSD's form; Python reads other forms too."""
     try:
         return datetime.date.fromisoformat(text).isoformat() == text
     except ValueError:
@@ -194,7 +194,7 @@ def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str 
 
 
 def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
-    """What must be known to read the numbers, and what the laboratory stated: title and declaration."""
+    """Conventions of the numbers, and the laboratory's statements: title and declaration."""
     ours = functools.partial(tree.text, "declaration")
     yield (
         "sign convention",

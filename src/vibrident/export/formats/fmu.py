@@ -1,7 +1,7 @@
 """FMI 2.0 co-simulation unit: the model filter and the network's cell at one fixed step, in plain Python (pythonfmu).
 
-A co-simulation gives a unit its input at the beginning of a step and takes its output at the end, so both outputs come
-one step after what they belong to, and the filter's latency comes on top; the unit states both in seconds.
+A co-simulation sets the input at the beginning of a step and reads the output at its end, so both outputs are one step
+late, plus the filter's latency; the unit states both in seconds.
 """
 
 from __future__ import annotations
@@ -110,13 +110,13 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.fmu``.
 
     Raises:
-        InputError: there is no rate, it is too low, the model is not linear, or pythonfmu is not installed.
+        InputError: no rate is given, it is too low, the model is not linear, or pythonfmu is not installed.
     """
     library("pythonfmu", "fmu")
     from pythonfmu import FmuBuilder
 
     text = slave(sensor, options)
-    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a process loads a name only once
+    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a process imports a name only once
     path = folder / f"{options.name}.fmu"
     with tempfile.TemporaryDirectory() as work, _imports_as_before(module):
         script = Path(work) / f"{module}.py"
@@ -130,7 +130,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 @contextlib.contextmanager
 def _imports_as_before(module: str) -> Iterator[None]:
-    """The builder imports the script by its name and leaves its folder on the path."""
+    """Restore imports: the builder imports the script by name and leaves its folder on the path."""
     before, bytecode = list(sys.path), sys.dont_write_bytecode
     sys.dont_write_bytecode = True
     try:
@@ -149,7 +149,7 @@ def _documentation(work: Path, text: str) -> Path:
 
 
 def _class_name(name: str) -> str:
-    """The name with a capital; one more letter where Python, or the unit's own text, knows it already."""
+    """The name with a capital; one more letter if the name is taken in Python or in the unit."""
     made = name[0].upper() + name[1:]
     return f"{made}_" if keyword.iskeyword(made) or re.search(rf"\b{made}\b", _SLAVE) else made
 
@@ -158,7 +158,7 @@ def slave(sensor: Sensor, options: Options) -> str:
     """Python text of the unit.
 
     Raises:
-        InputError: there is no rate, it is too low, or the model is not linear.
+        InputError: no rate is given, it is too low, or the model is not linear.
     """
     rate = checked_rate(sensor, options.rate_hz)
     model, cell = model_filter(sensor, rate)

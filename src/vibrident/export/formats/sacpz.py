@@ -1,7 +1,7 @@
 """SAC poles and zeros: from ground displacement in metres to the response, in rad/s, CONSTANT with its sign.
 
-SAC reads displacement, so the two zeros of acceleration = s² · displacement stand with the sensor's. ObsPy's own
-writer keeps seven digits; this one keeps all.
+SAC's input is displacement, so the two zeros of acceleration = s² · displacement are added. ObsPy's writer keeps seven
+digits; this one keeps all.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _cancelled(system: PolesZeros) -> PolesZeros:
-    """Poles at zero, should there be any, cancel zeros there."""
+    """Poles at zero cancel zeros there."""
     both = min(int(np.sum(system.zeros == 0)), int(np.sum(system.poles == 0)))
     if not both:
         return system

@@ -1,7 +1,7 @@
 """FDSN StationXML: one channel with one stage of poles and zeros, its uncertainties beside them, checked by the schema.
 
-A delay stands as poles and zeros too (Padé). The Delay of a Decimation belongs to digital stages, and readers
-(evalresp, ObsPy) do not put it into the response: a sensor described that way would be read with a wrong phase.
+A delay becomes poles and zeros too (Padé). The Delay of a Decimation belongs to digital stages, and readers (evalresp,
+ObsPy) ignore it in the response, which would give a wrong phase.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
     stream = io.BytesIO()
     try:
         inventory.write(stream, format="STATIONXML", validate=True)
-    except AssertionError as error:  # how ObsPy says that its own schema refuses the text
+    except AssertionError as error:  # ObsPy's error for text that is invalid under its schema
         raise InputError(
             "The StationXML would not be valid.",
             expected="texts and codes that FDSN StationXML allows",
@@ -66,7 +66,7 @@ def build(sensor: Sensor, options: Options) -> Any:
         since,
         *words,
         *caveats(sensor),
-        "latitude, longitude, elevation and depth are not known and stand as 0; no orientation is stated",
+        "latitude, longitude, elevation and depth are unknown and given as 0; no orientation is stated",
     ]
     channel = Channel(
         where.channel,
@@ -90,7 +90,7 @@ def build(sensor: Sensor, options: Options) -> Any:
 
 
 def _start(sensor: Sensor) -> tuple[Any, str]:
-    """Since when the response is known, and what that date is: of the calibration as stated, else of the evaluation."""
+    """Start date and its origin: the stated date of the calibration, else of the evaluation."""
     from obspy import UTCDateTime
 
     day, stated = date_of(sensor.result), sensor.result.certificate.get("date_of_calibration")
@@ -106,7 +106,7 @@ def _stated(named: Mapping[str, str], key: str) -> str | None:
 
 
 def _response(sensor: Sensor) -> tuple[Any, list[str]]:
-    """ObsPy's Response for the motion that is usual for the sensor, normalised in the middle of the band."""
+    """ObsPy's Response for the usual motion of the sensor, normalised in the middle of the band."""
     from obspy.core.inventory.response import InstrumentSensitivity, PolesZerosResponseStage, Response
 
     system, words = described(sensor)
@@ -137,7 +137,7 @@ def _response(sensor: Sensor) -> tuple[Any, list[str]]:
 
 
 def _root(root: complex, u: np.ndarray | None, index: int | None) -> Any:
-    """A pole or zero; without uncertainty where it is none of the sensor's own, or none is stated."""
+    """A pole or zero; without uncertainty if it is not the sensor's, or none is stated."""
     from obspy.core.inventory.response import ComplexWithUncertainties
 
     if u is None or index is None:
