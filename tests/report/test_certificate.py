@@ -218,3 +218,11 @@ def test_the_signatures_end_the_certificate():
     files = [{"file": f"{i}.csv", "sha256": f"{i:064x}"} for i in range(30)]
     text = " ".join(pages(report.content(replace(stated(), provenance={"files": files}), "pdf")))
     assert text.index("Calibrated by") > text.index(f"{29:064x}")
+
+
+def test_no_signature_stands_on_a_page_of_its_own():
+    """What is signed stands above it, whatever else the certificate says."""
+    for result in (troubled(), table2(), stated()):
+        last = pages(report.content(result, "pdf"))[-1]
+        assert "Approved by" in last
+        assert "coverage factor" in last or "remark" in last

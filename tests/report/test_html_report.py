@@ -165,7 +165,9 @@ def test_warnings_settings_and_budget_are_said():
     text = " ".join("".join(page.words).split())
     for warning in troubled().warnings:
         assert warning.message in text
-        assert words.explain(warning.code).meaning in text
+        explained = words.explain(warning.code)
+        assert explained.meaning in text
+        assert f"{explained.title[:1].upper()}{explained.title[1:]} ({warning.code})" in text
     assert page.table("contribution", "u percent", "share") == [["reference", "0.1", "0.4"], ["noise", "0.2", "0.6"]]
     assert "deep · one · two1.5, –" in text.replace(" deep", "deep")
 

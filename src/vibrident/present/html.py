@@ -79,6 +79,7 @@ def _template() -> Any:
 
     loader = jinja2.FileSystemLoader(_TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, finalize=text, undefined=jinja2.StrictUndefined)
+    environment.filters["capital"] = lambda value: value[:1].upper() + value[1:]
     environment.filters["attribute"] = lambda value: Markup(escaped(value))
     environment.globals |= {
         "mark": lambda column, cell: Markup(_mark(column, cell)),
