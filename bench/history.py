@@ -101,7 +101,7 @@ def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
         read = values[i] * (1 + errors[int(second)]) + NOISE * rng.normal()
         shared = {f"reference {1 + second}": REFERENCE * read}
         entries.append(
-            Entry(i, dates[i], read, float(np.hypot(NOISE, REFERENCE * read)), "V", None, shared, frozenset({str(i)}))
+            Entry(i, dates[i], read, float(np.hypot(NOISE, REFERENCE * read)), "V", None, shared, f'["{i}"]')
         )
     return Simulated(entries[:-1], events, float(values[-1]), entries[-1])
 

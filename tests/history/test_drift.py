@@ -37,7 +37,7 @@ def entries(values, u=0.001, shared=0.0, first=2010, step=1):
             float(np.hypot(u, shared)),
             "V",
             shared={"reference": shared} if shared else {},
-            data_files=frozenset({str(i)}),
+            data_files=json.dumps([str(i)]),
         )
         for i, value in enumerate(values)
     ]
@@ -134,8 +134,8 @@ def test_calibrations_that_do_not_count_are_left_out_with_the_reason():
     made = entries([1.0, 1.1, 1.0, 1.0, 1.0, 1.0])
     made[1] = replace(made[1], standing="recalled")
     made[2] = replace(made[2], u=None)
-    made[3] = replace(made[3], data_files=frozenset({"same"}), standing="approved")
-    made[4] = replace(made[4], data_files=frozenset({"same", "more"}))
+    made[3] = replace(made[3], data_files='["same"]', standing="approved")
+    made[4] = replace(made[4], data_files='["same", "more"]')
     made[0] = replace(made[0], unit="C")
     found = life(made, [])
     assert [entry.id for entry in found.entries] == [4, 6]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,7 +37,7 @@ class Entry:
         unit: of both.
         frequency_hz: where the quantity is a sensitivity at a frequency.
         shared: standard uncertainty, same unit, by source that other calibrations may share.
-        data_files: what identifies the files that it was made of.
+        data_files: what identifies the files that it was made of, a JSON list.
         standing: the newest of ``approved``, ``superseded``, ``recalled``; empty for none of them.
         facts: what else the store says of the calibration.
     """
@@ -48,7 +49,7 @@ class Entry:
     unit: str
     frequency_hz: float | None = None
     shared: Mapping[str, float] = field(default_factory=dict)
-    data_files: frozenset[str] = frozenset()
+    data_files: str = "[]"
     standing: str = ""
     facts: Mapping[str, object] = field(default_factory=dict)
 
@@ -189,11 +190,10 @@ def life(entries: Sequence[Entry], events: Sequence[Event]) -> Life:
     """A life from all that the store holds of a sensor, whatever the order."""
     kept, left_out = [], []
     ordered = sorted(entries, key=lambda entry: (entry.date, entry.id))
+    files = [(entry, frozenset(json.loads(entry.data_files))) for entry in ordered]
     present = next((entry for entry in reversed(ordered) if _standing_in_the_way(entry) == ""), None)
     for entry in ordered:
-        reason = (
-            _standing_in_the_way(entry) or _another_quantity(entry, present) or _another_of_its_data(entry, ordered)
-        )
+        reason = _standing_in_the_way(entry) or _another_quantity(entry, present) or _another_of_its_data(entry, files)
         if reason:
             left_out.append((entry, reason))
         else:
@@ -221,10 +221,11 @@ def _another_quantity(entry: Entry, present: Entry | None) -> str:
     return "" if same else f"at {entry.frequency_hz:.6g} Hz"
 
 
-def _another_of_its_data(entry: Entry, entries: Sequence[Entry]) -> str:
+def _another_of_its_data(entry: Entry, files: Sequence[tuple[Entry, frozenset[str]]]) -> str:
     """Two evaluations of one measurement are one calibration: the approved one counts, else the newest."""
-    for other in entries:
-        if other.id != entry.id and entry.data_files & other.data_files and not _standing_in_the_way(other):
+    own = next(found for one, found in files if one is entry)
+    for other, found in files:
+        if other is not entry and own & found and not _standing_in_the_way(other):
             first, second = ((e.standing == "approved", e.id) for e in (entry, other))
             if second > first:
                 return f"the same data as calibration {other.id}"

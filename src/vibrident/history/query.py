@@ -133,7 +133,8 @@ def entries(
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
         for row in map(tuple, connection.execute(asked).all()):
-            sensor_key, key, date, files, value, u, unit, frequency, shared, base, *told = row
+            sensor_key, key, date, files, value, u, unit, frequency, shared, *more = row
+            base, told = (value, more) if frequency_hz is None else (more[0], more[1:])
             facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
             if told:
                 facts["warnings"] = json.loads(told[-1])
@@ -141,7 +142,7 @@ def entries(
             if base != value and base and value is not None:  # relative, a source acts at all frequencies alike
                 sources = {name: abs(size * value / base) for name, size in sources.items()}
             standing = standings.get(key, "")
-            entry = Entry(key, date, value, u, unit or "", frequency, sources, _files(files), standing, facts)
+            entry = Entry(key, date, value, u, unit or "", frequency, sources, files, standing, facts)
             found.setdefault(sensor_key, []).append(entry)
     return found
 
@@ -155,16 +156,12 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
         joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
         values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
-    more = [c[name] for name in _TOLD] if told else []
-    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, p.value.label("base"), *more]
+    more = [*([] if frequency_hz is None else [p.value.label("base")]), *([c[name] for name in _TOLD] if told else [])]
+    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, *more]
     return sa.select(*kept).select_from(joined)
 
 
 _TOLD = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number", "warnings")
-
-
-def _files(text: str) -> frozenset[str]:
-    return frozenset(text[2:-2].split('", "')) if len(text) > 2 else frozenset()
 
 
 @lru_cache(maxsize=10_000)
