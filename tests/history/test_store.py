@@ -81,8 +81,8 @@ def test_an_old_store_is_refused_until_it_is_upgraded_with_its_data(tmp_path):
     from vibrident.history.entry import rows_of
 
     url = str(tmp_path / "old.db")
-    result = calibrated(data="records")
-    rows = rows_of(result)
+    result = replace(calibrated(data="records"), sensor={"manufacturer": "maker", "type": "type A"})
+    rows = rows_of(result, "4711")  # the name was given with it, and is not in the result
     with Store(url) as store:
         store.upgrade("0001")
         with sqlite3.connect(tmp_path / "old.db") as old:
@@ -109,20 +109,20 @@ def test_an_old_store_is_refused_until_it_is_upgraded_with_its_data(tmp_path):
         with pytest.raises(InputError, match="history upgrade"), store.reading():
             pass
         with pytest.raises(InputError, match="history upgrade"):
-            history.add(url, [result])
+            history.add(url, [result], serial_number="4711")
         assert store.upgrade() == ("0001", schema.REVISION)
         with store.reading() as connection:
             context = MigrationContext.configure(connection, opts={"version_table": schema.VERSION_TABLE})
             assert compare_metadata(context, schema.metadata) == []
     fresh = str(tmp_path / "fresh.db")
-    history.add(fresh, [result])
+    history.add(fresh, [result], serial_number="4711")
     for table in (schema.sensor, schema.calibration, schema.parameter, schema.point):
         found = []
         for each in (url, fresh):
             with Store(each) as store, store.reading() as connection:
                 found.append(connection.execute(sa.select(table).order_by(*table.primary_key.columns)).all())
         assert found[0] == found[1]
-    assert history.add(url, [result]) == 0
+    assert history.add(url, [result], serial_number="4711") == 0
 
 
 def test_a_store_that_another_program_holds_is_said_to_be_held(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import zlib
 
@@ -46,7 +47,9 @@ def _fill(connection: sa.Connection) -> None:
     calibration, parameter = table["calibration"], table["parameter"]
     for (key,) in connection.execute(sa.select(calibration.c.id).order_by(calibration.c.id)).all():
         packed = connection.execute(sa.select(calibration.c.document).where(calibration.c.id == key)).scalar_one()
-        found = rows_of(Result.from_dict(json.loads(zlib.decompress(packed))))
+        result = Result.from_dict(json.loads(zlib.decompress(packed)))
+        unnamed = None if result.sensor.get("serial_number") else "unnamed"  # name and date may have been given with it
+        found = rows_of(result, unnamed, datetime.date.min)
         files = {"data_files": found.calibration["data_files"]}
         connection.execute(sa.update(calibration).where(calibration.c.id == key).values(files))
         connection.execute(sa.delete(parameter).where(parameter.c.calibration_id == key))
