@@ -96,7 +96,7 @@ def test_what_ends_its_process_is_a_row_and_takes_no_other_along(table, way):
 
 def test_what_is_no_file_is_refused_and_waited_for_by_nobody(table):
     assert "no file of that name" in table["dangling"]["message"]
-    assert "This is no file" in table["pipe"]["message"]
+    assert "not a regular file" in table["pipe"]["message"]
 
 
 def test_the_same_content_under_two_names_is_computed_once(table, outcome):

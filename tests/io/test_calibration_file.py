@@ -101,7 +101,11 @@ MISTAKES = {
         {"expected": "shock", "found": "'sinus'", "where": "entry 1 excitation"},
     ),
     "unknown quantity": ('"velocity"', '"speed"', {"expected": "displacement", "found": "'speed'"}),
-    "scale zero": ("scale = 2", "scale = 0.0", {"expected": "but 0", "found": "0.0", "where": "[reference] scale"}),
+    "scale zero": (
+        "scale = 2",
+        "scale = 0.0",
+        {"expected": "other than 0", "found": "0.0", "where": "[reference] scale"},
+    ),
     "scale infinite": ("scale = 2", "scale = inf", {"expected": "finite", "found": "inf"}),
     "scale not a number": ("scale = 2", "scale = nan", {"expected": "finite", "found": "nan"}),
     "scale as text": ("scale = 2", 'scale = "2"', {"expected": "number", "found": "'2'"}),

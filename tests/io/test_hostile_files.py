@@ -203,7 +203,7 @@ def test_a_spreadsheet_is_to_be_saved_as_csv(tmp_path, ending):
 )
 def test_a_calibration_file_that_is_slow_to_parse_is_refused(tmp_path, text):
     (tmp_path / "c.toml").write_text(text)
-    with pytest.raises(InputError, match="no calibration file"):
+    with pytest.raises(InputError, match="not a calibration file"):
         read(tmp_path / "c.toml")
 
 

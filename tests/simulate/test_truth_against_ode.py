@@ -134,7 +134,7 @@ def test_a_boxcar_averages_the_response_over_its_window(name, start):
     assert relative(found, expected) < (1e-11 if start == "steady" else 1e-7)
 
 
-def test_what_averages_cannot_be_held_until_it_is_let_go():
+def test_a_boxcar_cannot_be_simulated_with_a_decay():
     with pytest.raises(InputError, match="boxcar"):
         exact("accelerometer+boxcar", ACCELEROMETER | {"boxcar_length": 1e-3}, Decay(9.8))
 

@@ -119,7 +119,7 @@ def put(session, name: str, text: str = "") -> None:
 
 def test_a_file_of_the_same_name_in_capitals_is_the_same_file(session):
     put(session, "A.csv")
-    with pytest.raises(InputError, match="here already"):
+    with pytest.raises(InputError, match="already exists"):
         put(session, "a.CSV")
     session.remove("A.csv")
     put(session, "a.CSV")

@@ -1,6 +1,6 @@
-"""What a file may cost: a file of a few kilobytes can declare more numbers than any machine holds.
+"""Limits on reading: a file of a few kilobytes can declare more numbers than any machine holds.
 
-How many numbers a file declares is looked at before any room is made for them.
+The declared number of values is checked before memory is allocated.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ _NUMBER_BYTES = 8
 
 
 def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
-    """Refuse to read more numbers than there is room for.
+    """Refuse to read more numbers than memory allows.
 
     Args:
-        path: the file; how much it may hold depends on its size.
-        numbers: how many will be read, by what the file declares.
-        number_bytes: of each, where a library makes something larger than float64 of it.
+        path: the file; its size sets the limit.
+        numbers: declared number of values to read.
+        number_bytes: of each, if a library needs more than float64.
 
     Raises:
-        InputError: they are too many; or the environment variable that sets the limit holds no number.
+        InputError: they are too many; or the environment variable of the limit is not a number.
     """
     try:
         file_bytes = path.stat().st_size
@@ -41,7 +41,7 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
             expected=f"at most {most / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
             found=f"{numbers} numbers, or {needed / 1e6:.0f} MB",
             where=str(path),
-            remedy=f"check that the file is whole; where it is, set {memory.VARIABLE} to more megabytes than that",
+            remedy=f"check that the file is whole; if so, set {memory.VARIABLE} to more megabytes",
         )
 
 
@@ -49,13 +49,13 @@ def memory_for(file_bytes: int) -> float:
     """Most bytes that the numbers of files of this size, together, may take.
 
     Raises:
-        InputError: the environment variable that sets the limit holds no number.
+        InputError: the environment variable of the limit is not a number.
     """
     try:
         return memory.most_bytes(file_bytes)
     except ValueError as error:
         raise InputError(
-            "The limit of memory is no number.",
+            "The limit of memory is not a number.",
             expected=f"{memory.VARIABLE} to be a number of megabytes above 0",
             found=str(error),
             where="environment",
@@ -64,7 +64,7 @@ def memory_for(file_bytes: int) -> float:
 
 
 def require_few(path: Path, columns: Sequence[object], what: str = "columns") -> None:
-    """Refuse a file of so many columns that nobody can have meant them.
+    """Refuse a file with too many columns.
 
     Raises:
         InputError: there are more than ``MOST_COLUMNS``.
@@ -75,5 +75,5 @@ def require_few(path: Path, columns: Sequence[object], what: str = "columns") ->
             expected=f"at most {MOST_COLUMNS}",
             found=str(len(columns)),
             where=str(path),
-            remedy="export the ones that are needed into a file of their own",
+            remedy="export only the needed ones",
         )

@@ -1,4 +1,4 @@
-"""The calibration file: what may stand in it, and how it is read. Data files are not touched here."""
+"""The calibration file: its keys and its reading. Data files are not opened here."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ def _scale(value: float) -> float:
 
 # A field's description is the "expected" of its error message.
 _Column = Annotated[int | str, AfterValidator(_column), Field(description="a column number from 1, or a header name")]
-_Scale = Annotated[float, AfterValidator(_scale), Field(allow_inf_nan=False, description="a finite number but 0")]
+_Scale = Annotated[
+    float, AfterValidator(_scale), Field(allow_inf_nan=False, description="a finite number other than 0")
+]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
 _NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
 _Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
@@ -55,7 +57,7 @@ class SensorSection(BaseModel):
 
 
 class ReferenceSection(_Section):
-    """[reference]: the channel that the interferometer, reference transducer or drive gives."""
+    """[reference]: the channel of the interferometer, reference transducer or drive."""
 
     column: _Column | None = None
     quantity: Quantity = "acceleration"
@@ -66,7 +68,7 @@ class ReferenceSection(_Section):
 
 
 class ResponseSection(_Section):
-    """[response]: the channel that the sensor under test gives."""
+    """[response]: the channel of the sensor under test."""
 
     column: _Column | None = None
     scale: _Scale = 1.0
@@ -82,7 +84,7 @@ class SamplingSection(_Section):
 
 
 class RecordsEntry(_Section):
-    """One [[records]] entry: a file or a glob, and what is in it."""
+    """One [[records]] entry: a file or a glob, and its excitation."""
 
     file: _File
     excitation: Excitation
@@ -124,7 +126,7 @@ class UncertaintyEntry(_Section):
 
 
 class CalibrationFile(_Section):
-    """A calibration file, checked; see docs for the meaning of each key."""
+    """A calibration file, checked; see the documentation for each key."""
 
     sensor: SensorSection = SensorSection()
     reference: ReferenceSection = ReferenceSection()
@@ -148,7 +150,7 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     """Read and check a calibration file.
 
     Raises:
-        InputError: the file cannot be read, is not TOML, or its keys or values are not as agreed.
+        InputError: the file cannot be read, is not TOML, or its keys or values are not allowed.
     """
     document = _parse(path)
     where = str(path)
@@ -178,7 +180,7 @@ def _parse(path: Path) -> dict[str, Any]:
             where=f"{path}, line {_line_of(error)}",
             remedy="save it as UTF-8; data files belong under [[records]] file",
         ) from error
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits; brackets nested by the hundred
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits; hundreds of nested brackets
         message = str(error)
         line = re.search(r"at line (\d+)", message)
         raise InputError(
@@ -195,12 +197,12 @@ def _line_of(error: UnicodeDecodeError) -> int:
 
 
 def _check_sensor(calibration: CalibrationFile, where: str) -> None:
-    """[sensor] takes any key, so a misspelt ``model`` would pass for free text and change the result."""
+    """[sensor] allows any key, so a misspelt ``model`` would be free text and change the result."""
     for key, value in (calibration.sensor.model_extra or {}).items():
         if difflib.get_close_matches(key.lower(), ["model"], n=1, cutoff=0.8):
             raise InputError(
                 f"The key {key!r} looks like a misspelt 'model'.",
-                expected="model = …, or a free key that is no look-alike of it",
+                expected="model = …, or a key less similar to it",
                 found=f"{key} = {value!r}",
                 where=f"{where}, [sensor]",
                 remedy="did you mean 'model'?",
@@ -219,7 +221,7 @@ def _check_uncertainty(calibration: CalibrationFile, where: str) -> None:
     for number, entry in enumerate(calibration.uncertainty, start=1):
         if (entry.kind == "mounting") != (entry.frequency_hz is not None):
             raise InputError(
-                "A mounting effect has a frequency, the others have none.",
+                "Only a mounting effect has a frequency.",
                 expected='frequency_hz with kind = "mounting" alone',
                 found=f"kind = {entry.kind!r}, frequency_hz = {entry.frequency_hz!r}",
                 where=f"{where}, [[uncertainty]] entry {number}",
@@ -228,7 +230,7 @@ def _check_uncertainty(calibration: CalibrationFile, where: str) -> None:
 
 
 def _check_content(calibration: CalibrationFile, where: str) -> None:
-    """Check what keys mean together."""
+    """Check the combination of keys."""
     if bool(calibration.records) == (calibration.table is not None):
         raise InputError(
             "A calibration needs either records or a table.",

@@ -1,4 +1,4 @@
-"""[certificate]: what a calibration certificate states besides the data. All of it is optional, none is invented."""
+"""[certificate]: statements of a calibration certificate besides the data, all optional."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the formats of named channels share: one name, one clock and one handle a channel."""
+"""Base of the formats with named channels: a name, a clock and a handle for each."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Channel:
     Attributes:
         name: as the calibration file uses it.
         handle: by which the format's library finds it.
-        clock: what the file states of its sampling; None if it states nothing.
-        in_seconds: True for times of a type of their own, which are loaded in seconds.
+        clock: the file's statement of its sampling; None if absent.
+        in_seconds: True for a time type, loaded in seconds.
     """
 
     name: str
@@ -33,10 +33,10 @@ class Channel:
 
 
 class ChannelFile(ColumnFile):
-    """A file of channels; how one is read is left to the format. Numbers count the channels of real numbers."""
+    """A file of channels; subclasses read them. Numbers count the channels of real numbers."""
 
     def __init__(self, path: Path, channels: Sequence[Channel], refused: dict[str, str]) -> None:
-        """Take the usable channels, and what was refused: name to the reason.
+        """Take the usable channels, and the refused ones: name → reason.
 
         Raises:
             InputError: no channel is usable.
@@ -57,7 +57,7 @@ class ChannelFile(ColumnFile):
 
     @property
     def file(self) -> str:
-        """The file as messages name it."""
+        """Name of the file in messages."""
         return str(self._path)
 
     @property
@@ -67,19 +67,19 @@ class ChannelFile(ColumnFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """Every usable channel has its number, in the order of the file."""
+        """All usable channels, in the order of the file."""
         return tuple(range(len(self._channels)))
 
     def clock(self, position: int) -> Clock | None:
-        """Return what the file itself states of this channel's sampling."""
+        """Return the file's statement of this channel's sampling."""
         return self._channels[position].clock
 
     def in_seconds(self, position: int) -> bool:
-        """Whether this channel holds times of a type of their own."""
+        """Whether this channel is of a time type."""
         return self._channels[position].in_seconds
 
     def position_of(self, column: int | str, key: str) -> int:
-        """Return the position of a channel; see ColumnFile. Says why one was refused."""
+        """Return the position of a channel; see ColumnFile. The error states why one was refused."""
         if isinstance(column, str) and column.strip() in self._refused and column.strip() not in self.names:
             raise InputError(
                 f"The channel {column!r} cannot be used.",
@@ -99,11 +99,11 @@ def real_numbers(values: Any) -> FloatArray:
     """Return values as float64 of shape (samples,), timestamps as seconds since the first.
 
     Raises:
-        ValueError: they are not real numbers, or not one a sample.
+        ValueError: they are not one real number a sample.
     """
     array = np.asarray(values)
     if array.dtype.kind == "M":
-        array = (array - array[:1]) / np.timedelta64(1, "s")  # first, so that the seconds keep their digits
+        array = (array - array[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits of the seconds
     elif array.dtype.kind == "m":
         array = array / np.timedelta64(1, "s")
     if array.dtype.kind not in "iufb" or array.ndim != 1:
@@ -112,9 +112,9 @@ def real_numbers(values: Any) -> FloatArray:
 
 
 def require_readable(path: Path) -> None:
-    """Open and close: the system's own reason for a refusal is clearer than a format library's.
+    """Open and close: the system's error is clearer than a format library's.
 
     Raises:
-        OSError: the system refuses.
+        OSError: the system refuses to open it.
     """
     path.open("rb").close()

@@ -1,4 +1,4 @@
-"""What a data file says of its own sampling, and how that agrees with the calibration file and with other channels."""
+"""A data file's statement of its sampling, compared with the calibration file and other channels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vibrident.records import FloatArray
 
 #: Rates closer than this, relatively, are the same.
 SAME_RATE = 1e-9
-#: Two clocks of a record differ by less, relatively: that of a computer is right to a hundredth of a per cent.
+#: Largest relative difference of two clocks of a record: a computer's is right to 0.01 %.
 CLOCK_TOLERANCE = 2e-4
 _FEWEST_TIMES = 8
 _RATIOS_OF_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 1 / 60, 1 / 3600, 60.0, 3600.0)
@@ -24,15 +24,15 @@ _SAME_START = 0.01
 
 
 def plainest_clock(interval_s: float, half_unit_s: float, start_ns: int | None = None) -> Clock:
-    """Return the clock of a file that keeps its sampling interval to a few digits: the plainest rate it can mean.
+    """Return the clock of a file with a rounded sampling interval: the rate with the fewest digits that agrees.
 
-    A file that keeps 9.76562e-06 s was written at some rate from 102399.99 to 102400.11 Hz, and taking the reciprocal
-    of the digits would be wrong by 5e-7. Of all numbers within the rounding, that with the fewest digits is taken, be
-    it the rate in Hz or the interval in seconds; how far the rounding reaches goes with it.
+    9.76562e-06 s in a file means some rate from 102399.99 to 102400.11 Hz; the plain reciprocal may be wrong by 5e-7.
+    Of all numbers within the rounding, the one with the fewest digits is taken, as rate in Hz or interval in s, with
+    the rounding.
 
     Args:
         interval_s: the interval in the file, s.
-        half_unit_s: half a unit of its last place: how far the interval meant may be from it, s.
+        half_unit_s: half a unit of its last place: largest rounding error, s.
         start_ns: see Clock.
 
     Raises:
@@ -42,22 +42,22 @@ def plainest_clock(interval_s: float, half_unit_s: float, start_ns: int | None =
         raise ValueError(f"a sampling interval of {interval_s!r} s")
 
     def possible(candidate_s: float) -> bool:
-        return abs(candidate_s - interval_s) <= half_unit_s * (1 + 1e-9)  # 9.765625e-06 lies on the very edge
+        return abs(candidate_s - interval_s) <= half_unit_s * (1 + 1e-9)  # 9.765625e-06 lies on the edge
 
     rate, digits = _plainest(1.0 / interval_s, lambda candidate_hz: possible(1.0 / candidate_hz))
     interval, digits_of_interval = _plainest(interval_s, possible)
-    rounding = 2 * half_unit_s / interval_s  # from one end to the other
+    rounding = 2 * half_unit_s / interval_s  # full width
     return Clock(1.0 / interval if digits_of_interval < digits else rate, max(rounding, SAME_RATE), start_ns)
 
 
 def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock | None:
-    """Return the clock of samples with a time each: the rate by regression; None of fewer than two samples.
+    """Return the clock of samples with times: the rate by regression; None for fewer than two samples.
 
-    Its rounding is a bound: rounded times turn the line by three worst deviations over its length at most.
+    Its rounding is a bound: rounded times change the slope by at most three largest deviations over the length.
 
     Args:
         times_s: shape (samples,), s.
-        locate: words for where a time stands, by its index.
+        locate: description of a time's place, by its index.
 
     Raises:
         InputError: the times are not evenly spaced; see sampling_from_times.
@@ -71,14 +71,14 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
 
 
 def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) -> float | None:
-    """Return the rate of the file's own time column where it is another than the one in use; None if all is well.
+    """Return the rate of the file's time column if it contradicts the rate in use; else None.
 
-    Nothing can be said without one even time column, nor by a counter. Where its name states no unit, a ratio between
-    units of time is no contradiction: the rate says which one it is.
+    It needs one evenly spaced time column that is not a counter. If its name states no unit, a ratio between units of
+    time is not a contradiction.
 
     Args:
         source: the file.
-        used: positions of columns with another meaning.
+        used: positions of columns in use.
         rate_hz: in use, samples per second.
     """
     names = [header(source, position) for position in range(len(source.names))]
@@ -91,7 +91,7 @@ def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) 
             return None
         clock = clock_from_times(times - times[0], lambda row: source.locate(found[0], row))
         seconds = seconds_per_unit(source, found[0])
-    except InputError:  # text, or uneven: no clock
+    except InputError:  # text, or uneven
         return None
     stated = states_a_time_unit(names[found[0]]) or source.in_seconds(found[0])
     if clock is None or (not stated and np.all(np.diff(times) == 1.0)):
@@ -103,7 +103,7 @@ def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) 
 
 
 def _plainest(value: float, possible: Callable[[float], bool]) -> tuple[float, int]:
-    """Return the possible number with the fewest significant digits, and how many those are."""
+    """Return the possible number with the fewest significant digits, and their count."""
     for digits in range(1, 17):
         candidate = float(f"{value:.{digits - 1}e}")
         if possible(candidate):
@@ -114,9 +114,9 @@ def _plainest(value: float, possible: Callable[[float], bool]) -> tuple[float, i
 def agreed_rate(
     stated_hz: float | None, channels: Sequence[tuple[ColumnFile, int]], where: str, file: str
 ) -> Clock | None:
-    """Return the rate that the calibration file and the channels' files agree on; None if nobody states one.
+    """Return the rate that the calibration file and the channels' files agree on; None if none is stated.
 
-    Each is allowed the rounding of its own form, and the least rounded one is taken.
+    Each may differ by its own rounding; the least rounded one is taken.
 
     Args:
         stated_hz: rate_hz of the calibration file, if any.
@@ -154,7 +154,7 @@ def agreed_rate(
 
 
 def require_same_start(first: tuple[ColumnFile, int], second: tuple[ColumnFile, int]) -> None:
-    """Refuse two channels that begin at different times on the clock of their format: their phase would be wrong.
+    """Refuse two channels that begin at different times: their phase would be wrong.
 
     Raises:
         InputError: they begin more than a hundredth of a sampling interval apart.

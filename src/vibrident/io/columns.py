@@ -1,4 +1,4 @@
-"""What every file format gives: ordered, perhaps named columns of numbers, and words for where a value stands."""
+"""Interface of every file format: ordered, possibly named columns of numbers, and places of values for messages."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 from vibrident.errors import InputError, did_you_mean
 from vibrident.records import FloatArray
 
-#: How many names a message lists before it says how many more there are.
+#: Most names in a message; the rest is counted.
 _NAMES_IN_MESSAGE = 12
 _LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
 class Clock:
-    """What a file states of a column's sampling.
+    """A file's statement of a column's sampling.
 
     Attributes:
         rate_hz: samples per second.
-        rate_rounding: relative; how far the true rate may be from ``rate_hz`` by the digits that the file keeps.
+        rate_rounding: relative; largest deviation of the true rate by the rounding in the file.
         start_ns: time of the first sample on the format's clock, in nanoseconds; None if the file states none.
     """
 
@@ -39,15 +39,15 @@ class ColumnFile(ABC):
     from 1, or a name) becomes a position through ``position_of``.
     """
 
-    #: True where names are paths, and a unit can stand in the last part only.
+    #: True if names are paths, with a unit in the last part only.
     names_are_paths = False
-    #: Columns that were read whole for the sake of a part.
+    #: Columns that were read whole to give a part.
     _kept: Mapping[int, FloatArray] = MappingProxyType({})
 
     @property
     @abstractmethod
     def file(self) -> str:
-        """The file as messages name it."""
+        """Name of the file in messages."""
 
     @property
     @abstractmethod
@@ -57,18 +57,18 @@ class ColumnFile(ABC):
     @property
     @abstractmethod
     def numbered(self) -> tuple[int, ...]:
-        """Positions that the column numbers 1, 2, … stand for; empty where numbers have no clear meaning."""
+        """Positions of the column numbers 1, 2, …; empty if numbers are ambiguous."""
 
     def clock(self, position: int) -> Clock | None:
-        """Return what the file itself states of this column's sampling; None if it states nothing."""
+        """Return the file's statement of this column's sampling; None if absent."""
         return None
 
     def stated_unit(self, position: int) -> str:
-        """Unit of a column where the file states one beside its name; "" where it states none."""
+        """Unit of a column that the file states beside its name; "" if none."""
         return ""
 
     def in_seconds(self, position: int) -> bool:
-        """Whether this column holds times of a type of their own; they are loaded in seconds, whatever its name."""
+        """Whether this column is of a time type; it is loaded in seconds, whatever its name."""
         return False
 
     @abstractmethod
@@ -86,7 +86,7 @@ class ColumnFile(ABC):
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Samples of columns from ``start`` up to ``stop``, shape (columns, stop − start).
 
-        A format that can read a part of a file does so; of the others all is kept in memory.
+        Formats that cannot read a part of a file keep all of it in memory.
 
         Raises:
             InputError: a column cannot be read as real numbers.
@@ -101,17 +101,17 @@ class ColumnFile(ABC):
 
     @abstractmethod
     def locate(self, position: int, row: int) -> str:
-        """Words for where a value stands: file, line or sample, column. ``row`` counts samples from 0."""
+        """Place of a value for messages: file, line or sample, column. ``row`` counts samples from 0."""
 
     def position_of(self, column: int | str, key: str) -> int:
-        """Return the position of the column that the calibration file asks for.
+        """Return the position of a column named in the calibration file.
 
         Args:
             column: number from 1, or name.
-            key: the key that asks, such as "[response] column", for the message.
+            key: the key that names it, such as "[response] column", for the message.
 
         Raises:
-            InputError: there is no such column, or the name stands for several.
+            InputError: the column does not exist, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
         if isinstance(column, int):
@@ -124,7 +124,7 @@ class ColumnFile(ABC):
             numbers = " or ".join(str(self.numbered.index(p) + 1) for p in matches if p in self.numbered)
             raise InputError(
                 f"The column name {column!r} is not unique.",
-                expected="a name that stands once in the header, or a column number",
+                expected="a name that occurs once in the header, or a column number",
                 found=f"{len(matches)} columns of that name",
                 where=where,
                 remedy=f"use a column number instead: {numbers}",
@@ -145,7 +145,7 @@ class ColumnFile(ABC):
     def _position_of_number(self, number: int, where: str) -> int:
         if not self.numbered:
             raise InputError(
-                "A column number has no clear meaning in this file.",
+                "A column number is ambiguous in this file.",
                 expected=self._offer(),
                 found=f"column {number}",
                 where=where,
@@ -180,7 +180,7 @@ def unreadable(file: str, error: BaseException, expected: str) -> InputError:
     if isinstance(error, MemoryError):
         return InputError(
             "The file does not fit in memory.",
-            expected="a file whose numbers fit in the memory that is free",
+            expected="a file whose numbers fit in the free memory",
             found=f"a file that needs more: {error}".rstrip(": "),
             where=file,
             remedy="check that the file is whole; read a shorter record, or free memory",

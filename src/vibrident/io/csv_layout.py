@@ -1,4 +1,4 @@
-"""How a text file of numbers is laid out: delimiter, decimal sign, header, first data line. Looks at its head only."""
+"""Layout of a text file of numbers, from its head: delimiter, decimal sign, header, first data line."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class CsvLayout:
     Attributes:
         delimiter: one character; ``BLANKS`` stands for runs of blanks and tabs.
         decimal: "." or ",".
-        fields: fields in every data line, an empty one behind a trailing separator included.
-        names: one a column; all "" where the file has no header.
-        units: the row of units below the names; all "" where there is none.
+        fields: fields in every data line, including an empty one behind a trailing separator.
+        names: one a column; all "" without a header.
+        units: the row of units below the names; all "" without one.
         first_line: number of the first data line, from 1.
-        offset: where that line begins, in bytes.
+        offset: position of that line, in bytes.
         encoding: of the text.
     """
 
@@ -65,7 +65,7 @@ class CsvLayout:
 def split_line(line: str, delimiter: str) -> list[str]:
     """Split one line into its cells, without quotes and without blanks around them."""
     if '"' in line:
-        with contextlib.suppress(csv.Error):  # a cell beyond the csv module's limits is no number in any case
+        with contextlib.suppress(csv.Error):  # a cell beyond the csv module's limits is not a number
             plain = line.strip(" \r\n").replace("\r", " ")
             plain = plain.replace("\t", " ") if delimiter == BLANKS else plain
             return [cell.strip() for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True))]
@@ -96,7 +96,7 @@ def detect_layout(path: Path, file: str) -> CsvLayout:
 
 
 def too_long_a_line(file: str, line: int) -> InputError:
-    """The error of a line that no table of numbers has."""
+    """The error of a line that is too long for a table of numbers."""
     return InputError(
         "A line of the file is too long.",
         expected=f"lines of at most {LONGEST_LINE} characters",
@@ -119,7 +119,7 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
         raise InputError(
             "The file is not plain text.",
             expected="text in UTF-8 or Latin-1",
-            found="zero bytes, as in a binary file or in UTF-16",
+            found="zero bytes, as in a binary file or UTF-16",
             where=file,
             remedy="save it as UTF-8 text, or give the file its right ending",
         )
@@ -181,7 +181,7 @@ def _is_missing(cell: str) -> bool:
 def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
     """Return delimiter, decimal sign and number of fields that make most of the sample's cells numbers.
 
-    One field a line is the last resort: "1,5" may be one number or two, and two is what most files mean.
+    One field a line is the last resort: "1,5" may be one number or two, usually two.
     """
     best, best_score = (BLANKS, ".", 1), 0.0
     for delimiter, decimal in _CANDIDATES:
@@ -199,7 +199,7 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
 
 
 def _usual_length(sample: list[list[str]], lines: list[str], delimiter: str) -> int:
-    """Return the most frequent length in the sample; of two as frequent, the one more frequent in all lines."""
+    """Return the most frequent length in the sample; of equally frequent ones, that in all lines."""
     in_sample = Counter(map(len, sample))
     if len(in_sample) == 1:
         return next(iter(in_sample))
@@ -227,7 +227,7 @@ def _has_number(row: list[str], fields: int, numeric: list[int], decimal: str) -
 
 
 def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, where: str) -> None:
-    """Refuse a line that is half header, half data: to drop it or to use it would both be a guess."""
+    """Refuse a line that is half header, half data: dropping or using it would be a guess."""
     text = [column for column in numeric if not is_number(row[column], decimal) and not _is_missing(row[column])]
     if text:
         raise InputError(
@@ -235,7 +235,7 @@ def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, wh
             expected="a number in every column that holds numbers further down",
             found=f"{row[text[0]][:40]!r} in column {text[0] + 1}",
             where=where,
-            remedy="repair the value; or, where the line belongs to the header, put # in front of it",
+            remedy="repair the value; or, if the line belongs to the header, put # in front of it",
         )
 
 
@@ -251,7 +251,7 @@ def _names(
 
     def fitting(row: list[str]) -> tuple[str, ...] | None:
         if columns == 1 and delimiter == BLANKS:
-            return (" ".join(row),)  # the name of a single column may have blanks in it
+            return (" ".join(row),)  # the name of a single column may contain blanks
         trimmed = row[:-1] if len(row) == columns + 1 and row[-1] == "" else row
         return tuple(trimmed) if len(trimmed) == columns else None
 

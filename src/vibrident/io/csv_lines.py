@@ -1,4 +1,4 @@
-"""The lines of a text file of numbers: which are rows, and whether each has all its fields."""
+"""The lines of a text file of numbers: which are rows, and whether each is complete."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from vibrident.errors import InputError
 from vibrident.io.allowance import LONGEST_LINE
 from vibrident.io.csv_layout import BLANKS, CsvLayout, split_line, too_long_a_line
 
-_CHUNK_BYTES = 1 << 20  # counting makes ten times as much of it
+_CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
 _NEWLINE = 10
 _SPACE = 32
 
 
 def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
-    """Return the line number, from 1, of every row; blank lines are no rows. Shape (rows,).
+    """Return the line number, from 1, of every row; blank lines are not rows. Shape (rows,).
 
     Raises:
         InputError: a row has more or fewer fields than the layout says.
@@ -42,7 +42,7 @@ def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
 
 
 def numbered_rows(path: Path, layout: CsvLayout) -> Iterator[tuple[int, list[str]]]:
-    """Give line number, from 1, and cells of every row: slow, for finding what a fast reader refused."""
+    """Give line number, from 1, and cells of every row: slow, to locate an error of a fast reader."""
     with path.open("rb") as stream:
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
@@ -51,7 +51,7 @@ def numbered_rows(path: Path, layout: CsvLayout) -> Iterator[tuple[int, list[str
 
 
 def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
-    """Whole lines, about a block at a time; None for a line that is longer than any may be."""
+    """Whole lines, about a block at a time; None for a line that is too long."""
     rest = b""
     while block := stream.read(_CHUNK_BYTES):
         block = rest + block
@@ -94,5 +94,5 @@ def _ragged(file: str, line: int, found: int, layout: CsvLayout) -> InputError:
         expected=f"{layout.fields} fields, as in line {layout.first_line}",
         found=f"{found} field{'s' if found != 1 else ''}",
         where=f"{file}, line {line}",
-        remedy="repair or remove that line; a last line that was cut off can go",
+        remedy="repair or remove that line; a truncated last line can be removed",
     )

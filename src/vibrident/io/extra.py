@@ -1,4 +1,4 @@
-"""Libraries that some file formats need: loaded when such a file is opened, with the remedy where one is missing."""
+"""Optional libraries of file formats: loaded when such a file is opened, with the remedy if one is missing."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def library(name: str, extra: str, path: Path) -> Any:
     return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))
 
 
-def let_go(error: BaseException) -> None:
-    """Drop what a library was holding when it failed: half-made objects that complain in their destructors."""
+def drop_failed(error: BaseException) -> None:
+    """Collect half-made objects of a failed library, whose destructors raise warnings."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
@@ -37,6 +37,6 @@ def let_go(error: BaseException) -> None:
             while cause is not None:
                 traceback.clear_frames(cause.__traceback__)
                 cause = cause.__context__
-            gc.collect()  # some of them are rings
+            gc.collect()  # some are reference cycles
     finally:
         sys.unraisablehook = hook

@@ -1,10 +1,10 @@
-"""The order in which a person would put files: by the numbers in their names."""
+"""Natural order of files: by the numbers in their names."""
 
 from __future__ import annotations
 
 import re
 
-#: A frequency, such as ``0_05Hz``, ``2.5 kHz`` or ``10Hz``: of such numbers the part after the mark is a fraction.
+#: A frequency, such as ``0_05Hz``, ``2.5 kHz`` or ``10Hz``: the part after the mark is a fraction.
 _FREQUENCY = re.compile(r"(\d+)(?:[._,p](\d+))?[ _-]?(k?)hz", re.IGNORECASE)
 _NUMBER = re.compile(r"\d+")
 Key = tuple[tuple[tuple[int, float, str], ...], str]
@@ -32,4 +32,4 @@ def _hertz(found: re.Match[str]) -> float:
 
 
 def _float(digits: str) -> float:
-    return float(digits[:300])  # of more digits there is no number
+    return float(digits[:300])  # longer ones overflow

@@ -1,4 +1,4 @@
-"""Values that are needed must be numbers; the message says which one is not, and where it stands."""
+"""Check for finite values; the message states which value is not, and its place."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from vibrident.records import FloatArray
 
 
 def require_finite(source: ColumnFile, position: int, values: FloatArray, first_row: int, remedy: str) -> None:
-    """Raise where a value is missing, NaN or infinite.
+    """Raise if a value is missing, NaN or infinite.
 
     Args:
-        source: file that the values come from.
+        source: file of the values.
         position: the column's position in it.
         values: shape (samples,).
         first_row: row of the first value in the file, from 0.

@@ -1,4 +1,4 @@
-"""What the columns of a data file may mean, guessed from their names: a proposal for a person to confirm, no more."""
+"""The possible meaning of a data file's columns, guessed from their names, for a person to confirm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
 _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
 _UNCERTAIN = re.compile(r"unc|sigma|std|(^|_)u(_|$)", re.IGNORECASE)
-#: Words of a reference's name, the surest first, and the quantity that each speaks of.
+#: Words in a reference's name, the surest first, and their quantities.
 _REFERENCES = (
     (re.compile(r"ref", re.IGNORECASE), None),
     (re.compile(r"acc|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
@@ -39,18 +39,18 @@ _EXCITATIONS = (
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a file, and what they may mean; a column is its name, or its number from 1 where a name is not enough.
+    """Columns of a file, and their possible meaning; a column is its name, or its number if that is not unique.
 
     Attributes:
-        columns: what may be chosen, in the order of the file.
-        labels: the same, as a person reads it.
+        columns: the choices, in the order of the file.
+        labels: the same, for display.
         rate_hz: that the file itself states.
         time, reference, response: of records.
-        frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response; a file whose
-            frequency and magnitude are known is one.
+        frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response, if frequency and
+            magnitude are known.
         quantity, scale, unit: of the reference; scale leads to SI.
         response_unit: of the response.
-        excitation: by the file's name; None if that does not say.
+        excitation: by the file's name; None if undetermined.
     """
 
     columns: tuple[int | str, ...]
@@ -77,7 +77,7 @@ class Columns:
 
 
 def guess_columns(path: Path) -> Columns:
-    """Open a data file and guess from its names what its columns mean; its numbers are not read.
+    """Open a data file and guess the meaning of its columns from their names; its numbers are not read.
 
     Raises:
         InputError: the file cannot be opened.
@@ -87,7 +87,7 @@ def guess_columns(path: Path) -> Columns:
     if not columns:
         raise InputError(
             "The file has no column that can be chosen.",
-            expected="columns of numbers with names of their own",
+            expected="columns of numbers with unique names",
             found=f"{len(source.names)} columns without names",
             where=source.file,
             remedy="export the data with a header",

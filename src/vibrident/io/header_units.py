@@ -1,8 +1,8 @@
 """Units in the header of a data file: "Time (ms)", "time_us", "time/min", "f (kHz)", "phase (rad)", "a in mm/s²".
 
-One rule for all columns. Where the calibration file states no unit (times, frequencies), the header's is taken. Where
-it states one (quantity, scale, unit, phase_unit), a header that contradicts it is refused, with the key that agrees. A
-header that names no unit, or one that is not known here, says nothing.
+One rule for all columns. If the calibration file states no unit (times, frequencies), the header's is used. If it
+states one (quantity, scale, unit, phase_unit), a contradicting header is refused. A header without a known unit is
+ignored.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*"
 _BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
 _AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
 _AFTER_WORD = re.compile(r"\b(?:in|en)\s+(\S+)$", re.IGNORECASE)
-#: Suffixes that stand for a unit of times, frequencies and phases only: "_m" or "_a" may be anything.
+#: Suffixes that are a unit of times, frequencies and phases only: "_m" or "_a" are ambiguous.
 _SUFFIX = re.compile(r"^.*[A-Za-z0-9][_.\s-]+([A-Za-zµμ]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
 _TIMES = frozenset(
@@ -50,7 +50,7 @@ _SAME = 1e-3
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit that a column's name ends with, as it is written; "" where it ends with none."""
+    """Return the unit at the end of a column's name, as written; "" if none."""
     name = _short(name)
     for pattern in (_BRACKETS, _AFTER_WORD, _AFTER_SLASH):
         if found := pattern.search(name):
@@ -66,10 +66,10 @@ def header(source: ColumnFile, position: int) -> str:
 
 
 def seconds_per_unit(source: ColumnFile, position: int) -> float:
-    """How many seconds one of a time column is; 1 where its header says nothing of it.
+    """Seconds per unit of a time column; 1 if its header states no unit.
 
     Raises:
-        InputError: the header names a unit that is none of time.
+        InputError: the header names a unit other than of time.
     """
     if source.in_seconds(position):
         return 1.0
@@ -77,22 +77,22 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float:
 
 
 def hertz_per_unit(source: ColumnFile, position: int) -> float:
-    """How many hertz one of a frequency column is; 1 where its header says nothing of it.
+    """Hertz per unit of a frequency column; 1 if its header states no unit.
 
     Raises:
-        InputError: the header names a unit that is none of frequency.
+        InputError: the header names a unit other than of frequency.
     """
     remedy = "write the frequencies in Hz, and Hz into the header"
     return _own_unit(source, position, _HERTZ, "[table] frequency", "Hz", remedy)
 
 
 def states_a_time_unit(name: str) -> bool:
-    """Whether a column's name says in which unit its times are."""
+    """Whether a column's name states the unit of its times."""
     return _spelling(name, _SECONDS) in _SECONDS
 
 
 def is_time(name: str) -> bool:
-    """Whether a column's name is that of times, with a unit of time or without one."""
+    """Whether a column's name is that of times, with or without a unit."""
     name = _short(name)
     plain = name.lower()
     base = re.split(r"[\[(<{/_,]|\s+in\s", plain, maxsplit=1)[0].strip()
@@ -118,13 +118,13 @@ def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: 
 def require_channel_unit(
     source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity | None = None
 ) -> None:
-    """Check a column of records against what the calibration file says of it.
+    """Check a column of records against the calibration file.
 
     Args:
         source: the file.
         position: the column.
         key: the section, for messages: "[reference]" or "[response]".
-        unit: after scaling; "" where it is the quantity's own.
+        unit: after scaling; "" for the quantity's own.
         scale: to that unit.
         quantity: of the reference; None for the response.
 
@@ -148,7 +148,7 @@ def require_channel_unit(
 def require_magnitude_unit(
     source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity
 ) -> None:
-    """Check a column of magnitudes, or of their uncertainties: not in dB or %, and of the unit that is stated.
+    """Check a column of magnitudes, or of their uncertainties: not in dB or %, and in the stated unit.
 
     Args:
         source: the file.
@@ -159,7 +159,7 @@ def require_magnitude_unit(
         quantity: of the reference.
 
     Raises:
-        InputError: the header says otherwise.
+        InputError: the header contradicts this.
     """
     name = header(source, position)
     found = unit_in_name(name) or (name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else "")
@@ -191,12 +191,12 @@ def _own_unit(
     if found in known:
         return known[found]
     if found:
-        raise _contradiction(source, position, key, f"a column in {expected}, or in a unit of the like", found, remedy)
+        raise _contradiction(source, position, key, f"a column in {expected}, or in a multiple of it", found, remedy)
     return 1.0
 
 
 def _spelling(name: str, known: dict[str, float]) -> str:
-    """The unit in a name, in plain lower case; "" where there is none, or a word that is no unit at all."""
+    """The unit in a name, in plain lower case; "" if it is absent or not a unit."""
     name = _short(name)
     found = unit_in_name(name).translate(_PLAIN)
     plain = found.strip("[]()").lower()
@@ -213,7 +213,7 @@ def _spelling(name: str, known: dict[str, float]) -> str:
 
 
 def _short(name: str) -> str:
-    """The name without blanks around it; "" for one so long that it is no name: patterns would take minutes."""
+    """The name, stripped; "" for a very long one, for which patterns would take minutes."""
     return name.strip() if len(name) <= _LONGEST_NAME else ""
 
 
@@ -224,7 +224,7 @@ def _known_elsewhere(found: str) -> bool:
 
 
 def _factor(found: str, unit: str) -> float | None:
-    """What one of the unit found is in the unit stated; None if they are not multiples of one unit."""
+    """The found unit in terms of the stated one; None if they are not multiples of one unit."""
     found, unit = (text.translate(_PLAIN).strip("()") for text in (found, unit))
     for base in ("V", "A", "C", "m/s^2", "m/s", "m"):
         multiples = {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}
@@ -236,7 +236,7 @@ def _factor(found: str, unit: str) -> float | None:
 def _require_scale(
     source: ColumnFile, position: int, key: str, found: str, factor: float | None, scale: float, unit: str
 ) -> None:
-    """A scale of one, or one that converts g, must be the header's own; another may hold an amplifier's gain."""
+    """A scale of one, or one that converts g, must match the header; another may include an amplifier's gain."""
     if factor is None or math.isclose(abs(scale), factor, rel_tol=_SAME):
         return
     conversion = any(math.isclose(abs(scale), known, rel_tol=_SAME) for known in (1.0, STANDARD_GRAVITY))

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from vibrident.errors import InputError
 from vibrident.interferometer.setting import Interferometer
 
-#: What [reference] may not state beside [interferometer].
+#: Keys of [reference] that are not allowed beside [interferometer].
 _TAKEN = ("column", "quantity", "scale", "unit", "full_scale")
 
 
@@ -27,7 +27,7 @@ _Number = Annotated[float, Field(allow_inf_nan=False, description="a finite numb
 
 
 class InterferometerSection(BaseModel):
-    """[interferometer]: what the photodetectors gave, and what one radian of their phase is."""
+    """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     kind: Literal["quadrature", "heterodyne"]
@@ -59,7 +59,7 @@ class InterferometerSection(BaseModel):
 
 
 def check_interferometer(section: InterferometerSection, reference: Collection[str], table: bool, where: str) -> None:
-    """Check what the section's keys mean together, and with the other sections.
+    """Check the combination of the section's keys, and with the other sections.
 
     Args:
         section: as read.
@@ -99,7 +99,7 @@ def check_interferometer(section: InterferometerSection, reference: Collection[s
         )
     if (section.carrier_hz is None) == (section.kind == "heterodyne"):
         raise InputError(
-            "A heterodyne signal has a carrier, signals in quadrature have none.",
+            "Only a heterodyne signal has a carrier.",
             expected='carrier_hz with kind = "heterodyne" alone',
             found=f"kind = {section.kind!r}, carrier_hz = {section.carrier_hz!r}",
             where=f"{here} carrier_hz",

@@ -63,7 +63,7 @@ class FileSignals:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """One record to be made; ``beside`` where response and optical signals are sampled together."""
+    """One record to be made; ``beside`` if response and optical signals are sampled together."""
 
     part: Part
     name: str
@@ -156,7 +156,7 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
             expected=f"{response.samples} samples, as the response has in {main.file}",
             found=f"{optical.samples} samples in {other.file}",
             where=part.where,
-            remedy="give both over the same samples, or rate_hz of [interferometer] where they are sampled faster",
+            remedy="give both over the same samples, or rate_hz of [interferometer] if they are sampled faster",
         )
     if section.carrier_hz is None:
         return _Opened(part, name, optical, response, sampling, beside)

@@ -1,4 +1,4 @@
-"""What a data format is to the rest: its name, its file endings, and what opens such a file."""
+"""A data format: its name, its file endings, and its reader."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ class Reader:
 
     Attributes:
         name: short name of the format.
-        title: what such files are, in a few words.
+        title: in a few words.
         endings: of its files, each with its dot, in lower case.
-        open: path → the file opened; numbers are converted only when asked for. It raises InputError where the file is
-            not what its ending says.
+        open: path → the file opened; numbers are converted on demand. Raises InputError if the file is not of this
+            format.
         extra: extra of vibrident, or package, that brings the library it needs; empty: it needs none.
-        plain: no native library parses such a file and no links in it are followed, so that it needs no process of its
-            own (docs/security.md).
+        plain: no native library and no links, so that it needs no separate process (docs/security.md).
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Which reader belongs to which file ending."""
+"""Readers by file ending."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibrident.io.reader import Reader
 
 
 class _ByEnding(Mapping[str, Reader]):
-    """Ending → reader, of the built-in ones and those of plug-ins; of two readers of one ending the built-in one."""
+    """Ending → reader, of the built-in ones and those of plug-ins; a built-in one has precedence."""
 
     def _all(self) -> dict[str, Reader]:
         found: dict[str, Reader] = {}
@@ -39,17 +39,17 @@ _SPREADSHEETS = frozenset({".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".fods", "
 
 
 def open_columns(path: Path) -> ColumnFile:
-    """Open a data file with the reader for its ending; numbers are converted only when asked for.
+    """Open a data file with the reader for its ending; numbers are converted on demand.
 
     Raises:
-        InputError: the ending is not known, or the file is not what its ending says.
+        InputError: the ending is unknown, or the file is not of that format.
     """
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise unknown_format(path.suffix, str(path))
-    if os.path.exists(path) and not (path.is_file() or path.is_dir()):  # of a folder, the system's own words are better
+    if os.path.exists(path) and not (path.is_file() or path.is_dir()):  # for a folder, the system's error is clearer
         raise InputError(
-            "This is no file.",
+            "This is not a regular file.",
             expected="a file on a disk",
             found="a device, a pipe or a socket, which may never end",
             where=str(path),
@@ -59,7 +59,7 @@ def open_columns(path: Path) -> ColumnFile:
 
 
 def unknown_format(suffix: str, where: str) -> InputError:
-    """The error of a file ending that no reader is for; a spreadsheet is told apart."""
+    """The error of a file ending without a reader; a spreadsheet has its own."""
     if suffix.lower() in _SPREADSHEETS:
         return InputError(
             "A spreadsheet is not read.",

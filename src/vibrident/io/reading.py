@@ -1,4 +1,4 @@
-"""The way in: a calibration file and the data it names become a Calibration."""
+"""From a calibration file and its data to a Calibration."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
 from vibrident.records import Calibration
 
-#: Most memory of a process that reads: for the libraries, and so many times what the numbers may take.
+#: Most memory of a reading process: for the libraries, and a multiple of the numbers' limit.
 _LIBRARIES_BYTES, _COPIES = 600_000_000, 2
-#: Time of such a process: for the libraries, and for each byte.
+#: Time limit of such a process: for the libraries, and for each byte.
 _SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
-    """Read as :func:`read` does; binary data files in a process of their own, with limits on memory and time.
+    """Read as :func:`read` does; binary data files in a separate process, with limits on memory and time.
 
-    So a damaged file that makes a native library crash, or turn in a circle, is bad input and no more. What this costs
-    is the start of one process a calibration.
+    A damaged file that crashes or hangs a native library is then merely bad input. The cost is one process a
+    calibration.
 
     Raises:
         InputError: as ``read`` does; or reading takes more than it may, or crashed.
@@ -63,7 +63,7 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     where = str(file)
     document = read_calibration_file(file)
     if document.interferometer is not None:
-        from vibrident.io.optical_files import read_optical  # SciPy, which others do not need
+        from vibrident.io.optical_files import read_optical  # loads SciPy, which others do not need
 
         return read_optical(document, file.parent, where)
     unit = reference_unit(document.reference.quantity, document.reference.unit, document.reference.scale, where)

@@ -54,7 +54,7 @@ def read_records(calibration: CalibrationFile, folder: Path, where: str, referen
 
 
 def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
-    """What is to be read for each record, and the record's name; arguments and errors as :func:`read_records`."""
+    """The part to read for each record, and the record's name; arguments and errors as :func:`read_records`."""
     parts = list(_parts(calibration.records, folder, where))
     _refuse_overlaps(parts, folder)
     return list(zip(parts, _record_names(parts), strict=True))
@@ -103,19 +103,19 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
             expected=f"one file or more in {folder}",
             found=f"file = {pattern!r}, which matches nothing",
             where=f"{where}, file",
-            remedy="check the pattern; it starts at the calibration file's folder",
+            remedy="check the pattern; it is relative to the calibration file's folder",
         )
     return sorted(matches, key=natural)
 
 
 def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
-    """Refuse samples that two entries ask for: they would count twice. Separate parts of one file are two records."""
+    """Refuse samples in two entries: they would count twice. Separate parts of one file are two records."""
     seen: dict[Path, list[Part]] = {}
     for part in parts:
         for other in seen.setdefault((folder / part.file).resolve(), []):
             if _start(part) < _stop(other) and _start(other) < _stop(part):
                 raise InputError(
-                    "Two [[records]] entries ask for the same samples.",
+                    "Two [[records]] entries contain the same samples.",
                     expected="each sample in one record",
                     found=f"{part.file!r}, which {other.where.rsplit(', ', 1)[-1]} asks for too",
                     where=part.where,
@@ -142,7 +142,7 @@ def _record_names(parts: Sequence[Part]) -> list[str]:
         if name in names:
             raise InputError(
                 "Two records have the same name.",
-                expected="a name of its own for each record",
+                expected="a unique name for each record",
                 found=repr(name),
                 where=f"{part.where}, name",
                 remedy="change one of the names",
@@ -153,7 +153,7 @@ def _record_names(parts: Sequence[Part]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Channel:
-    """One column as it stands in its file."""
+    """One column as in its file."""
 
     source: ColumnFile
     position: int
@@ -166,7 +166,7 @@ class _Channel:
         return values * scale
 
     def step(self, channel: str, scale: float, unit: str) -> str:
-        """Say for the history what became of the column."""
+        """Describe the column's conversion for the history."""
         name = self.source.names[self.position]
         return f"{channel}: column {self.position + 1}" + (f" ({name!r})" if name else "") + f" × {scale!r} → {unit}"
 
@@ -230,7 +230,7 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> dict[str, _
 
 
 def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], reference_unit: str) -> None:
-    """Hold the units in the headers against the calibration file; see header_units."""
+    """Check the units in the headers against the calibration file; see header_units."""
     response, reference = calibration.response, calibration.reference
     at = channels["response"]
     require_channel_unit(at.source, at.position, "[response]", unit=response.unit, scale=response.scale)
@@ -263,7 +263,7 @@ def _scaled(full_scale: float | None, scale: float) -> float | None:
 
 
 def stated_rate(part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]) -> Clock:
-    """The rate of the calibration file or of the data file; where both state one, they must agree.
+    """The rate of the calibration file or of the data file; two stated ones must agree.
 
     Raises:
         InputError: neither states one, or they differ.
@@ -292,7 +292,7 @@ def _check_frequency(part: Part, sampling: Sampling, file: str) -> None:
     frequency_hz = part.entry.frequency_hz
     if frequency_hz is not None and frequency_hz >= sampling.rate_hz / 2:
         raise InputError(
-            "The frequency lies above what the sampling rate can show.",
+            "The frequency lies above half the sampling rate.",
             expected=f"frequency_hz below {sampling.rate_hz / 2:.9g} Hz, half the sampling rate",
             found=f"frequency_hz = {frequency_hz!r}",
             where=f"{part.where}, frequency_hz, for {file}",

@@ -11,9 +11,9 @@ import numpy as np
 from vibrident.errors import InputError
 from vibrident.records import FloatArray
 
-#: A sample may be this far from its place, in sampling intervals, before the record counts as interrupted.
+#: Largest deviation of a time from its place, in sampling intervals; beyond, the record is interrupted.
 _TOLERANCE_SAMPLES = 0.5
-#: A cut this close to a sample, in sampling intervals, means that sample; decimal fractions are not exact.
+#: A cut this close to a sample, in sampling intervals, is at that sample; decimal fractions are not exact.
 _ROUNDING_SAMPLES = 1e-6
 
 
@@ -22,7 +22,7 @@ class Sampling:
     """Sampling rate, in samples per second, and time of the first sample on the file's clock, in s.
 
     Attributes:
-        note: for the history, where the rate's origin needs a word.
+        note: for the history, about the rate's origin.
     """
 
     rate_hz: float
@@ -35,14 +35,14 @@ def sampling_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Sa
 
     Args:
         times_s: shape (samples,), finite, s.
-        locate: words for where a time stands, by its index.
+        locate: description of a time's place, by its index.
 
     Raises:
         InputError: times do not increase, a gap exceeds half an interval, or the times leave a straight line.
     """
     if times_s.size < 2:
         raise _uneven("A time column needs two rows or more.", f"{times_s.size} times", locate(0))
-    elapsed = times_s - times_s[0]  # first, so that epoch seconds keep their digits
+    elapsed = times_s - times_s[0]  # subtracted first, to keep the digits of epoch seconds
     steps = np.diff(elapsed)
     if (back := np.flatnonzero(steps <= 0)).size:
         at = int(back[0]) + 1
@@ -70,14 +70,14 @@ def _uneven(problem: str, found: str, where: str) -> InputError:
         expected="increasing times in seconds, equally spaced within half an interval",
         found=found,
         where=where,
-        remedy="cut the file there, resample it, or give rate_hz where only the time stamps are wrong",
+        remedy="cut the file there, resample it, or give rate_hz if only the time stamps are wrong",
     )
 
 
 def cut(samples: int, rate_hz: float, start_s: float | None, stop_s: float | None, where: str) -> slice:
     """Return the samples with start_s ≤ t < stop_s, t counted from the file's first sample.
 
-    A stop behind the end means the end.
+    A stop beyond the end means the end.
 
     Raises:
         InputError: nothing is left.

@@ -1,4 +1,4 @@
-"""From what pydantic says about a calibration file to an InputError that a person can act on."""
+"""From pydantic's findings on a calibration file to an InputError."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibrident.errors import InputError
 
 
 def schema_error(error: ValidationError, root: type[BaseModel], file: str) -> InputError:
-    """Return the InputError for the first finding; an unknown key comes before the missing one that it stands for."""
+    """Return the InputError for the first finding; an unknown key precedes a missing one."""
     findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     finding = findings[0]
     if finding["type"] == "extra_forbidden":
@@ -75,7 +75,7 @@ def _input_at(finding: ErrorDetails, location: tuple[Any, ...]) -> str:
 
 
 def _known_part(location: tuple[Any, ...], root: type[BaseModel]) -> tuple[Any, ...]:
-    """Drop what pydantic appends for the branch of a union."""
+    """Drop pydantic's suffix for the branch of a union."""
     known: list[Any] = []
     section: type[BaseModel] | None = root
     for part in location:

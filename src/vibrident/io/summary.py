@@ -1,4 +1,4 @@
-"""What a calibration holds, as plain values for a table on the screen. Nothing is printed here."""
+"""Summary of a calibration, as plain values for a table. Nothing is printed here."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
 
 
 def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]) -> None:
-    """Hold the units in the header against the calibration file; see header_units."""
+    """Check the units in the header against the calibration file; see header_units."""
     assert calibration.table is not None
     stated = {
         "unit": calibration.response.unit,

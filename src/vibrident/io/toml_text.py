@@ -1,4 +1,4 @@
-"""Plain values as TOML text, just what a calibration file needs; and text that is not worth parsing as TOML."""
+"""Plain values as TOML text, as a calibration file needs it; refusal of text that is too costly to parse."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from vibrident.errors import InputError
 
 #: Most bytes of a calibration file: ten thousand [[records]] entries. The standard parser takes a second for it.
 MOST_BYTES = 1_000_000
-#: So many keys joined by dots; the parser needs time and memory that grow as the square of their number.
+#: A long chain of dotted keys; the parser's time and memory grow as the square of their number.
 _JOINED = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){32}""")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def refuse_costly(text: str, where: str) -> None:
-    """Refuse text that the parser would spend a long time on, and that is no calibration file.
+    """Refuse text that is too costly to parse and not a calibration file.
 
     Raises:
         InputError: it is too long, or its keys are nested too deeply.
     """
     if len(text) > MOST_BYTES or (joined := _JOINED.search(text)):
         raise InputError(
-            "This is no calibration file.",
+            "This is not a calibration file.",
             expected=f"at most {MOST_BYTES} characters, and keys of one or two levels",
             found=f"{len(text)} characters" if len(text) > MOST_BYTES else f"{joined.group()[:40]!r} and so on",
             where=where,

@@ -1,4 +1,4 @@
-"""The unit of the reference: by contract its scale leads to the SI unit, so a stated unit can only confirm that."""
+"""The unit of the reference: its scale leads to the SI unit, so a stated unit only confirms that."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SPELLINGS = {
     "m/s": {"m/s", "m*s^-1", "ms^-1", "m*s-1", "ms-1"},
     "m": {"m"},
 }
-#: What one of a common file unit is in SI, for the remedy.
+#: Common file units in SI units, for the remedy.
 _IN_SI = {
     "acceleration": {"g": STANDARD_GRAVITY, "gn": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1e3, "mm/s^2": 1e-3,
                      "gal": 1e-2, "mgal": 1e-5, "cm/s^2": 1e-2},
@@ -23,8 +23,8 @@ _PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*"
 def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
     """Return the reference's unit after scaling.
 
-    A drive keeps its own unit. For the other quantities it is the SI unit: ``unit`` may spell it, or, where a scale
-    leads from it to SI, name the unit in the file.
+    A drive keeps its own unit. For the other quantities it is the SI unit: ``unit`` may name it, or, with a scale to
+    SI, the unit in the file.
 
     Raises:
         InputError: ``unit`` belongs to another quantity, or is not SI while the scale is 1.
@@ -50,7 +50,7 @@ def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
 
 
 def quantity_of(unit: str) -> str | None:
-    """Quantity that a unit in a file belongs to; None if it says nothing."""
+    """Quantity of a unit in a file; None if unknown."""
     plain = _plain(unit)
     for quantity, si in REFERENCE_UNITS.items():
         if si in _SPELLINGS and (plain in _SPELLINGS[si] or plain.lower() in _IN_SI[quantity]):
@@ -59,7 +59,7 @@ def quantity_of(unit: str) -> str | None:
 
 
 def si_scale(quantity: str, unit: str) -> float | None:
-    """What one of this unit in a file is in the SI unit of the quantity; None if that is not known."""
+    """A unit of a file in the SI unit of the quantity; None if unknown."""
     plain = _plain(unit)
     if plain in _SPELLINGS.get(REFERENCE_UNITS[quantity], ()):
         return 1.0

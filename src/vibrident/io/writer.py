@@ -24,15 +24,15 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     """Write the calibration into a folder; return the path of its calibration.toml.
 
     A record becomes a CSV file with the columns time_s, reference_<quantity> and response, in physical units; every
-    float is written so that it reads back as itself. A free decay has no reference column. All files appear together,
+    float reads back exactly. A free decay has no reference column. All files appear together,
     calibration.toml last; files of the same names are replaced, others stay.
 
     Args:
-        folder: made where it does not exist.
+        folder: created if it does not exist.
         calibration: records or table; history and hashes are not written, the new files have their own.
 
     Raises:
-        InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot say.
+        InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot represent.
     """
     target = Path(folder)
     partial = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -77,7 +77,7 @@ def _refuse_equal_names(calibration: Calibration) -> None:
         if names.count(name) > 1:
             raise InputError(
                 "Two records have the same name.",
-                expected="a name of its own for each record",
+                expected="a unique name for each record",
                 found=repr(name),
                 where="calibration to be written",
                 remedy="change one of the names",
@@ -96,7 +96,7 @@ def _write_data(folder: Path, calibration: Calibration) -> list[str]:
 
 
 def _file_name(record_name: str, taken: list[str]) -> str:
-    """Return a file name for the record that every system takes and no other record has."""
+    """Return a unique file name for the record, valid on every system."""
     stem = _UNSAFE.sub("_", record_name.removesuffix(".csv")).strip("._") or "record"
     used = {name.casefold() for name in taken}
     candidates = (f"{stem}.csv", *(f"{stem}_{number}.csv" for number in range(2, len(taken) + 3)))
@@ -213,7 +213,7 @@ def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
 
 
 def _common(values: list[float | None], field: str) -> float | None:
-    """Return the value that all records share; the calibration file states one a channel."""
+    """Return the common value of all records; the calibration file states one a channel."""
     distinct = set(values)
     if len(distinct) > 1:
         raise InputError(

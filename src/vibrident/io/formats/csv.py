@@ -19,7 +19,7 @@ from vibrident.io.csv_lines import numbered_rows, row_lines
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
-#: Files of up to so many bytes are read without pandas, which takes longer to load than a score of them to be read.
+#: Files up to this size are read without pandas, whose loading takes longer than reading many of them.
 LIGHT_BYTES = 1 << 20
 #: Bytes of numbers and lines, beside delimiter and decimal sign.
 PLAIN = b"0123456789+-eE\n"
@@ -33,7 +33,7 @@ _NO_VALUE = frozenset(
 
 
 def _better_by_pandas(path: Path) -> bool:
-    """Whether pandas costs less: it is loaded already, or has much to read."""
+    """Whether pandas is faster: it is loaded already, or the file is large."""
     return "pandas" in sys.modules or path.stat().st_size > LIGHT_BYTES
 
 
@@ -47,7 +47,7 @@ class CsvFile(ColumnFile):
 
     @property
     def file(self) -> str:
-        """The file as messages name it."""
+        """Name of the file in messages."""
         return str(self._path)
 
     @property
@@ -61,7 +61,7 @@ class CsvFile(ColumnFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """Every column has its number."""
+        """All columns."""
         return tuple(range(len(self.names)))
 
     @cached_property
@@ -86,7 +86,7 @@ class CsvFile(ColumnFile):
             raise self._text_in(positions, error) from error
         if len(frame) != rows:
             raise InputError(
-                "The rows of the file cannot be told apart.",
+                "The rows of the file cannot be separated.",
                 expected=f"{rows} rows, one a line",
                 found=f"{len(frame)} rows; a quoted cell may hold a line end",
                 where=self.file,
@@ -103,7 +103,7 @@ class CsvFile(ColumnFile):
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
     def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
-        """The columns of a small file of nothing but numbers; None if it takes the parser."""
+        """The columns of a small purely numeric file; None if it needs the parser."""
         if self._numbers is None or self._numbers.size != self._row_lines.size * self._layout.fields:
             return None
         table = self._numbers.reshape(-1, self._layout.fields)
@@ -111,7 +111,7 @@ class CsvFile(ColumnFile):
 
     @cached_property
     def _numbers(self) -> FloatArray | None:
-        """All numbers of the file in a row, where pandas would take longer to load than they take to be read."""
+        """All numbers of the file in a row, without loading pandas."""
         layout = self._layout
         if _better_by_pandas(self._path):
             return None
@@ -123,11 +123,11 @@ class CsvFile(ColumnFile):
         blanks = b" \t" if layout.delimiter == BLANKS else b""
         if data.translate(None, PLAIN + signs + blanks):
             return None
-        # What stands between cells becomes a blank, and no cell holds one: an empty cell shows in the count.
+        # Delimiters become blanks, which no cell contains; an empty cell shows in the count.
         text = data.translate(bytes.maketrans(signs, b" ."))
         try:
             return np.fromstring(text, sep=" ")  # each is the nearest float, as in pandas
-        except (ValueError, DeprecationWarning):  # not a number: the parser says where
+        except (ValueError, DeprecationWarning):  # not a number: the parser locates it
             return None
 
     def _parse(self, positions: list[int]) -> Any:
@@ -135,7 +135,7 @@ class CsvFile(ColumnFile):
 
         layout = self._layout
         # Before 3.1 the default parser may miss the nearest float by one unit in the last place; since then it is
-        # exact, and naming the precision is deprecated.
+        # exact, and the option is deprecated.
         old = tuple(int(part) for part in pandas.__version__.split(".")[:2]) < (3, 1)
         exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
         with self._path.open("rb") as stream:

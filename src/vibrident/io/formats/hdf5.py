@@ -1,7 +1,7 @@
 """HDF5 files: one-dimensional datasets, and the columns of two-dimensional ones.
 
 HDF5 itself follows links into other files, loads filters as plug-ins by their number, and gives a dataset of any length
-from a fill value. A file read here holds its numbers itself, and only as many as it may.
+from a fill value. A file read here must hold its numbers itself, within the limit.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class ArrayColumn:
         return self.array if self.column is None else f"{self.array}:{self.column + 1}"
 
     def of(self, array: Any) -> Any:
-        """Take this column from the array; of an HDF5 dataset, nothing else is read."""
+        """Take this column from the array; nothing else of an HDF5 dataset is read."""
         if self.column is None:
             return array[...]
         return array[self.column, :] if self.transposed else array[:, self.column]
@@ -57,7 +57,7 @@ class ArrayColumn:
 def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
     """Return the columns of an array: samples run along the longer axis.
 
-    Scalars, arrays of three axes and very wide ones have none.
+    Scalars, arrays of three axes and very wide ones give none.
     """
     long_axes = [length for length in shape if length != 1]
     if len(shape) > 2 or len(long_axes) == 0 or min(shape) < 1 or (len(long_axes) == 2 and min(shape) > MOST_COLUMNS):
@@ -69,12 +69,12 @@ def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
 
 
 class ArrayFile(ColumnFile):
-    """A file of named arrays; how an array is read is left to the format."""
+    """A file of named arrays; subclasses read them."""
 
     names_are_paths = True
 
     def __init__(self, path: Path, columns: Sequence[ArrayColumn], refused: dict[str, str]) -> None:
-        """Take the usable columns, and what was refused: name to the reason."""
+        """Take the usable columns, and the refused arrays: name → reason."""
         self._path = path
         self._columns = tuple(columns)
         self._refused = refused
@@ -91,7 +91,7 @@ class ArrayFile(ColumnFile):
 
     @property
     def file(self) -> str:
-        """The file as messages name it."""
+        """Name of the file in messages."""
         return str(self._path)
 
     @property
@@ -101,14 +101,14 @@ class ArrayFile(ColumnFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """The columns of the two-dimensional array, where there is just one; of the array, where it is alone."""
+        """The columns of the only two-dimensional array, or of the only array."""
         tables = {column.array for column in self._columns if column.column is not None}
         if len(tables) == 1:
             return tuple(i for i, column in enumerate(self._columns) if column.column is not None)
         return (0,) if len(self._columns) == 1 else ()
 
     def position_of(self, column: int | str, key: str) -> int:
-        """Return the position of a column; see ColumnFile. Says why an array was refused."""
+        """Return the position of a column; see ColumnFile. The error states why an array was refused."""
         if isinstance(column, str) and self._plain_name(column) in self._refused:
             raise InputError(
                 f"The array {column!r} cannot be used.",
@@ -165,7 +165,7 @@ class Hdf5File(ArrayFile):
         """Read these columns; each has shape (samples,).
 
         Raises:
-            InputError: the file is damaged or needs a filter that is not there.
+            InputError: the file is damaged or needs a missing filter.
         """
         import h5py
 
@@ -202,7 +202,7 @@ class Hdf5File(ArrayFile):
         return self._arrays[name]
 
     def _opened(self) -> Any:
-        """The file, open from the first block on until nobody needs this object."""
+        """The file, kept open from the first block on."""
         import h5py
 
         try:
@@ -214,25 +214,25 @@ class Hdf5File(ArrayFile):
 
 
 def _slice(dataset: Any, start: int, stop: int) -> Any:
-    """Rows of samples, from wherever the long axis is, samples first."""
+    """Rows of samples along the long axis, samples first."""
     if dataset.ndim == 1:
         return dataset[start:stop]
     return dataset[:, start:stop].T if dataset.shape[1] > dataset.shape[0] else dataset[start:stop, :]
 
 
 def _cost(datasets: Sequence[Any]) -> tuple[int, int]:
-    """How many numbers are read of these datasets, a column of each, and how large one is; a chunk is read whole."""
+    """Number and size of the values read for a column of each of these datasets; chunks are read whole."""
     chunk = max((math.prod(dataset.chunks) for dataset in datasets if dataset.chunks), default=0)
     numbers = sum(max(dataset.shape) for dataset in datasets)
     return max(numbers, chunk), max(dataset.dtype.itemsize for dataset in datasets)
 
 
 def _kept_elsewhere(dataset: Any) -> str:
-    """Say why the numbers of a dataset are not in the file itself, or need code that is not; "" where all is well."""
+    """Return why a dataset's numbers are outside the file or need a plug-in; "" if neither."""
     if dataset.external:
         return f"stored in another file, {str(dataset.external[0][0])!r}"
     if dataset.is_virtual:
-        return "put together from other datasets or files (a virtual dataset)"
+        return "assembled from other datasets or files (a virtual dataset)"
     steps = dataset.id.get_create_plist()
     for step in range(steps.get_nfilters()):
         number, _, _, name = steps.get_filter(step)
@@ -242,7 +242,7 @@ def _kept_elsewhere(dataset: Any) -> str:
 
 
 def _reason_against(dataset: Any) -> str:
-    """Return why a dataset cannot be a column; "" where it can."""
+    """Return why a dataset cannot be a column; "" if it can."""
     matlab = dataset.attrs.get("MATLAB_class", b"")
     kind = matlab.decode("ascii", "replace") if isinstance(matlab, bytes) else str(matlab)
     if kind in {"cell", "char", "function_handle", "string"} or "MATLAB_object_decode" in dataset.attrs:

@@ -25,7 +25,7 @@ def open_matlab_file(path: Path) -> ColumnFile:
     """Open a MATLAB file of any version.
 
     Raises:
-        InputError: the file is no MATLAB file, or holds no plain numeric array.
+        InputError: the file is not a MATLAB file, or holds no plain numeric array.
     """
     import h5py
 
@@ -39,7 +39,7 @@ class MatlabFile(ArrayFile):
         """List the variables.
 
         Raises:
-            InputError: the file is no MATLAB file, or holds no plain numeric array.
+            InputError: the file is not a MATLAB file, or holds no plain numeric array.
         """
         import scipy.io
 

@@ -1,7 +1,7 @@
 """MDF files (ASAM), version 4 and before: channels of all groups, with the rate of their group's time stamps.
 
-A channel's conversion may be a formula in text, which asammdf would evaluate as code. So a conversion must be one of a
-few that are arithmetic with numbers of the file, and that is looked at before any value is read.
+A channel's conversion may be a formula in text, which asammdf would evaluate as code. So only arithmetic conversions
+are allowed, checked before any value is read.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vibrident.io.allowance import require_room
 from vibrident.io.channels import Channel, ChannelFile, real_numbers
 from vibrident.io.clocks import clock_from_times
 from vibrident.io.columns import Clock, unreadable
-from vibrident.io.extra import let_go, library
+from vibrident.io.extra import drop_failed, library
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -30,13 +30,13 @@ _FORMULA = {4: 3, 3: 10}
 
 
 class MdfFile(ChannelFile):
-    """An MDF file; values are converted as the file says, and samples that it declares invalid are no numbers."""
+    """An MDF file; values are converted as the file says, and samples that it declares invalid become NaN."""
 
     def __init__(self, path: Path) -> None:
         """List the channels.
 
         Raises:
-            InputError: asammdf is not installed, or the file is no MDF file.
+            InputError: asammdf is not installed, or the file is not an MDF file.
         """
         self._path = path
         self._mdf = library("asammdf", "mdf", path).MDF
@@ -53,7 +53,7 @@ class MdfFile(ChannelFile):
         except InputError:
             raise
         except Exception as error:  # damaged files raise anything, from struct.error to MdfException
-            let_go(error)
+            drop_failed(error)
             raise unreadable(str(path), error, _EXPECTED) from error
         super().__init__(path, channels, refused)
 
@@ -71,7 +71,7 @@ class MdfFile(ChannelFile):
             except InputError:
                 raise
             except Exception as error:
-                let_go(error)
+                drop_failed(error)
                 raise unreadable(self.file, error, _EXPECTED) from error
             self._clocks[group] = clock_from_times(times_s, lambda row: f"time stamp of {self.locate(position, row)}")
         return self._clocks[group]
@@ -90,12 +90,12 @@ class MdfFile(ChannelFile):
         except InputError:
             raise
         except Exception as error:
-            let_go(error)
+            drop_failed(error)
             raise unreadable(self.file, error, _EXPECTED) from error
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        """The file, its time stamps known to be arithmetic; logged bus traffic, whose data bases are code, is left."""
+        """The file, its time stamps checked; logged bus traffic, whose databases are code, is ignored."""
         with self._path.open("rb") as stream, self._mdf(stream, process_bus_logging=False) as file:
             _refuse_formulas_of_time(file, self.file)
             yield file
@@ -132,7 +132,7 @@ def _generation(file: Any) -> int:
 
 
 def _reason_against_conversion(conversion: Any, generation: int) -> str:
-    """Return why a channel's conversion is not done; "" where it is arithmetic, or there is none."""
+    """Return why a channel's conversion is refused; "" if it is arithmetic or absent."""
     kind = 0 if conversion is None else int(conversion.conversion_type)
     if kind in _ARITHMETIC[generation] and not getattr(conversion, "referenced_blocks", None):
         return ""
@@ -143,7 +143,7 @@ def _refuse_formulas_of_time(file: Any, where: str) -> None:
     """Time stamps are read with every channel, so theirs must be arithmetic in every group.
 
     Raises:
-        InputError: they are not.
+        InputError: a conversion is not arithmetic.
     """
     for group, index in file.masters_db.items():
         channel = file.groups[group].channels[index]
@@ -158,12 +158,12 @@ def _refuse_formulas_of_time(file: Any, where: str) -> None:
 
 
 def _signal(file: Any, group: int, index: int) -> FloatArray:
-    """Samples that the file declares invalid become no numbers; asammdf would leave them out, and shift the rest."""
+    """Samples that the file declares invalid become NaN; asammdf would leave them out and shift the rest."""
     content = file.groups[group]
     if content.channel_dependencies[index] or _reason_against_conversion(
         content.channels[index].conversion, _generation(file)
     ):
-        raise ValueError("another file than was opened")
+        raise ValueError("the file has changed since it was opened")
     signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
     values = real_numbers(signal.samples)
     stated = file.groups[group].channel_group.cycles_nr

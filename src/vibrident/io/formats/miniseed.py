@@ -19,7 +19,7 @@ from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _MINISEED = "a miniSEED file of channels without gaps"
-#: A record may begin this far from where the one before it ends, in sampling intervals.
+#: Largest gap between consecutive records, in sampling intervals.
 _SEAM = 0.5
 
 
@@ -30,7 +30,7 @@ class MiniSeedFile(ChannelFile):
         """List the channels.
 
         Raises:
-            InputError: obspy is not installed, or the file is no miniSEED.
+            InputError: obspy is not installed, or the file is not miniSEED.
         """
         self._obspy = library("obspy", "seismic", path)
         traces: dict[str, list[Any]] = {}
@@ -68,7 +68,7 @@ class MiniSeedFile(ChannelFile):
             raise unreadable(self.file, error, _MINISEED) from error
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
-        """Traces in the order of the file; what obspy warns of is damage."""
+        """Traces in the order of the file; obspy's warnings mean damage."""
         with path.open("rb") as stream, warnings.catch_warnings():  # a name would be globbed, fetched or unpacked
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -76,7 +76,7 @@ class MiniSeedFile(ChannelFile):
 
 
 def _gap(parts: Sequence[Any]) -> str:
-    """Return why the parts of a channel make no record; "" where each goes on where the one before it ends."""
+    """Return why the parts of a channel are not one record; "" if they are contiguous."""
     rate_hz = parts[0].stats.sampling_rate
     if rate_hz <= 0:
         return "without a sampling rate"

@@ -21,13 +21,13 @@ _RATE_KEY = b"sampling_rate_hz"
 
 
 class ParquetFile(ChannelFile):
-    """A Parquet file. Only the columns that are needed are read; a missing value is no number."""
+    """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
     def __init__(self, path: Path) -> None:
         """List the columns.
 
         Raises:
-            InputError: pyarrow is not installed, the file is no Parquet, or its sampling rate is no number above 0.
+            InputError: pyarrow is not installed, the file is not Parquet, or its sampling rate is not a number above 0.
         """
         self._parquet = library("pyarrow.parquet", "parquet", path)
         types = library("pyarrow.types", "parquet", path)
@@ -90,7 +90,7 @@ def _clock(text: bytes | None, where: str) -> Clock | None:
         rate_hz = math.nan
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(
-            "The sampling rate in the file's metadata is no rate.",
+            "The sampling rate in the file's metadata cannot be used.",
             expected=f"{_RATE_KEY.decode()} to be a finite number above 0",
             found=repr(text.decode("utf-8", "replace")),
             where=where,

@@ -28,7 +28,7 @@ class SacFile(ChannelFile):
         """Read the header.
 
         Raises:
-            InputError: obspy is not installed, or the file is no SAC file of an evenly sampled time series.
+            InputError: obspy is not installed, or the file is not an evenly sampled SAC file.
         """
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
         try:

@@ -29,7 +29,7 @@ class TdmsFile(ChannelFile):
         """List the channels.
 
         Raises:
-            InputError: npTDMS is not installed, or the file is no whole TDMS file.
+            InputError: npTDMS is not installed, or the file is not a whole TDMS file.
         """
         self._nptdms = library("nptdms", "tdms", path)
         channels: list[Channel] = []

@@ -84,13 +84,13 @@ class UffFile(ChannelFile):
             raise unreadable(self.file, error, _EXPECTED) from error
 
     def _refuse_more_than_there_is(self, header: dict[str, Any]) -> None:
-        """Pyuff makes as many abscissas as the header states, whatever the file holds."""
+        """Refuse a false length: pyuff makes as many abscissas as the header states."""
         stated, held = int(header["num_pts"]), self._path.stat().st_size
         if not 0 < stated <= held:
             raise ValueError(f"{stated} values in a file of {held} bytes")
 
     def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
-        """From the interval; where each sample has its abscissa, and a file with even ones may, from these."""
+        """From the abscissas, if each sample has one; else from the interval."""
         if header["abscissa_spacing"] == 1:
             interval_s = float(header["abscissa_inc"])
             return plainest_clock(interval_s, _half_unit(interval_s), round(header["abscissa_min"] * 1e9))
@@ -123,7 +123,7 @@ def _name(header: dict[str, Any], *, repeated: bool) -> str:
 
 
 def _half_unit(interval_s: float) -> float:
-    """Half a unit of the last place that the file can have kept of an interval, s."""
+    """Half a unit of the last place of an interval in the file, s."""
     stated = Decimal(repr(interval_s))
     digits = max(len(stated.normalize().as_tuple().digits), _LEAST_DIGITS)
     return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)

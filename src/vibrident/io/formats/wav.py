@@ -13,7 +13,7 @@ from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a WAV file of PCM or floating-point samples"
-#: What libsndfile calls them; a name may end in .wav and hold MP3, and coded speech is no measured signal.
+#: libsndfile's names. A .wav file may hold MP3 or coded speech, which are not measured signals.
 _CONTAINERS = ("WAV", "WAVEX", "RF64", "W64")
 _SAMPLES = ("PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
 
@@ -25,13 +25,13 @@ class WavFile(ColumnFile):
         """Read the header.
 
         Raises:
-            InputError: the file is no WAV file.
+            InputError: the file is not a WAV file.
         """
         import soundfile
 
         self._path = path
         try:
-            path.open("rb").close()  # the system's own reason is clearer than libsndfile's
+            path.open("rb").close()  # the system's error is clearer than libsndfile's
             header = soundfile.info(str(path))
             if header.format not in _CONTAINERS or header.subtype not in _SAMPLES:
                 raise ValueError(f"{header.format} with samples of type {header.subtype}")
@@ -43,7 +43,7 @@ class WavFile(ColumnFile):
 
     @property
     def file(self) -> str:
-        """The file as messages name it."""
+        """Name of the file in messages."""
         return str(self._path)
 
     @property
@@ -53,7 +53,7 @@ class WavFile(ColumnFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """Every channel has its number."""
+        """All channels."""
         return tuple(range(self._channels))
 
     def clock(self, position: int) -> Clock:
