@@ -59,7 +59,7 @@ class CompareStep:
             for _, figure, height in shown["charts"]:
                 frame.Chart(figure, height)
             for title, table in shown["tables"]:
-                ui.html(f'<h3>{html(title)}</h3><div class="scroll">{table}</div>', sanitize=False)
+                ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with ui.element("div").classes("actions"):
                 ui.button("Comparison (HTML)", on_click=lambda: self._report("html")).props("outline")
                 ui.button("Comparison (PDF)", on_click=lambda: self._report("pdf")).props("outline")

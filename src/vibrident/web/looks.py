@@ -110,13 +110,12 @@ def facts(path: Path) -> tuple[str, str]:
 def outcome(path: Path) -> dict[str, Any]:
     """The view of a result: verdict, numbers and warnings as HTML, charts as JSON."""
     result = Result.load(path)
-    verdict = document.verdict(result)
     drawn = [make(result) for make in (figures.sensitivity, figures.deviation, figures.training)]
     named = [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
     shown, left = _fitting(named, MOST_BYTES)
     signals, left = _fitting(_charts(figures.signals(result)), left)
     return {
-        "verdict": ["verdict" if verdict.kind == "fine" else "doubt", verdict.lead.rstrip(";"), verdict.text],
+        "verdict": html.fragment(document.verdict(result)),
         "parameters": html.fragment(tables.parameters(result)),
         "warnings": html.fragment(*document.doubts(result)),
         "charts": shown,

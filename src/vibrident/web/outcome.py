@@ -168,11 +168,9 @@ async def give(user: User, errors: ui.element, name: str, function: Any, *args: 
 
 def _verdict(shown: dict[str, Any]) -> None:
     """The pieces of HTML come from ``looks``, where untrusted text was escaped."""
-    kind, verdict, doubts = (html(part) for part in shown["verdict"])
-    ui.html(f'<p class="{kind}"><b>{verdict}</b>; {doubts}.</p>', sanitize=False)
-    ui.html(f'<div class="scroll">{shown["parameters"]}</div>', sanitize=False)
-    if shown["warnings"]:
-        ui.html(shown["warnings"], sanitize=False)
+    for part in ("verdict", "parameters", "warnings"):
+        if shown[part]:
+            ui.html(shown[part], sanitize=False)
 
 
 def _curves(shown: dict[str, Any]) -> None:
