@@ -12,6 +12,7 @@ import subprocess
 import zipfile
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -243,3 +244,12 @@ def test_files_of_records_stay_in_their_folder_and_every_system_takes_them():
     for name in names:
         assert re.fullmatch(r"[\w+][\w.+-]{0,150}\.csv", name)
         assert not re.match(r"(con|prn|aux|nul|com\d|lpt\d)\.", name, re.IGNORECASE)
+
+
+def test_only_renderers_escape_what_is_shown():
+    """A view model holds text as it is: escaped once, where its medium is known."""
+    folder = Path(html.__file__).parent
+    escaping_ones = {
+        path.stem for path in folder.glob("*.py") if "vibrident.escaping" in path.read_text(encoding="utf-8")
+    }
+    assert escaping_ones == {"charts", "html", "markdown", "page", "pdf", "terminal"}

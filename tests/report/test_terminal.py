@@ -6,6 +6,7 @@ from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only
 
 from vibrident import terminal
 from vibrident.present import words
+from vibrident.present.methods import planned
 
 
 def printed(renderable, width=100):
@@ -114,3 +115,17 @@ def test_inspection_table_of_many_columns_fits():
     text = printed(terminal.inspection_table(rows), 80)
     for word in ("9.9345", "yes", "drift", "shaker_04.csv", "12.589", "excitation sine", "rate 51200 Hz"):
         assert word in text
+
+
+def test_a_plan_states_u_to_two_digits_and_values_to_its_place():
+    from vibrident.planning import Recording, plan
+
+    sensor = {"sensitivity": 0.1, "natural_frequency": 652.0, "damping_ratio": 0.18}
+    frequencies = [20.0, 80.0, 200.0, 400.0, 650.0, 900.0]
+    recording = Recording(12800.0, 4000, response_noise=0.01)
+    table = planned(plan("accelerometer", sensor, frequencies_hz=frequencies, recording=recording))
+    text = printed(terminal.shown(table), 80)
+    for name, value, u, *_ in table.rows:
+        assert len(u.replace(".", "").lstrip("0")) == 2, name
+        assert len(value.partition(".")[2]) == len(u.partition(".")[2]), name
+        assert f"{value}" in text
