@@ -21,8 +21,10 @@ from bench.damaged_bombs import GROUPS, write_bomb
 from bench.damaged_files import DAMAGES, ROOT, WRITERS, whole_files, whole_result, write_damaged
 
 FILES = (*WRITERS, "c.toml", "result.json")
-#: Of a case in the long-lived process, and of a command.
-SECONDS, COMMAND_SECONDS = 20, 150
+#: Time limit of a case in the long-lived process.
+SECONDS = 20
+#: Time limit of a command.
+COMMAND_SECONDS = 150
 MEMORY_BYTES = 1_000_000_000
 _ROOM_BYTES = 2_500_000_000
 _COMMAND = "from vibrident.cli import main; main()"

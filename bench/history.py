@@ -21,8 +21,10 @@ DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
 BEGIN, END = "<!-- study:begin -->", "<!-- study:end -->"
 LIVES = 500
 WIDTH = "width"
-#: Relative standard uncertainty of a calibration's noise, and of the reference that calibrations share.
-NOISE, REFERENCE = 0.002, 0.005
+#: Relative standard uncertainty of a calibration's noise.
+NOISE = 0.002
+#: Relative standard uncertainty of the shared reference.
+REFERENCE = 0.005
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,10 @@ from vibrident import Calibration, identify
 from vibrident.estimators import MaximumLikelihood
 from vibrident.problem import Evidence
 
-#: fit_som takes a second or more for a draw, so they are fewer than elsewhere.
-MOST_DRAWS, QUICK_DRAWS = 60, 3
+#: Most draws: fit_som takes a second or more for each.
+MOST_DRAWS = 60
+#: Draws of a quick run.
+QUICK_DRAWS = 3
 FASTER = 20.0
 #: Its weights, and what the table calls them.
 WEIGHTINGS = {"": "equal weights (its default)", "cov": "weighted"}

@@ -14,8 +14,10 @@ from vibrident.escaping import terminal
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: Most columns of a table that goes into a file or a pipe, and least of any: better a broken line than a cut number.
-WIDTH_IN_A_FILE, LEAST_WIDTH = 120, 80
+#: Columns of a table in a file or a pipe.
+WIDTH_IN_A_FILE = 120
+#: Least columns of a table: a broken line is better than a cut number.
+LEAST_WIDTH = 80
 
 
 def forgiving_streams() -> None:

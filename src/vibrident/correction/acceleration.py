@@ -47,8 +47,10 @@ from vibrident.sensor import IdentifiedSensor
 LOOKS = 2
 #: Window over which the highest octave's power is averaged, in periods of the band's upper edge.
 LOCAL_PERIODS = 2.0
-#: A shock's top is above this part of its peak, and bands for it are tried down to this many octaves narrower.
-CORE, NARROWER = 0.5, 3.0
+#: A shock's top is above this part of its peak.
+CORE = 0.5
+#: Bands for the top are tried down to this many octaves narrower.
+NARROWER = 3.0
 #: Warnings of the result that concern every corrected sample; its settings state what its uncertainties cover.
 INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")

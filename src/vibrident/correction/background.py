@@ -16,8 +16,10 @@ from vibrident.correction.quiet import Surroundings
 from vibrident.measure.quality import Finding
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: A record is examined in so many parts of at least so many samples.
-PARTS, FEWEST = 16, 16
+#: Parts in which a record is examined.
+PARTS = 16
+#: Fewest samples of a part.
+FEWEST = 16
 #: Number of them from the end.
 LAST_PARTS = 2
 #: A part is at rest if the response's standard deviation about a line is below this part of its largest deviation.
@@ -26,8 +28,10 @@ STILL = 0.05
 BEYOND = 6.0
 #: A mean is a shift if it is this part of the mean square.
 SHIFTED = 0.5
-#: Motion is cut off if the last swing exceeds this part of the largest deviation and so many times the noise.
-CUT_OFF, ABOVE_NOISE = 0.01, 5.0
+#: Motion is cut off if the last swing is above this part of the largest deviation.
+CUT_OFF = 0.01
+#: It must also exceed this multiple of the noise.
+ABOVE_NOISE = 5.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,11 +26,18 @@ from vibrident.sensor import IdentifiedSensor
 BINS = 12
 #: A bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean.
 HEARD = 6.0
-#: Least power by which the envelope of |A|² falls (a pulse with steps), and most; how many octaves below the last bin
-#: heard, with how many bins heard in them, show it.
-LEAST_SLOPE, STEEPEST, SHOWN_OCTAVES, FEWEST_SHOWN = 2.0, 200.0, 1.5, 6
-#: Of half the sampling rate, and of the first zero of an averaging window: where the low-pass must have ended.
-LAST_OF_HALF, LAST_OF_ZERO = 0.98, 0.9
+#: Least exponent of the falling envelope of |A|² (a pulse with steps).
+LEAST_SLOPE = 2.0
+#: Largest exponent.
+STEEPEST = 200.0
+#: Octaves below the last bin with motion that determine the exponent.
+SHOWN_OCTAVES = 1.5
+#: Fewest bins with motion in them.
+FEWEST_SHOWN = 6
+#: End of the low-pass over half the sampling rate, at most.
+LAST_OF_HALF = 0.98
+#: End of the low-pass over the first zero of an averaging window, at most.
+LAST_OF_ZERO = 0.9
 #: Fewest periods of the lower edge, and of the upper, in a record.
 PERIODS = 4.0
 

@@ -26,8 +26,10 @@ from vibrident.models.slopes import ComplexArray
 from vibrident.records import FloatArray
 from vibrident.sensor import IdentifiedSensor
 
-#: Length of the filter's kernel on either side, in periods of the narrowest slope of L; decay of 1/H's own poles.
-KERNEL_PERIODS, DECAY = 8.0, 8.0
+#: Length of the filter's kernel on either side, in periods of the narrowest slope of L.
+KERNEL_PERIODS = 8.0
+#: Time constants of 1/H's poles that the kernel covers.
+DECAY = 8.0
 #: Instants near an end at which the error of the continuation is computed; between them it is interpolated.
 EDGE_POINTS = 48
 #: Reach of the noise's autocovariance, samples on either side.

@@ -16,13 +16,20 @@ from vibrident.records import FloatArray, Record
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
 #: which could be taken for rest.
 BEGINS_AT_REST = ("shock", "decay")
-#: A record begins (ends) at rest if its first (last) samples, this share of them and at least so many, have a standard
-#: deviation below this part of the record's largest deviation from their level.
-REST_SHARE, FEWEST_REST, STILL = 0.02, 32, 0.02
-#: Rest lasts until the response leaves the level by so many standard deviations; this part of it is used.
-LEAVES, USED = 6.0, 0.9
-#: A rest is examined in so many parts; the last may differ from the others by so many of their standard deviations.
-PARTS, DEPARTS = 8, 4.0
+#: Part of a record, at its beginning or end, that is tested for rest.
+REST_SHARE = 0.02
+#: Fewest samples of that part.
+FEWEST_REST = 32
+#: It is at rest if its standard deviation is below this part of the largest deviation from its level.
+STILL = 0.02
+#: Rest lasts until the response leaves the level by this many standard deviations.
+LEAVES = 6.0
+#: Part of the rest that is used.
+USED = 0.9
+#: Parts in which a rest is examined.
+PARTS = 8
+#: The last part may differ from the others by this many of their standard deviations.
+DEPARTS = 4.0
 #: Least samples at rest from which a spectrum of the noise is taken.
 FEWEST_FOR_SPECTRUM = 128
 #: Eighths of the rest, half overlapping, are worth so many independent averages (Welch 1967, Hann).

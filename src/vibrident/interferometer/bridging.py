@@ -11,8 +11,10 @@ from vibrident.interferometer.setting import FloatArray, Signals
 #: Samples on either side, in gaps' lengths and at least and at most; degrees of the polynomial through both sides.
 LENGTHS, FEWEST, MOST = (1, 4), 24, 1 << 14
 DEGREES = (3, 5, 7, 9)
-#: The step must be a whole number of turns to this part of one, and known to this part.
-WHOLE, KNOWN = 0.12, 0.08
+#: Largest distance of the step from a whole number of turns, turns.
+WHOLE = 0.12
+#: Largest uncertainty of the step, turns.
+KNOWN = 0.08
 #: Largest rms of the residual over the noise.
 NOISE = 2.0
 

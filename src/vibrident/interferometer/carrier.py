@@ -14,11 +14,18 @@ from vibrident.errors import InputError
 from vibrident.interferometer.decimation import HALF, PASS, Decimator, decimated_length, taps
 from vibrident.interferometer.setting import FloatArray, Signals
 
-#: Pieces of the signal that are looked at, and their lengths; what belongs to the carrier stands above this part of the
-#: largest line and so many times the floor.
-PIECES, PIECE, PART, FLOOR = 48, 8192, 1e-4, 30.0
-#: Band kept, over what the carrier's band is wide, and part of the room beside the carrier that may be used.
-MARGIN, ROOM = 1.6, 0.8
+#: Pieces of the signal in which the carrier is searched.
+PIECES = 48
+#: Samples of a piece.
+PIECE = 8192
+#: The carrier's band is above this part of the largest line.
+PART = 1e-4
+#: It is also above this multiple of the floor.
+FLOOR = 30.0
+#: Band kept over the width of the carrier's band.
+MARGIN = 1.6
+#: Usable part of the room beside the carrier.
+ROOM = 0.8
 #: Samples mixed down at once.
 PART_LENGTH = 1 << 13
 

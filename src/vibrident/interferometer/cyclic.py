@@ -17,8 +17,17 @@ from vibrident.interferometer.phase import Path, unwrapped
 from vibrident.interferometer.setting import FloatArray, Held, Signals
 
 ORDERS = (1, 2, 4)
-#: Pieces, their shortest and longest length, fringes of each, and the degree of the polynomial.
-PIECES, SHORTEST, LONGEST, FRINGES, DEGREE = 64, 256, 1 << 15, 5.0, 11
+#: Most pieces of a record.
+PIECES = 64
+#: Shortest piece, samples.
+SHORTEST = 256
+#: Longest piece, samples.
+LONGEST = 1 << 15
+#: Fringes of a piece.
+FRINGES = 5.0
+#: Degree of the polynomial.
+DEGREE = 11
+#: Fewest pieces.
 FEWEST = 16
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
 _OF_ELLIPSE = np.zeros((6, 5))

@@ -15,8 +15,12 @@ from scipy import signal
 
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
-#: Edges of pass band and stop band over the new rate, and the attenuation, dB.
-PASS, STOP, ATTENUATION_DB = 0.4, 0.6, 130.0
+#: Edge of the pass band over the new rate.
+PASS = 0.4
+#: Edge of the stop band over the new rate.
+STOP = 0.6
+#: Attenuation of the stop band, dB.
+ATTENUATION_DB = 130.0
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
 #: Positions between two samples at which the interpolation filter is tabulated; linear between them.

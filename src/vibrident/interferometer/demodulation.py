@@ -21,12 +21,16 @@ from vibrident.interferometer.slow import without_slow_motion
 from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.interferometer.survey import Survey
 
-#: Largest part of a record that may be left out; most gaps that are examined one by one.
-MOST_LEFT_OUT, MOST_GAPS = 0.5, 400
+#: Largest part of a record that may be left out.
+MOST_LEFT_OUT = 0.5
+#: Most gaps that are examined one by one.
+MOST_GAPS = 400
 #: A piece of a sine record joins the longest one if the step is a whole number of turns within this part.
 WHOLE = 0.12
-#: Samples of the excerpt, and of the points kept for pictures.
-EXCERPT, POINTS = 2000, 4000
+#: Samples of the excerpt.
+EXCERPT = 2000
+#: Points kept for pictures.
+POINTS = 4000
 #: Rounds of the fits of carrier and sine.
 CARRIER_ROUNDS = 4
 #: If the phase jumps and elsewhere changes by more than this between samples, turns are missed there too.

@@ -24,10 +24,14 @@ from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray
 from vibrident.interferometer.survey import SHAPE
 
-#: Bands of motion that is not a sine; most samples looked at.
-BANDS, MOST = 16, 1 << 18
-#: Most patterns that are kept, the largest ones; a pattern below this part of the noise of its points is dropped.
-MOST_PATTERNS, NEGLIGIBLE = 24, 0.05
+#: Bands of motion that is not a sine.
+BANDS = 16
+#: Most samples used.
+MOST = 1 << 18
+#: Most patterns that are kept, the largest ones.
+MOST_PATTERNS = 24
+#: A pattern below this part of the noise of its points is dropped.
+NEGLIGIBLE = 0.05
 #: A harmonic of the cyclic error is significant below this probability.
 CHANCE = 1e-4
 SOURCE = "ellipse of the interferometer"

@@ -9,8 +9,12 @@ from scipy import fft
 
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
-#: Samples of a piece, bands, and the median of an exponential distribution over its mean.
-PIECE, BANDS, MEDIAN = 4096, 12, float(np.log(2.0))
+#: Samples of a piece.
+PIECE = 4096
+#: Bands of the spectrum.
+BANDS = 12
+#: Median of an exponential distribution over its mean.
+MEDIAN = float(np.log(2.0))
 
 
 def displacement_noise(values: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:

@@ -16,12 +16,16 @@ from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK, TOO_LARGE, lost_radius
 
-#: Most change of phase from sample to sample, rad, and most change of that: beyond, a turn may have been missed.
-FASTEST, ROUGHEST = 2.8, 2.5
+#: Largest change of phase from sample to sample, rad; beyond, a turn may be missed.
+FASTEST = 2.8
+#: Largest change of that change, rad.
+ROUGHEST = 2.5
 #: Samples left out on either side of a lost one.
 GUARD = 3
-#: Counting fringes needs samples that are closer than this, rad, and a signal beyond this part of its amplitude.
-CLOSE, BEYOND = 1.0, 0.5
+#: Largest distance of samples in which fringes are counted, rad.
+CLOSE = 1.0
+#: Part of its amplitude that a signal must exceed to be counted.
+BEYOND = 0.5
 #: Most samples in which fringes are counted.
 MOST_COUNTED = 1 << 21
 TURN = 2.0 * np.pi

@@ -9,10 +9,16 @@ from vibrident.interferometer.phase import Path, unwrapped
 from vibrident.interferometer.setting import Held, Signals
 from vibrident.interferometer.sine import peak
 
-#: Samples looked at, and means of them that are made.
-PIECE, MEANS = 1 << 20, 1 << 14
-#: Samples of a spectrum, lines that are averaged, and times the floor that motion stands above it.
-LINES, SMOOTH, ABOVE = 1 << 14, 5, 6.0
+#: Samples used.
+PIECE = 1 << 20
+#: Means made from them.
+MEANS = 1 << 14
+#: Samples of a spectrum.
+LINES = 1 << 14
+#: Lines that are averaged.
+SMOOTH = 5
+#: Motion is above this multiple of the floor.
+ABOVE = 6.0
 
 
 def rough_frequency(signals: Signals, choice: Choice) -> float:

@@ -9,8 +9,12 @@ from scipy import fft
 
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
-#: Most samples that the fit looks at, Gauss–Newton steps of the frequency, and the least periods.
-MOST, ITERATIONS, FEWEST_PERIODS = 1 << 16, 12, 0.9
+#: Most samples of the fit.
+MOST = 1 << 16
+#: Gauss–Newton steps of the frequency.
+ITERATIONS = 12
+#: Fewest periods.
+FEWEST_PERIODS = 0.9
 #: An approximate frequency is right within this factor.
 NEAR = 1.3
 

@@ -12,8 +12,10 @@ from scipy import fft
 from vibrident.interferometer.setting import BoolArray, FloatArray
 from vibrident.interferometer.sine import Sine, fit_sine
 
-#: Part of the sine's frequency below which motion is slow; rounds.
-SLOW, ROUNDS = 1.0 / 3.0, 4
+#: Part of the sine's frequency below which motion is slow.
+SLOW = 1.0 / 3.0
+#: Rounds of the joint fit.
+ROUNDS = 4
 
 
 def without_slow_motion(

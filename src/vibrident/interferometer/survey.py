@@ -13,12 +13,18 @@ from vibrident.interferometer import moments
 from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 
-#: Samples for the first guess and for pictures: so many stretches of so many samples, spread over the record.
-STRETCHES, STRETCH = 64, 1024
-#: Samples in a block, and most samples for the fit of an ellipse; of longer records, pieces.
-BLOCK, MOST = 1 << 17, 1 << 22
-#: Blocks of a record at least, and samples of each at least, so that their scatter tells.
-FEWEST_BLOCKS, LEAST_BLOCK = 64, 64
+#: Pieces of the record for the first guess and for pictures.
+STRETCHES = 64
+#: Samples of a piece.
+STRETCH = 1024
+#: Samples in a block.
+BLOCK = 1 << 17
+#: Most samples for the fit of an ellipse; of longer records, pieces.
+MOST = 1 << 22
+#: Fewest blocks of a record that determine their scatter.
+FEWEST_BLOCKS = 64
+#: Fewest samples of a block.
+LEAST_BLOCK = 64
 #: A sample is lost below this radius, over the amplitude, or below so many standard deviations of the noise …
 LOST, LOST_SIGMA, MOST_LOST = 0.3, 6.0, 0.6
 #: … and above this one.
@@ -27,11 +33,16 @@ TOO_LARGE = 2.0
 PARTS = 32
 #: Blocks with a lost sample are left out where this part of all is without.
 LEAST_WHOLE = 0.5
-#: Pieces of time of an ellipse that may change; an ellipse of a piece is known to this part of its amplitude; a change
-#: is believed below this chance.
-PIECES, KNOWN, CHANCE = 16, 0.05, 1e-5
-#: The amplitude fades if its variance between blocks is this many times that of noise; fewest blocks to tell.
-FADES, FEWEST_TO_FADE = 8.0, 12
+#: Pieces of time of an ellipse that may change.
+PIECES = 16
+#: Largest uncertainty of a piece's ellipse over its amplitude.
+KNOWN = 0.05
+#: Probability below which a change is significant.
+CHANCE = 1e-5
+#: The amplitude fades if its variance between blocks is this many times that of noise.
+FADES = 8.0
+#: Fewest blocks to detect fading.
+FEWEST_TO_FADE = 12
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from vibrident import memory
 from vibrident.errors import InputError
 from vibrident.io.columns import unreadable
 
-#: Most columns of a file, and most characters of a line of text.
+#: Most columns of a file.
 MOST_COLUMNS = 10_000
+#: Most characters of a line of text.
 LONGEST_LINE = 1 << 18
 _NUMBER_BYTES = 8
 

@@ -15,10 +15,14 @@ from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
 from vibrident.records import Calibration
 
-#: Most memory of a reading process: for the libraries, and a multiple of the numbers' limit.
-_LIBRARIES_BYTES, _COPIES = 600_000_000, 2
-#: Time limit of such a process: for the libraries, and for each byte.
-_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
+#: Memory of a reading process for its libraries.
+_LIBRARIES_BYTES = 600_000_000
+#: Further memory, as a multiple of the numbers' limit.
+_COPIES = 2
+#: Time limit of a reading process.
+_SECONDS = 30.0
+#: Further time for each byte.
+_SECONDS_PER_BYTE = 1e-6
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:

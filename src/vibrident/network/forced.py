@@ -31,8 +31,10 @@ from vibrident.network.unroll import (
     start_states,
 )
 
-#: Newton steps at most, and the change of the states, relative to the largest, that ends them.
-MOST_STEPS, SETTLED = 20, 1e-12
+#: Most Newton steps.
+MOST_STEPS = 20
+#: Relative change of the states that ends them.
+SETTLED = 1e-12
 
 Force = Callable[[Any], Any]
 

@@ -20,13 +20,22 @@ from vibrident.paper.dataset import SENSOR, Dataset, prepared
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.simulation import ChannelNoise, Sensor, simulate
 
-#: (mm/s)/V of the vibrometer (OFV-552 with its controller), as the paper states it; V of full scale; bits.
-VIBROMETER, FULL_SCALE_V, BITS = 0.050, 10.0, 24
-#: Assumed, because the paper does not state them: noise of the velocity, (m/s)/√Hz; of the sensor's channel, V rms;
-#: delay
-#: of the vibrometer behind the sensor's channel, s; shaker's own vibration below the sine, dB, and its band.
-VELOCITY_NOISE, RESPONSE_NOISE_V, VIBROMETER_DELAY_S = 1e-7, 1e-4, 5e-6
-SHAKER_DB, SHAKER_BAND_HZ = 40.0, (5.0, 4000.0)
+#: Scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it.
+VIBROMETER = 0.050
+#: Full scale of the converter, V.
+FULL_SCALE_V = 10.0
+#: Bits of the converter.
+BITS = 24
+#: Noise of the velocity, (m/s)/√Hz. This and the next four are assumed, because the paper does not state them.
+VELOCITY_NOISE = 1e-7
+#: Noise of the sensor's channel, V rms.
+RESPONSE_NOISE_V = 1e-4
+#: Delay of the vibrometer behind the sensor's channel, s.
+VIBROMETER_DELAY_S = 5e-6
+#: Shaker's own vibration below the sine, dB.
+SHAKER_DB = 40.0
+#: Band of that vibration, Hz.
+SHAKER_BAND_HZ = (5.0, 4000.0)
 #: The vibrometer is later than the response, so the response's delay relative to it is negative.
 MSV_3000 = Sensor(
     "msv3000",
@@ -34,8 +43,12 @@ MSV_3000 = Sensor(
     "accelerometer+delay",
     {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S},
 )
-#: Half length in samples and upper edge of the filter that makes acceleration of velocity.
-_HALF, _EDGE_HZ, _KAISER = 80, 5000.0, 9.0
+#: Half length of the filter from velocity to acceleration, samples.
+_HALF = 80
+#: Its upper edge, Hz.
+_EDGE_HZ = 5000.0
+#: Its Kaiser parameter β.
+_KAISER = 9.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,10 @@ from vibrident.paper.settings import Settings, Stages
 from vibrident.paper.unrolled import Activation, plain_model
 from vibrident.records import FloatArray
 
-#: The band of the paper's sines with 21 records, and with 41.
-BAND_HZ, FULL_BAND_HZ = (10.0, 1000.0), (0.1, 1000.0)
+#: Band of the paper's 21 sines.
+BAND_HZ = (10.0, 1000.0)
+#: Band of its 41 sines.
+FULL_BAND_HZ = (0.1, 1000.0)
 #: Networks with physics in section 4: name, discretisation, hidden layer.
 TRAINED: tuple[tuple[str, str, Activation], ...] = (
     (methods.PUBLISHED, "euler", "linear"),

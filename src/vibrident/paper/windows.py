@@ -16,8 +16,12 @@ from vibrident.discretize import Method, method
 from vibrident.paper.dataset import Dataset
 from vibrident.records import FloatArray, Record
 
-#: Steps run and not scored, and steps scored: of a window and, at its begin and end, of a whole record.
-RUN_IN, SCORED, RUN_OUT = 512, 512, 40
+#: Steps of a window that are run and not scored, also at the beginning of a record.
+RUN_IN = 512
+#: Steps of a window that are scored.
+SCORED = 512
+#: Steps at the end of a record that are not scored.
+RUN_OUT = 40
 #: One of so many windows of the training records is held back for early stopping: 8:2 again.
 HOLD_BACK = 5
 

@@ -21,8 +21,10 @@ CRITERIA: tuple[str, ...] = ("D", "A")
 
 #: Random starts of the exchange, beside the greedy one.
 STARTS = 20
-#: Iterations of the multiplicative algorithm, and tolerance of the equivalence theorem.
-MOST_ITERATIONS, SETTLED = 20_000, 1e-6
+#: Most iterations of the multiplicative algorithm.
+MOST_ITERATIONS = 20_000
+#: Tolerance of the equivalence theorem.
+SETTLED = 1e-6
 
 
 def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:

@@ -18,8 +18,12 @@ from vibrident.records import FloatArray
 #: Ratio of the simulated rate to the sampling rate. For a corner's 1/f² spectrum, aliasing at the fine rate is smaller
 #: by its square.
 OVERSAMPLING = 64
-#: Edges of pass and stop band, as fractions of the sampling rate, and depth of the stop band.
-PASS_BAND, STOP_BAND, DEPTH_DB = 0.32, 0.42, 160.0
+#: Edge of the pass band over the sampling rate.
+PASS_BAND = 0.32
+#: Edge of the stop band over the sampling rate.
+STOP_BAND = 0.42
+#: Attenuation of the stop band, dB.
+DEPTH_DB = 160.0
 
 
 @functools.cache

@@ -18,8 +18,10 @@ from vibrident.simulation.scheme import Seed, Take
 from vibrident.simulation.sensors import Sensor
 
 COLUMNS = ("u1", "u2")
-#: Turn of phase from sample to sample, rad, that a rate of the optical signals is chosen for, and of the carrier's.
-LARGEST_TURN, CARRIER = 1.0, 0.25
+#: Largest turn of phase between samples, rad, by which the rate of the optical signals is chosen.
+LARGEST_TURN = 1.0
+#: Carrier over the rate of the optical signals.
+CARRIER = 0.25
 
 
 def drawn(optics: Optics, seed: int) -> Optics:

@@ -32,8 +32,10 @@ _ALL_LIMITS = 10
 #: Most processes that read files at once.
 _LOOKS_AT_ONCE = 3
 _LOOK_SECONDS = 60.0
-#: Memory of a look: bytes, and bytes for each byte that a user may upload.
-_LOOK_MEMORY, _LOOK_MEMORY_A_BYTE = 1_000_000_000, 5
+#: Memory of a reading process, bytes.
+_LOOK_MEMORY = 1_000_000_000
+#: Further memory for each byte that a user may upload.
+_LOOK_MEMORY_A_BYTE = 5
 _ROUND_S = 20.0
 _KEY = "user"
 _T = TypeVar("_T")

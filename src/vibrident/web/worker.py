@@ -24,8 +24,10 @@ _WORK = "from vibrident.web.worker import work; work()"
 _LONGEST_MESSAGE = 16_000_000
 #: Bytes of a dead process's last output, for the log.
 _LAST_BYTES = 20_000
-#: Memory of an identification, beside what its data need: bytes, and bytes for each byte of data.
-_MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
+#: Memory of an identification, bytes.
+_MEMORY = 4_000_000_000
+#: Further memory for each byte of data.
+_MEMORY_A_BYTE = 20
 _MOST_SECONDS = 7200.0
 _MOST_FILE_BYTES = 1_000_000_000
 
