@@ -74,8 +74,10 @@ LAYERS = (
     "web",
     "__main__",
 )
-#: Layers that call whatever they show; the other layers do not know them.
-FRONT_ENDS = ("cli", "web", "__main__")
+#: Users of the rest side by side: neither imports from the other.
+SIBLINGS = (("cli", "web"), ("paper", "workflow"), ("paper", "web"))
+#: What only a command that asks for it imports.
+BESIDE = {"paper": ("cli",)}
 
 #: Layers whose modules load no JAX.
 NO_JAX = (
@@ -213,7 +215,7 @@ def test_modules_import_from_the_layers_above_them_only():
     complaints = []
     for module in modules():
         own = layer(module)
-        if own not in LAYERS or own in FRONT_ENDS:
+        if own not in LAYERS:
             continue
         for found in own_imports(module):
             other = layer(found.target)
@@ -230,6 +232,31 @@ def test_modules_import_from_the_layers_above_them_only():
                     "order of the modules."
                 )
     fail_if_any(complaints)
+
+
+def test_siblings_do_not_know_each_other():
+    complaints = []
+    for module in modules():
+        for found in own_imports(module):
+            own, other = layer(module), layer(found.target)
+            if (own, other) in SIBLINGS or (other, own) in SIBLINGS:
+                complaints.append(
+                    f"{module}, line {found.line}, imports {found.target}: {own} and {other} are siblings."
+                )
+            if other in BESIDE and own not in (other, *BESIDE[other]):
+                complaints.append(f"{module}, line {found.line}, imports {found.target}, which nothing but it needs.")
+    fail_if_any(complaints)
+
+
+def test_nothing_of_the_package_imports_benchmarks_or_tests():
+    fail_if_any(
+        [
+            f"{module}, line {found.line}, imports {found.target}."
+            for module in modules()
+            for found in imports(module)
+            if found.target.split(".")[0] in ("bench", "tests", "docsite", "examples")
+        ]
+    )
 
 
 def test_the_package_loads_its_modules_lazily():
@@ -254,7 +281,7 @@ def test_no_import_goes_in_a_circle():
 def test_jax_is_imported_through_one_door():
     complaints = []
     for module in modules():
-        if module == DOOR_TO_JAX or layer(module) in FRONT_ENDS:
+        if module == DOOR_TO_JAX:
             continue
         for found in imports(module):
             library = found.target.split(".")[0]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from vibrident.cli.folder import written_whole
 from vibrident.errors import InputError
+from vibrident.workflow.folder import written_whole
 
 
 def write_half(target, error):

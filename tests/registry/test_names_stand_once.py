@@ -15,6 +15,7 @@ SOURCES = Path(registry.__file__).parent
 USERS = ("paper", "simulation")
 #: Words that mean something else where they stand.
 OTHERS = {
+    "cli/commands/demo.py": {"ipnn"},  # shows the paper's network
     "cli/optics.py": {"delay"},  # of the optical channel
     "cli/options.py": {"cubic"},  # a simulated sensor
     "estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it

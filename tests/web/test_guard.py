@@ -12,7 +12,8 @@ from tests.support.serving import alone
 
 from vibrident.errors import InputError
 from vibrident.web.guard import Guard, policy
-from vibrident.web.server import LOOPBACK, own_names, reachable, serve
+from vibrident.web.server import own_names, reachable, serve
+from vibrident.workflow.choices import LOOPBACK
 
 LIMIT, ENVELOPE = 2_000_000, 1_000_000
 HERE = "127.0.0.1:8080"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibrident.cli.application import app
 from vibrident.cli.console import forgiving_streams
-from vibrident.cli.interruption import heed_signals
+from vibrident.workflow.interruption import heed_signals
 
 __all__ = ["app", "main"]
 

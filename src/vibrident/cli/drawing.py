@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.cli.interruption import tidied_up
+from vibrident.workflow.interruption import tidied_up
 
 if TYPE_CHECKING:
     from vibrident.result import Result

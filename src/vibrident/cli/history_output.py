@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vibrident.cli.console import out, printable, wrote
-from vibrident.cli.folder import written_whole
+from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:
     from vibrident.present.views import Table

@@ -108,9 +108,9 @@ def _number(key: str, value: str) -> float:
 
 def write_optical(folder: Path, sensor: str, excitation: str, optics: Optics, *, seed: int, **settings: Any) -> None:
     """Write a simulated calibration with an interferometer's raw signals, and its truth."""
-    from vibrident.cli.truth import write_truth
     from vibrident.simulation import sensor_named
     from vibrident.simulation.interferometer import write_optical_calibration
+    from vibrident.workflow.truth import write_truth
 
     chosen = sensor_named(sensor)
     settings.pop("quantity", None)

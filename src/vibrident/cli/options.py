@@ -11,12 +11,12 @@ import typer
 
 from vibrident.errors import InputError, did_you_mean
 from vibrident.registry import ESTIMATORS, EXPORTS, MODELS
-from vibrident.workflow.estimators import estimator_names, estimators_with
+from vibrident.workflow.choices import DISCRETISATIONS as DISCRETISATIONS
+from vibrident.workflow.choices import UNCERTAINTIES as UNCERTAINTIES
+from vibrident.workflow.estimators import estimator_names
 
-DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
 OPTIMISERS = ("lm", "adam")
 WEIGHTINGS = ("plain", "weighted")
-UNCERTAINTIES = ("auto", "noise", "inflated")
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
 QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
 SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
@@ -54,11 +54,6 @@ def _given(names: Names) -> Sequence[str]:
 SETTINGS = ("discretisation", "optimiser", "steps", "learning_rate", "weighting", "residual")
 
 
-def _setting(name: str) -> str:
-    """Estimators that have a setting."""
-    return ", ".join(estimators_with(name))
-
-
 def not_rational() -> tuple[str, ...]:
     """Add-ons that an export may leave out."""
     from vibrident.export.sensor import not_rational as names
@@ -78,7 +73,6 @@ REGISTERED: Mapping[str, Callable[[], str]] = {
     "{models}": lambda: ", ".join(MODELS.names()),
     "{estimators}": lambda: "|".join(estimator_names()),
     "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
-    **{f"{{estimators: {setting}}}": partial(_setting, setting) for setting in SETTINGS},
     **{f"{{exports: {option}}}": partial(_with, option) for option in ("rate_hz", "channel", "country", "schema")},
 }
 

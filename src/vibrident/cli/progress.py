@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from vibrident.cli.console import err
-from vibrident.cli.interruption import tidied_up
+from vibrident.workflow.interruption import tidied_up
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.present import axes
 from vibrident.present.charts import charts
 from vibrident.present.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
@@ -20,6 +19,7 @@ from vibrident.web.description import calibration_text
 from vibrident.web.looks import calibration
 from vibrident.web.session import CALIBRATION
 from vibrident.web.users import Confirmed, Job, User
+from vibrident.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.workflow.estimators import AUTO, estimators_with
 
 #: Seconds between two updates from the identification.

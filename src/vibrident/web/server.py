@@ -14,10 +14,10 @@ from vibrident.errors import InputError
 from vibrident.extras import library
 from vibrident.web.home import Home
 from vibrident.web.session import MEGABYTE
+from vibrident.workflow.choices import LOOPBACK
 
 USUAL_PORT = 8080
 _LAST_PORT = 65_535
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 #: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
 _RECONNECT_S = 30.0
 #: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.

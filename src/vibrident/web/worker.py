@@ -150,36 +150,23 @@ def _too_large(memory_bytes: int) -> InputError:
 
 def _identify(task: dict[str, Any], say: Any) -> None:
     from vibrident.io import read
-    from vibrident.workflow.estimators import checked, estimator
+    from vibrident.workflow.identification import Request, run
 
-    options = {"discretisation": task.get("discretisation")}
-    checked(task["estimator"], options)
-    calibration = read(task["calibration"])
-    from vibrident.identification import identify
-
-    result = identify(
-        calibration,
-        task.get("model"),
-        estimator(task["estimator"], options),
-        uncertainty=task.get("uncertainty", "auto"),
-        progress=lambda iteration, most, cost: say(progress=(iteration, most, float(cost))),
+    request = Request(
+        task["estimator"],
+        {"discretisation": task.get("discretisation")},
+        None if task.get("model") is None else [task["model"]],
+        task.get("uncertainty", "auto"),
     )
+    request.check()
+    calibration = read(task["calibration"])
+    (result,) = run(request, [calibration], lambda iteration, most, cost: say(progress=(iteration, most, float(cost))))
     result.save(task["result"])
 
 
 def _demo(task: dict[str, Any], say: Any) -> None:
-    from vibrident.cli.commands import demo
-    from vibrident.cli.commands.simulate import write
+    from vibrident.workflow.simulated import write_demo
 
-    write(
-        Path.cwd(),
-        demo.SENSOR,
-        "sine",
-        sampling_rate_hz=demo.RATE_HZ,
-        samples=demo.SAMPLES,
-        excitation_snr_db=demo.SNR_DB,
-        response_noise=demo.RESPONSE_NOISE,
-        seed=demo.SEED,
-    )
+    write_demo(Path.cwd())
     for name in ("calibration.toml", "truth.json"):  # the user confirms the columns
         Path(name).unlink()

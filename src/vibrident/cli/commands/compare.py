@@ -13,11 +13,11 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
-from vibrident.cli.folder import written_whole
-from vibrident.cli.results import load_result
 from vibrident.errors import InputError, ModelError, NotConverged
 from vibrident.registry import ESTIMATORS
 from vibrident.workflow.estimators import estimator, estimators_with
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.records import Calibration
@@ -57,7 +57,7 @@ def compare(
         typer.Option(
             "--discretisations",
             metavar="A,B",
-            help=f"{{estimators: discretisation}}: of {', '.join(options.DISCRETISATIONS)}.",
+            help=f"Network: of {', '.join(options.DISCRETISATIONS)}.",
             show_default=False,
         ),
     ] = None,

@@ -11,8 +11,8 @@ import typer
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
 from vibrident.cli.files import record_files
-from vibrident.cli.folder import written_whole
-from vibrident.cli.results import load_result
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.correction import Correction

@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from vibrident.cli.commands.simulate import write
 from vibrident.cli.console import out, printable
-from vibrident.cli.folder import written_whole
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.simulated import RESPONSE_NOISE, SAMPLES, SENSOR, SNR_DB, write_demo
 
 if TYPE_CHECKING:
     from vibrident.cli.drawing import Painters
     from vibrident.present.terminal import Shown
     from vibrident.result import Result
 
-#: A sensor and its calibration as in the paper's section 4, at a rate that keeps the files small.
-SENSOR, RATE_HZ, SAMPLES, SNR_DB, RESPONSE_NOISE, SEED = "paper", 12800.0, 4000, 20.0, 0.01, 1
 #: Points of the curve that are compared.
 SHOWN_HZ = (10.0, 160.0, 630.0, 1000.0)
 
@@ -55,16 +53,7 @@ def _steps(place: Path, folder: Path) -> None:
             f"Look at: {folder}/calibration.toml, which says what the columns of the CSV files mean.",
         )
         with Busy("Simulating"):
-            write(
-                place,
-                SENSOR,
-                "sine",
-                sampling_rate_hz=RATE_HZ,
-                samples=SAMPLES,
-                excitation_snr_db=SNR_DB,
-                response_noise=RESPONSE_NOISE,
-                seed=SEED,
-            )
+            write_demo(place)
         _say(
             "2  The identification",
             "The same as: vibrident identify calibration.toml",
@@ -93,11 +82,11 @@ def _steps(place: Path, folder: Path) -> None:
 
 def _beside(results: list[Result]) -> Shown:
     """Parameters, curve and weights of the estimators and the truth."""
-    from vibrident.cli.truth import true_values
     from vibrident.models import parse
     from vibrident.present import methods
     from vibrident.present.terminal import shown
     from vibrident.simulation import SENSORS
+    from vibrident.workflow.truth import true_values
 
     sensor = SENSORS[SENSOR]
     response = parse(sensor.model).frequency_response(sensor.parameters, np.array(SHOWN_HZ))

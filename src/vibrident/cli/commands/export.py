@@ -9,9 +9,9 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import wrote
-from vibrident.cli.folder import written_whole
-from vibrident.cli.results import load_result
 from vibrident.registry import EXPORTS
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.results import load_result
 
 
 def export(

@@ -180,7 +180,7 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     """Add each result with a serial number; existing ones stay unchanged."""
     from vibrident import history
     from vibrident.cli.progress import Busy
-    from vibrident.cli.results import load_result
+    from vibrident.workflow.results import load_result
 
     nameless = 0
 

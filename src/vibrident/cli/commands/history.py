@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli.console import note, out, printable, wrote
-from vibrident.cli.folder import written_whole
 from vibrident.cli.history_options import question, read_date, read_tolerance
 from vibrident.cli.history_output import PICTURES, print_history, print_json, print_pairs, print_table, write
 from vibrident.cli.options import choice, one_of
-from vibrident.cli.results import load_result
 from vibrident.errors import InputError
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.result import Result

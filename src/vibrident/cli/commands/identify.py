@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,10 +10,10 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out
-from vibrident.cli.folder import written_whole
 from vibrident.cli.options import choice
-from vibrident.errors import InputError
-from vibrident.workflow.estimators import AUTO, checked, estimator, estimator_names
+from vibrident.workflow.estimators import AUTO, estimator_names
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.identification import Request, run
 
 WARNED = 3
 _DETAILS = "Settings of an estimator"
@@ -28,7 +27,7 @@ _Discretisation = Annotated[
     choice(
         "--discretisation",
         options.DISCRETISATIONS,
-        f"{{estimators: discretisation}}: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
+        f"Network: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
         "NAME",
         rich_help_panel=_DETAILS,
         show_default="bandlimited",
@@ -39,7 +38,7 @@ _Optimiser = Annotated[
     choice(
         "--optimiser",
         options.OPTIMISERS,
-        "{estimators: optimiser}: Levenberg-Marquardt, or Adam as in the paper.",
+        "Network: Levenberg-Marquardt, or Adam as in the paper.",
         rich_help_panel=_DETAILS,
         show_default="lm",
     ),
@@ -50,7 +49,7 @@ _Steps = Annotated[
         "--steps",
         metavar="N",
         min=1,
-        help="{estimators: steps} with adam: training steps.",
+        help="Network with adam: training steps.",
         rich_help_panel=_DETAILS,
         show_default="1500",
     ),
@@ -60,7 +59,7 @@ _LearningRate = Annotated[
     typer.Option(
         "--learning-rate",
         metavar="X",
-        help="{estimators: learning_rate} with adam: step size.",
+        help="Network with adam: step size.",
         rich_help_panel=_DETAILS,
         show_default="0.001",
     ),
@@ -70,7 +69,7 @@ _Weighting = Annotated[
     choice(
         "--weighting",
         options.WEIGHTINGS,
-        "{estimators: weighting}: by uncertainty, or plain as in the paper.",
+        "Least squares on the response: by uncertainty, or plain as in the paper.",
         rich_help_panel=_DETAILS,
     ),
 ]
@@ -78,7 +77,7 @@ _Residual = Annotated[
     bool,
     typer.Option(
         "--residual",
-        help="{estimators: residual}: learn the residual by a small network beside the physics; kept only where it "
+        help="Network: learn the residual by a small network beside the physics; kept only where it "
         "predicts held-out data better.",
         rich_help_panel=_DETAILS,
     ),
@@ -157,15 +156,11 @@ def identify(
     """
     values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
     settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True))
-    checked(estimator_name, settings, weights=weights)
     shared = options.listed("--share")(share)
-    if shared and len(calibrations) == 1:
-        raise _several("--share", f"--share {share}")
-    if posterior and len(calibrations) > 1:
-        raise _one_at_a_time(len(calibrations))
-    asked = _Asked(calibrations, _models(model), (estimator_name, settings), uncertainty, shared, posterior)
+    request = Request(estimator_name, settings, _models(model), uncertainty, shared, posterior, weights)
+    request.check(len(calibrations))
     with written_whole(folder) as output:
-        results = _identified(asked, output.path, pictures if plots is None else plots)
+        results = _identified(request, calibrations, output.path, pictures if plots is None else plots)
     _show(results, output.files, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
@@ -173,56 +168,24 @@ def identify(
         raise typer.Exit(WARNED)
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """Calibrations, model and estimator to identify with."""
-
-    files: list[Path]
-    models: list[str] | None
-    estimator: tuple[str, dict[str, Any]]
-    uncertainty: Any
-    share: list[str] | None
-    posterior: bool
-
-
 def _models(text: str | None) -> list[str] | None:
     """Names joined by commas; one may serve several files."""
     return None if text is None else [part.strip() for part in text.split(",")]
 
 
-def _one_at_a_time(files: int) -> InputError:
-    return InputError(
-        "The posterior is sampled for one calibration at a time.",
-        expected="one calibration file with --posterior",
-        found=f"{files} files",
-        where="command line",
-        remedy="leave --posterior out, or identify each file by itself",
-    )
-
-
-def _several(option: str, found: str) -> InputError:
-    return InputError(
-        f"The option {option} is for several calibrations.",
-        expected=f"two or more calibration files with {option}",
-        found=f"{found} with one",
-        where="command line",
-        remedy=f"name the other calibrations of this sensor, or leave {option} out",
-    )
-
-
-def _identified(asked: _Asked, place: Path, plots: bool) -> list[Any]:
+def _identified(request: Request, files: list[Path], place: Path, plots: bool) -> list[Any]:
     from vibrident.io import read_guarded
 
-    calibrations = [read_guarded(file) for file in asked.files]
+    calibrations = [read_guarded(file) for file in files]
     # From here on it takes seconds; a bad file has been refused before the slow imports.
     from vibrident.cli.drawing import painters
     from vibrident.cli.progress import Busy
 
-    places = _places(asked.files, place)
+    places = _places(files, place)
     with contextlib.ExitStack() as open_:
         artists = [open_.enter_context(painters(wanted=plots))]
         with Busy("Identifying") as progress:
-            results = _run(asked, calibrations, progress)
+            results = run(request, calibrations, progress)
         for number, (result, folder) in enumerate(zip(results, places, strict=True)):
             saved = result.save(folder / "result.json")
             if plots:
@@ -230,31 +193,6 @@ def _identified(asked: _Asked, place: Path, plots: bool) -> list[Any]:
                 with Busy("Drawing"):
                     artist.draw(result, saved)
     return results
-
-
-def _run(asked: _Asked, calibrations: list[Any], progress: Any) -> list[Any]:
-    chosen, models = estimator(*asked.estimator), asked.models
-    if len(calibrations) == 1:
-        from vibrident.identification import identify as run
-
-        if models is not None and len(models) > 1:
-            raise _several("--model A,B", f"--model {','.join(models)}")
-        model, sampling = None if models is None else models[0], None
-        if asked.posterior:
-            from vibrident.uncertainty.posterior import Sampling
-
-            sampling = Sampling()
-        return [
-            run(calibrations[0], model, chosen, uncertainty=asked.uncertainty, posterior=sampling, progress=progress)
-        ]
-    from vibrident.joint import identify_together
-
-    one = models[0] if models is not None and len(models) == 1 else models
-    return list(
-        identify_together(
-            calibrations, one, chosen, share=asked.share, uncertainty=asked.uncertainty, progress=progress
-        )
-    )
 
 
 def _places(files: list[Path], place: Path) -> list[Path]:

@@ -10,7 +10,7 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, printable, wrote
-from vibrident.cli.folder import written_whole
+from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:
     from vibrident.io import ChannelSummary, RecordSummary, TableSummary

@@ -11,10 +11,10 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
-from vibrident.cli.folder import written_whole
 from vibrident.cli.options import choice
-from vibrident.cli.results import load_result
 from vibrident.errors import InputError
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.planning import Plan, Recording

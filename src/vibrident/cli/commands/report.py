@@ -10,9 +10,9 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import note, wrote
-from vibrident.cli.folder import written_whole
-from vibrident.cli.results import load_result
 from vibrident.errors import InputError
+from vibrident.workflow.folder import written_whole
+from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.present.views import Section

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vibrident.cli.console import note, out
-from vibrident.cli.folder import written_whole
+from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:
     from vibrident.cli.progress import Busy

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from vibrident.cli.console import note, out
+from vibrident.workflow.choices import LOOPBACK
 
 
 def serve(
@@ -43,8 +44,7 @@ def serve(
     Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
     """
     from vibrident.history.location import chosen
-    from vibrident.web.server import LOOPBACK
-    from vibrident.web.server import serve as run
+    from vibrident.workflow.page import serve as run
 
     if host not in LOOPBACK:
         note(f"Warning: everybody who reaches {host} can use this page, without a password or encryption.")

@@ -9,9 +9,10 @@ import typer
 
 from vibrident.cli import options
 from vibrident.cli.console import out, wrote
-from vibrident.cli.folder import refuse_used, written_whole
 from vibrident.cli.optics import INTERFEROMETERS, KEYS, optics_of, write_optical
 from vibrident.cli.options import choice
+from vibrident.workflow.folder import refuse_used, written_whole
+from vibrident.workflow.simulated import write
 
 _NOISE, _LIGHT = "Noise", "Raw light"
 
@@ -133,16 +134,3 @@ def _write_light(
 
     rate = settings["sampling_rate_hz"] or sensor_named(sensor).sampling_rate_hz
     write_optical(folder, sensor, excitation, optics_of(kind, optics, rate, settings["seed"]), **settings)
-
-
-def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:
-    """Write a simulated calibration and its truth into a folder; settings as those of ``vibrident.simulate``."""
-    from vibrident.cli.truth import write_truth
-    from vibrident.io import write_calibration
-    from vibrident.simulation import sensor_named
-    from vibrident.simulation import simulate as run
-
-    chosen = sensor_named(sensor)
-    calibration = run(chosen, excitation, seed=seed, **settings)
-    write_calibration(folder, calibration)
-    write_truth(folder / "truth.json", chosen, calibration, seed)

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vibrident.cli.interruption import tidied_up
 from vibrident.errors import InputError
+from vibrident.workflow.interruption import tidied_up
 
 #: Moved last, so that its presence implies the others.
 _LAST = "result.json"
