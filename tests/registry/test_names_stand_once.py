@@ -18,6 +18,7 @@ OTHERS = {
     "cli/commands/demo.py": {"ipnn"},  # shows the paper's network
     "cli/optics.py": {"delay"},  # of the optical channel
     "cli/options.py": {"cubic"},  # a simulated sensor
+    "estimators/network_settings.py": {"ipnn"},  # where the same estimator is told of
     "estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
     "decay/document.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
     "records.py": {"accelerometer"},  # the model of a file that names none
