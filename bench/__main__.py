@@ -31,7 +31,7 @@ SECTIONS = {
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the chosen sections; 0 whatever the figures say."""
+    """Run the chosen sections; returns 0."""
     options, chosen = _parsed(arguments)
     taken = circumstances()
     sections = []

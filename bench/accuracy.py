@@ -22,7 +22,7 @@ TARGET = 1e-6
 
 
 def measure(options: Options) -> Section:
-    """Relative errors of the three parameters; the target is for the band-limited network, the rest shows the cost."""
+    """Relative errors of the three parameters; the target is for the band-limited network; the others show the cost."""
     figures = []
     recordings = RECORDINGS[:3] if options.quick else RECORDINGS
     for rate_hz, samples in steps("accuracy", recordings):
@@ -53,7 +53,7 @@ def _figure(evidence: Evidence, name: str, rate_hz: float, samples: int) -> Figu
 
 
 def spectral_radius(name: str, rate_hz: float) -> float:
-    """Largest |eigenvalue| of the discretised sensor at its true parameters; from 1 on the network explodes."""
+    """Largest |eigenvalue| of the discretised sensor at its true parameters; from 1 on the network is unstable."""
     chosen = method(name)
     system = realise(model().rational(SENSOR.parameters, "acceleration"))
     weights = chosen.weights(system, 1.0 / rate_hz, 0.0, chosen.fixed_terms or 4)

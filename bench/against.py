@@ -1,4 +1,4 @@
-"""Against peers, each in an environment of its own (``make bench-peers``), on the same data in the same run."""
+"""Against peers, each in a separate environment (``make bench-peers``), on the same data in the same run."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Match:
         data: arrays for the script.
         ours: name of our estimator.
         fit: our estimator on the same data, warm.
-        repeats: our time is the median of so many.
+        repeats: number of our times, whose median counts.
     """
 
     peer: str

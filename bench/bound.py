@@ -1,4 +1,4 @@
-"""The Cramér–Rao bound, computed on its own: dense Fisher information in numpy from closed-form sensitivities.
+"""The Cramér–Rao bound, computed independently: dense Fisher information in numpy from closed-form sensitivities.
 
 Response of V̈ + 2 δ ωn V̇ + ωn² V = S0 ωn² a to a sum of tones, from any initial state:
 
@@ -7,8 +7,8 @@ Response of V̈ + 2 δ ωn V̇ + ωn² V = S0 ωn² a to a sum of tones, from an
 
     ∂y/∂θ = Re Σ_m ∂H/∂θ p_m e^{jω_m t} + Re c t ∂s/∂θ e^{s t} + (what a change of c gives).
 
-The initial state (c) and the offset b of every record are unknown, so the sensitivities count only as far as
-Re e^{s t}, Im e^{s t} and 1 cannot imitate them. Nothing of vibrident's estimators or uncertainties is used; simulate's
+The initial state (c) and the offset b of every record are unknown, so the sensitivities are projected orthogonally to
+Re e^{s t}, Im e^{s t} and 1. Nothing of vibrident's estimators or uncertainties is used; simulate's
 exact response only checks the sensitivities, by central differences.
 """
 
@@ -90,7 +90,7 @@ def _sum(frequency: np.ndarray, phasor: np.ndarray, fundamental: float | None, t
 
 
 def _nuisance(truth: Truth) -> np.ndarray:
-    """Orthonormal columns of what initial state and offset can add, shape (samples, 3)."""
+    """Orthonormal columns of the responses to initial state and offset, shape (samples, 3)."""
     _, fn, damping = (SENSOR.parameters[name] for name in PARAMETERS)
     pole = 2.0 * np.pi * fn * (-damping + 1j * np.sqrt(1.0 - damping**2))
     free = np.exp(pole * np.arange(truth.samples) / truth.rate_hz)

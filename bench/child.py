@@ -2,8 +2,8 @@
 
     python -I -S child.py COMMAND [ARGUMENT …]
 
-A process of its own, without imports worth mention: on Linux a child's peak memory counts from what its parent held at
-the fork, so a benchmark that holds JAX would see its own.
+A small process: on Linux a child's peak memory includes its parent's at the fork, so a benchmark that holds JAX would
+measure its own.
 """
 
 import json
@@ -14,7 +14,7 @@ import time
 
 
 def main() -> None:
-    """Run the command; its output goes nowhere, its errors to ours."""
+    """Run the command; its output is dropped, its errors are passed on."""
     begin = time.perf_counter()
     pid = os.posix_spawnp(
         sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]

@@ -24,14 +24,14 @@ LAUNCHER = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child.py")
 
 @dataclass(frozen=True)
 class Child:
-    """What a command took."""
+    """Time and memory of a command."""
 
     wall_s: float
     peak_mb: float
 
 
 class CommandFailed(Exception):
-    """The command did not do its work; the message says how it ended."""
+    """The command failed; the message says how it ended."""
 
 
 def measure(options: Options) -> Section:

@@ -1,4 +1,4 @@
-"""``python -m bench.damaged``: a thousand damaged files and bombs through every reader.
+"""``python -m bench.damaged``: a thousand damaged files and bombs, read by every reader.
 
 python -m bench.damaged --jobs 1            all of them; stops and resumes at will
 python -m bench.damaged --only x.h5 --trial  some, to look at
@@ -22,9 +22,9 @@ HEAD = """# A thousand damaged files
 Written by `python -m bench.damaged`; do not edit. Code of commit {commit}.
 
 {count} files: whole ones of every format, each cut, with bits flipped, in another order, in another encoding or with
-extreme numbers in place of some, and {bombs} bombs: small files that claim or grow to far more than a machine holds,
-or turn in a circle. Each is given to `vibrident inspect` (a result to `vibrident report`). What must come of it is
-exit 0 or 2, no traceback, at most {memory:.0f} MB, and no file outside `--out`.
+extreme numbers in place of some, and {bombs} bombs: small files that declare or unpack far more than a machine holds,
+or have cyclic links. Each is given to `vibrident inspect` (a result to `vibrident report`). Required: exit 0 or 2, no
+traceback, at most {memory:.0f} MB, and no file outside `--out`.
 
 {verdict}
 

@@ -1,4 +1,4 @@
-"""Small files that claim, or grow to, far more than a machine holds, and files that turn in a circle."""
+"""Small files that declare or unpack far more than a machine holds, and files with cyclic links."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 
 def write_bomb(folder: Path, name: str) -> Path:
-    """Write one of them, and what a command needs beside it; returns what the command is given."""
+    """Write one of them and its companions; returns the argument of the command."""
     file, write = BOMBS[name]
     write(folder)
     if file in ("c.toml", "result.json"):

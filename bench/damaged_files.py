@@ -1,4 +1,4 @@
-"""Files of every format, whole, and what becomes of them on bad media, in bad hands and in hostile ones."""
+"""Files of every format, whole and damaged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Bytes = Callable[[bytes, np.random.Generator], bytes]
 
 
 def signals() -> dict[str, np.ndarray]:
-    """A sine of 100 Hz, and what an accelerometer says to it."""
+    """A sine of 100 Hz, and an accelerometer's response."""
     times = np.arange(SAMPLES) / RATE_HZ
     rng = np.random.default_rng(9)
     motion = 10 * np.sin(2 * np.pi * 100 * times) + 0.01 * rng.standard_normal(SAMPLES)
@@ -101,7 +101,7 @@ def _reordered(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _encoded(content: bytes, rng: np.random.Generator) -> bytes:
-    """Sent as what it is not: UTF-16, Latin-1 as UTF-8, other line ends, packed, doubled, behind a byte-order mark."""
+    """In another encoding: UTF-16, Latin-1 as UTF-8, other line ends, packed, doubled, behind a byte-order mark."""
     kinds = (
         lambda: content.decode("latin-1").encode("utf-16"),
         lambda: content.decode("latin-1").encode("utf-8"),
@@ -118,7 +118,7 @@ def _encoded(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _large_numbers(content: bytes, rng: np.random.Generator) -> bytes:
-    """Lengths and counts that nobody meant: extremes in place of a few aligned integers, most of them at the head."""
+    """False lengths and counts: extremes in place of a few aligned integers, most of them at the head."""
     damaged = bytearray(content)
     for _ in range(int(rng.choice([1, 2, 5]))):
         kind, value = [
@@ -148,7 +148,7 @@ DAMAGES: Mapping[str, Bytes] = {
 
 
 def write_damaged(folder: Path, name: str, damage: str, seed: int, whole: Mapping[str, bytes]) -> Path:
-    """Write one damaged file, and what a command needs beside it; returns what the command is given."""
+    """Write one damaged file and its companions; returns the argument of the command."""
     rng = np.random.default_rng([seed, *damage.encode(), *name.encode()])
     target = folder / name
     target.write_bytes(DAMAGES[damage](whole[name], rng))
@@ -160,7 +160,7 @@ def write_damaged(folder: Path, name: str, damage: str, seed: int, whole: Mappin
 
 
 def whole_files(folder: Path) -> dict[str, bytes]:
-    """Every data file as it should be, and a calibration file."""
+    """Every data file undamaged, and a calibration file."""
     for name, write in WRITERS.items():
         write(folder / name)
     (folder / "c.toml").write_text(calibration_text("x.csv"))

@@ -1,4 +1,4 @@
-"""A command on each damaged file, in a long-lived process; what brings that down is run once more as a user would."""
+"""A command on each damaged file, in a long-lived process; a file that ends it is run again as a command."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Cell:
         return f"{self.file}/{self.damage}"
 
     def runs(self, asked: int) -> int:
-        """As many as asked for; of the bombs, each once."""
+        """The requested number; each bomb once."""
         return len(GROUPS[self.file]) if self.damage == "bombs" else asked
 
 
@@ -52,7 +52,7 @@ CELLS = (*(Cell(file, damage) for file in FILES for damage in DAMAGES), *(Cell(g
 
 
 def block(name: str, first: int, count: int) -> dict[str, Any]:
-    """Some files of a cell: what a command made of each."""
+    """Some files of a cell: what a command's outcome for each."""
     cell = next(cell for cell in CELLS if cell.name == name)
     return {
         "cell": name,
@@ -147,11 +147,11 @@ class _OutOfTime(BaseException):
 
 
 def serve() -> None:
-    """A worker's life: a case a line, an answer a line."""
+    """Main of the worker: a case a line, an answer a line."""
     import vibrident.io
     from vibrident.sandbox import set_limits
 
-    vibrident.io.read_guarded = vibrident.io.read  # what a process of its own would hide is what is looked for
+    vibrident.io.read_guarded = vibrident.io.read  # without the separate process, which would hide failures
     stream = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     set_limits(_ROOM_BYTES)

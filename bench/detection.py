@@ -1,4 +1,4 @@
-"""``python -m bench.detection``: how often a wrong model is found out, and a right one is not suspected.
+"""``python -m bench.detection``: detection rate of a wrong model, and false alarms of a right one.
 
 python -m bench.detection --runs 60          60 seeded runs a cell; stops and resumes at will
 python -m bench.detection --only delay/sine  cells whose name holds the text

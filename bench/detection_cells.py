@@ -1,4 +1,4 @@
-"""The cells of the detection study: what the sensor has and the fitted model lacks, how it is shaken, and the noise."""
+"""The cells of the detection study: defects that the fitted model lacks, excitation, and noise."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from vibrident.simulation import SENSORS, simulate, with_noise
 FITTED = "accelerometer"
 SAMPLES, SEED = 4000, 2
 _PAPER = dict(SENSORS["paper"].parameters)
-#: A micromechanical sensor: far below its resonance, but for what averages its samples.
+#: A micromechanical sensor: far below its resonance, except for the boxcar.
 _MEMS = {"sensitivity": 0.1, "natural_frequency": 4000.0, "damping_ratio": 0.05}
 
 
 @dataclass(frozen=True)
 class Defect:
-    """Something that the sensor has and the fitted model lacks.
+    """A property of the sensor that the fitted model lacks.
 
     Attributes:
         name: short name.
         title: what it is.
         model: the sensor's true model.
-        sensor: its parameters but for the defect.
+        sensor: its parameters without the defect.
         parameters: the defect's parameters, given its size.
         nominal: the size that must be detected.
         write: a size in words.
@@ -105,7 +105,7 @@ DEFECTS = {
 }
 EXCITATIONS = ("sine", "random", "sweep")
 NOISES = (0.01, 0.001)
-#: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; nothing at all is the first.
+#: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; the first is none.
 CURVE = (0.0, 0.5, 0.75, 1.0, 1.5)
 DETECTED = 0.95
 #: Halvings of the interval in which the size of 95 % lies: to a hundredth of a decade.
@@ -128,7 +128,7 @@ class Cell:
         return f"{self.defect}/{self.excitation}/{self.noise:g}/{size}"
 
     def runs(self, asked: int) -> int:
-        """As many as asked for."""
+        """The requested number."""
         return asked
 
     @property

@@ -13,21 +13,20 @@ from vibrident.measure.verdict import REJECTION
 from vibrident.present import markdown
 
 CODES = ("lack_of_fit", "nonlinear")
-HEAD = """# Is a wrong model found out?
+HEAD = """# Detection of a wrong model
 
 Written by `python -m bench.detection`; do not edit. {runs} runs a cell, code of commit {commit}.
 
-Each sensor has something that the fitted model, `accelerometer`, lacks:
+Each sensor has a defect that the fitted model, `accelerometer`, lacks:
 
 {defects}
 
 Sines: twelve tones over the band, 4000 samples each. Random and sweep: two records of 4000 samples over the band. All
-at 1 g (random: its rms). The noise of the response is white, 1 % or 0.1 % of each record's rms. A cell counts as met
-where at least 95 % of its runs carry `lack_of_fit`, or `nonlinear` for the spring, whose distortion is the other thing
-to be said of it.
+at 1 g (random: its rms). The noise of the response is white, 1 % or 0.1 % of each record's rms. A cell is met if at
+least 95 % of its runs carry `lack_of_fit`, or `nonlinear` for the spring, whose distortion is detected too.
 
-**λ** says how strong the defect is: λ² is what it adds to χ², the squared misfit that is left after the best fit, over
-the noise. Detection depends on it and on the degrees of freedom ν alone; 95 % needs λ = {few:.1f} for ν = 21 and
+**λ** is the strength of the defect: λ² is its contribution to χ², the squared misfit after the best fit, over the
+noise. Detection depends only on it and on the degrees of freedom ν; 95 % needs λ = {few:.1f} for ν = 21 and
 λ = {many:.1f} for ν = 150.
 """
 
@@ -76,7 +75,7 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
     return [
         "## The defects that must be found",
         "",
-        "The last column is what the rate is not below, at 95 % confidence (Clopper and Pearson).",
+        "The last column is the lower limit of the rate at 95 % confidence (Clopper and Pearson).",
         "",
         markdown.table(
             ("defect", "motion", "noise", "λ", "`lack_of_fit`", "`nonlinear`", "detected", "rate above"),
@@ -113,7 +112,7 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
             cells_of_row.append(f"{said} of {len(flags)}{beside}; {met}")
         rows.append((*start, *cells_of_row))
     return [
-        "## How small a defect is found, with 1 % of noise",
+        "## Smallest detected defect, with 1 % of noise",
         "",
         "The size is the one that the χ² test should find in 95 of 100 runs, as trial runs have it; beside it, for",
         "parts and multiples of that size: runs with `lack_of_fit` (in brackets: with that or `nonlinear`); the λ that",

@@ -1,6 +1,6 @@
-"""What a fleet costs and whether it loses anything: ``python -m bench.fleet speed | memory | study``.
+"""Cost and completeness of a fleet: ``python -m bench.fleet speed | memory | study``.
 
-Figures are ratios of one run, so that a busy machine does not matter more than it must; docs/fleet.md has them.
+Figures are ratios of one run, to reduce the influence of other load; docs/fleet.md has them.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def calibrations(folder: Path, count: int, seed: int = 0) -> list[Path]:
 def speed(count: int) -> dict[str, Any]:
     """What a fleet costs beside identify_many, in time of the processor, and how busy it keeps two workers.
 
-    The cost is measured calibration by calibration, plain and as a worker has it, in turn: whatever else the machine
-    does meets both alike. What the coordinator needs is the part ``memory``'s. Workers are busy while they read and
+    The cost is measured calibration by calibration, plain and as a worker has it, in turn: other load affects both
+    equally. What the coordinator needs is the part ``memory``'s. Workers are busy while they read and
     identify; the share is that of the time from the first begin to the last end.
     """
     wanted = count or 24

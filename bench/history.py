@@ -1,4 +1,4 @@
-"""Do the statistics of a sensor's history hold? Simulated lives, with drift, jumps and noise.
+"""Statistics of a sensor's history on simulated lives, with drift, jumps and noise.
 
 python -m bench.history                 500 lives a row; writes the table into docs/history.md
 python -m bench.history --lives 50      a trial; prints the table alone
@@ -109,7 +109,7 @@ def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
 
 
 def measured(kind: Kind, lives: int, seed: int) -> dict[str, float]:
-    """What came of so many lives."""
+    """Statistics of so many lives."""
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(lives):
