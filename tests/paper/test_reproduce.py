@@ -16,7 +16,7 @@ from vibrident.network.training import Schedule
 from vibrident.paper import methods, page, settings
 from vibrident.paper.sections import judge_of, recurrent_task, simulated_data
 from vibrident.paper.settings import Settings
-from vibrident.paper.tables import Table
+from vibrident.present.views import Table
 
 SMALL = Settings(
     seed=7,
@@ -103,8 +103,8 @@ def test_the_page_is_whole_and_stands_alone(run: Run):
     pictures = {"figure5.png", "figure6.png", "figure7.png", "figure9-simulated.png", "rates.png", "noise.png"}
     assert names == pictures | {"paper.md", "paper.html", "paper.json"}
     html = (run.folder / "paper.html").read_text(encoding="utf-8")
-    assert html.count("data:image/png;base64,") == len(pictures)
-    assert not re.search(r'(src|href)="(?!data:)', html)
+    assert html.count("data-figure=") == len(pictures)
+    assert not re.search(r'(src|href)="(?!data:|#)', html[: html.index("<script>")])
     for title in ("Table 1", "Table 2", "Table 3", "Table 4", "Table 5", "The paper&#x27;s claims", "Our own"):
         assert title in html
     assert "1.745e+06 mV/mm" in html  # Table 2's K as equation (3) gives it, where the paper prints 1.63e6
@@ -124,7 +124,7 @@ def test_a_document_without_marks_is_refused_before_anything_is_run(tmp_path: Pa
     assert done.exit_code == 2
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(Exception, match="no place for the tables"):
-        page.filled("nothing", [Table("run", "", (), ())], "x.md")
+        page.filled("nothing", [Table((), (), name="run")], "x.md")
 
 
 def test_the_same_seed_gives_the_same_numbers(run: Run):

@@ -30,7 +30,7 @@ class Claim:
     @property
     def verdict(self) -> str:
         """In words."""
-        return "yes" if self.holds else "**no**"
+        return "yes" if self.holds else "no"
 
 
 def of_the_paper(run: Reproduction) -> list[Claim]:

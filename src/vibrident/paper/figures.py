@@ -42,12 +42,14 @@ class Picture:
     draw: Callable[[Reproduction], Stacks]
 
 
-def draw_all(run: Reproduction, folder: Path) -> list[Picture]:
+def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
     """Draw every picture of the run into ``folder`` as PNG; return them in order."""
     wanted = [p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")]
-    for picture in wanted:
-        drawing.save(Figure(picture.name, "", picture.draw(run)), folder / f"{picture.name}.png")
-    return wanted
+    drawn = [(picture, picture.draw(run)) for picture in wanted]
+    figures = [Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0) for p, stacks in drawn]
+    for figure in figures:
+        drawing.save(replace(figure, caption=""), folder / f"{figure.name}.png")
+    return figures
 
 
 def signals(run: Reproduction) -> Stacks:

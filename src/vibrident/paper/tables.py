@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,26 +20,21 @@ from vibrident.paper.metrics import CurveDeviation, Metrics
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import Section
 from vibrident.paper.studies import PARAMETERS
+from vibrident.present.views import Column, Table
 from vibrident.records import STANDARD_GRAVITY
 
+#: What a number looks like, alone or in percent, in a cell of its own.
+_NUMBER = re.compile(r"[-+−]?[\d.]+(?:e[+-]?\d+)?(?: %| \(limit\))?|–|no stable sensor")
 
-@dataclass(frozen=True)
-class Table:
-    """A table of the page.
 
-    Attributes:
-        name: short name, for the marks in a document.
-        title: shown above it.
-        head: names of the columns.
-        rows: cells as text, one list a row.
-        note: shown below it.
-    """
-
-    name: str
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
+def _table(
+    name: str, title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], note: str = "", quoted: int = 0
+) -> Table:
+    """A table of the page; columns of numbers are found by their cells, the first ``quoted`` rows are the paper's."""
+    numeric = [all(_NUMBER.fullmatch(row[j]) for row in rows if row[j]) for j in range(len(heads))]
+    made = tuple(Column(head, "number" if j and numeric[j] else "text") for j, head in enumerate(heads))
+    body = tuple(tuple(row) for row in rows)
+    return Table(made, body, notes=(note,) if note else (), title=title, quoted=tuple(range(quoted)), name=name)
 
 
 def all_tables(run: Reproduction) -> list[Table]:
@@ -50,13 +46,11 @@ def all_tables(run: Reproduction) -> list[Table]:
         hyper_parameters(run),
         prediction("table4", "Table 4. Prediction of the response, simulation", run.simulation, published.TABLE_4),
         identified("table4-sensor", "Identified sensor and curve, simulation", run.simulation),
-        prediction(
-            "table5", "Table 5. Prediction, **simulated** interferometer", run.interferometer, published.TABLE_5
-        ),
-        identified("table5-sensor", "Identified sensor and curve, **simulated** interferometer", run.interferometer),
+        prediction("table5", "Table 5. Prediction, simulated interferometer", run.interferometer, published.TABLE_5),
+        identified("table5-sensor", "Identified sensor and curve, simulated interferometer", run.interferometer),
     ]
     if run.seismometer is not None:
-        title = "**measured** seismometer"
+        title = "measured seismometer"
         tables += [
             prediction("table5-measured", f"Table 5. Prediction, {title}", run.seismometer, published.TABLE_5),
             identified("table5-measured-sensor", f"Identified sensor and curve, {title}", run.seismometer),
@@ -92,8 +86,8 @@ def the_run(run: Reproduction) -> Table:
         ("trained", s.schedule.rule),
         ("time of the whole run", f"{run.seconds / 60:.1f} min, {s.jobs} processes"),
     ]
-    trial = " **A trial: networks are not trained to the end, figures are not for quoting.**" if s.trial else ""
-    return Table("run", "The run", ("", ""), tuple(rows), trial.strip())
+    trial = "A trial: networks are not trained to the end, figures are not for quoting." if s.trial else ""
+    return _table("run", "The run", ("", ""), rows, trial.strip())
 
 
 def weights(run: Reproduction) -> Table:
@@ -122,7 +116,7 @@ def weights(run: Reproduction) -> Table:
         "the same W3 and W2 and one column of W1 and W4 for each input neuron."
     )
     head = ("weight", "layer", "eq. 7", "is", f"Euler at {run.settings.rate_hz / 1e3:g} kHz", "exact (held input)")
-    return Table("table1", "Table 1. Weights and physics", head, tuple(rows), note)
+    return _table("table1", "Table 1. Weights and physics", head, rows, note)
 
 
 def _matrix(value: object) -> str:
@@ -146,7 +140,7 @@ def sensor() -> Table:
         ("conversion coefficient K", "1.63e6 mV/mm", f"{gain * natural**2:.4g} mV/mm", "S0 ωn²: equation (3)"),
         ("", "", f"{gain * resonance**2:.4g} mV/mm", "S0 ωr²: what the paper prints"),
     )
-    return Table("table2", "Table 2. The sensor", ("", "paper", "computed", "by"), rows)
+    return _table("table2", "Table 2. The sensor", ("", "paper", "computed", "by"), rows)
 
 
 def hyper_parameters(run: Reproduction) -> Table:
@@ -165,7 +159,7 @@ def hyper_parameters(run: Reproduction) -> Table:
         "The paper's text gives the IPNN two hidden neurons, its Table 3 one hidden layer. A batch of 36 is of "
         "windows: 512 samples run in, 512 scored. GRU and LSTM compute in float32, all else in float64."
     )
-    return Table("table3", "Table 3. Hyper-parameters", head, tuple(rows), note)
+    return _table("table3", "Table 3. Hyper-parameters", head, rows, note)
 
 
 def prediction(name: str, title: str, section: Section, printed: dict[str, published.Row]) -> Table:
@@ -173,7 +167,7 @@ def prediction(name: str, title: str, section: Section, printed: dict[str, publi
     rows = []
     for label, row in printed.items():
         numbers = (row.rmse, row.mae, row.mse, row.r2, row.rpd)
-        rows.append((f"*{label}, paper*", *(f"*{value:g}*" for value in numbers), "", "", ""))
+        rows.append((f"{label}, paper", *(f"{value:g}" for value in numbers), "", "", ""))
     least = section.row(methods.EXACT).seconds
     for row in section.rows:
         epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
@@ -185,7 +179,7 @@ def prediction(name: str, title: str, section: Section, printed: dict[str, publi
         "the networks under Adam by themselves."
     )
     head = ("method", "RMSE", "MAE", "MSE", "R²", "RPD", "weights", "epochs", "time")
-    return Table(name, title, head, tuple(rows), note)
+    return _table(name, title, head, rows, note, len(printed))
 
 
 def _metrics(m: Metrics) -> tuple[str, ...]:
@@ -212,7 +206,7 @@ def identified(name: str, title: str, section: Section) -> Table:
     note = f"Last three columns: relative deviation of the curve from {reference}, {_band(section)}. " + _printed(
         section
     )
-    return Table(name, title, head, tuple(rows), note)
+    return _table(name, title, head, rows, note)
 
 
 def _curve(deviation: CurveDeviation) -> tuple[str, str, str]:
@@ -257,7 +251,7 @@ def rates(run: Reproduction) -> Table:
         "Optimum of the plain mean squared error, noise-free exact responses, the same motion at every rate. Euler is "
         "unstable below 2 δ/ωn, here 11.3 kHz."
     )
-    return Table("rates", "Error against sampling rate", head, tuple(rows), note)
+    return _table("rates", "Error against sampling rate", head, rows, note)
 
 
 def noise(run: Reproduction) -> Table:
@@ -276,7 +270,7 @@ def noise(run: Reproduction) -> Table:
         f"Root-mean-square relative error over {study.draws} draws of white response noise, relative to each record's "
         "rms; in brackets over the bound's standard deviation. GRU and LSTM have no parameters to compare."
     )
-    return Table("noise", "Error against noise", head, tuple(rows), note)
+    return _table("noise", "Error against noise", head, rows, note)
 
 
 def residual(found: Sequence[Residual]) -> Table:
@@ -297,7 +291,7 @@ def residual(found: Sequence[Residual]) -> Table:
         "moved by",
     )
     note = "RMSE in V on noise-free records of frequencies that were not trained on; 0.1 % noise on those that were."
-    return Table("residual", "A learned residual beside the physics", head, tuple(rows), note)
+    return _table("residual", "A learned residual beside the physics", head, rows, note)
 
 
 def verdicts(run: Reproduction) -> list[Table]:
@@ -308,5 +302,7 @@ def verdicts(run: Reproduction) -> list[Table]:
         ("own", "Our own", claims.of_our_own(run)),
     ):
         rows = tuple((c.claim, c.found, c.verdict, c.reason) for c in made)
-        tables.append(Table(name, title, ("claim", "here", "reproduced" if name == "claims" else "met", "why"), rows))
+        heads = ("claim", "here", "reproduced" if name == "claims" else "met", "why")
+        doubtful = tuple(i for i, c in enumerate(made) if not c.holds)
+        tables.append(replace(_table(name, title, heads, rows), doubtful=doubtful))
     return tables

@@ -177,7 +177,7 @@ def linear_ticks(
 def _plain(value: float, thousands: bool) -> str:
     if thousands and value >= 1e6:
         return f"{value / 1e6:g} M"
-    return f"{value / 1e3:g} k" if thousands and value >= 1e3 else _minus(f"{value:g}")
+    return f"{value / 1e3:g} k" if thousands and value >= 1e3 else _minus(plain(value))
 
 
 def _power(value: float) -> str:

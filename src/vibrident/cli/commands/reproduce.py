@@ -56,7 +56,7 @@ def reproduce(
         if table.name in ("claims", "own"):
             console.print(f"\n{table.title}", style="bold")
             for claim, found, verdict, _ in table.rows:
-                console.print(f"  {verdict.strip('*'):3}  {claim}: {found}", soft_wrap=True)
+                console.print(f"  {verdict:3}  {claim}: {found}", soft_wrap=True)
     console.print(f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, pictures")
 
 
