@@ -64,7 +64,7 @@ def in_words(name: str) -> str:
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {"u": -6, "μ": -6}
 
-#: Powers of ten that engineers write before each unit: nobody says 475 mHz or km/s².
+#: Powers of ten that engineers write before each unit: 475 mHz or km/s² are not used.
 _NATURAL = {
     "V": (-9, 6),
     "A": (-12, 3),

@@ -124,7 +124,7 @@ class Registry(Generic[T]):
         """The object of this name.
 
         Raises:
-            InputError: there is none of this name, or its package cannot be loaded.
+            InputError: the name is unknown, or its package cannot be loaded.
         """
         found = self._object(name)
         if found is None:

@@ -269,7 +269,7 @@ def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tup
 
 
 def _windowed(lines: ComplexArray) -> ComplexArray:
-    """Lines under Hann's window, which is three of them, noise as large as before; the first and last are none."""
+    """Lines under Hann's window, a sum of three, scaled to the same noise; the first and last are zero."""
     found = np.zeros_like(lines)
     found[1:-1] = (0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) / np.sqrt(0.375)
     return found

@@ -148,7 +148,7 @@ class _Point:
         """Gauss–Newton step, damped; none along what the residual does not show."""
         matrix = self.matrix + damping * np.eye(len(self.z))
         shown = np.diag(matrix)
-        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding leaves what has no influence below zero
+        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding makes zero influence negative
         values, vectors = np.linalg.eigh(matrix / size[:, None] / size)
         kept = values > LEAST_SHOWN
         return (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size

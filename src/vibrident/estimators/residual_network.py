@@ -1,7 +1,7 @@
 """The network with a learned residual beside its physics.
 
 First the physics alone. Then small networks beside it (:mod:`vibrident.network.residual`), trained together with the
-physics on a part of the data and judged on the rest: one is kept only where it foretells data that it has not seen
+physics on a part of the data and judged on the rest: one is kept only if it predicts data that it has not seen
 better than the physics alone, beyond doubt. Otherwise its share is zero and the estimate is that of the physics alone,
 bit by bit. What is kept is trained once more on all data, physics and network together, so that the parameters'
 covariance counts what the two could take from each other.
@@ -113,7 +113,7 @@ class ResidualIpnn(Estimator):
         shown = {"+".join(s): j.shown for s, j in tried.items()}
         kept = [(structure, judged) for structure, judged in tried.items() if judged.kept]
         if not kept:
-            return _without(plain, "no network foretells held-out data better than the physics alone", shown)
+            return _without(plain, "no network predicts held-out data better than the physics alone", shown)
         best = min(kept, key=lambda pair: pair[1].left * SIMPLER ** (2 - len(pair[0])))
         everything = np.ones(parts.shape, dtype=bool)
         whole = best[1].candidate.trained(everything, progress, TOLERANCE[1])
@@ -262,7 +262,7 @@ def _judged(
 
 
 def _both_needed(single: list[_Judged]) -> bool:
-    """Whether each part was worth it, and the best of them leaves what another one took."""
+    """Whether each part improves the fit, and each explains something that the best one does not."""
     if not all(judged.kept for judged in single):
         return False
     best = min(single, key=lambda judged: judged.left)

@@ -42,14 +42,14 @@ from vibrident.memory import give_back
 from vibrident.problem import Coordinates, LineProblem
 from vibrident.records import FloatArray
 
-#: Of longer records memory that is not needed any more is given back at once.
+#: Records longer than this return unused memory to the system at once.
 LONG = 2**18
 #: Evaluations of the network at most; the step, in standard deviations, at which no further one is needed, and beyond
 #: which the last is no optimum.
 EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
-#: A step that leads further, over the coordinate or one, leaves what a linear step knows of.
+#: Largest step, over the coordinate or one, for which the linearisation is valid.
 FARTHEST = 3.0
-#: Information of a coordinate that is none.
+#: Information of a coordinate that is not identifiable.
 NOTHING_KNOWN = 1e-12
 #: A model that does not explain the data has no noise to weigh by: seen by a residual that grows to so many times its
 #: squares, or an estimate that moves further than equal weights would scatter, but for one case in so many.

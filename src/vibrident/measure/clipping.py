@@ -34,7 +34,7 @@ VISITS, LONG = 3, 8
 REST, SQUARE, MOSTLY = 0.12, 0.9, 0.45
 #: Visits of so few samples are doubted in a signal that so many neighbours on either side tell to this part of its
 #: standard deviation, unless they tell the samples at the level so many times worse than the others.
-SHORT, NEIGHBOURS, FORETOLD, STRANGE = 6.0, 3, 0.1, 1.6
+SHORT, NEIGHBOURS, PREDICTED, STRANGE = 6.0, 3, 0.1, 1.6
 #: Visits looked at; how far the samples beside one lead past it, in spreads of its samples, and in parts of the
 #: signal's range: less is the flat step of a coarse generator.
 MOST_VISITS, PASSES, LEAST_CUT = 15, 1.0, 2.5e-3
@@ -195,7 +195,7 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     """Whether the samples beside the visits lead past the level, or short visits are unlike the rest of the signal.
 
     A generator's stairs, and few samples a period in step with it, leave most values out, and the law of the bins with
-    them; but the signal turns where its neighbours foretell.
+    them; but the signal turns where its neighbours predict.
     """
     if np.median(_runs(inside)) > SHORT:
         return _leads_past(values, inside)
@@ -216,7 +216,7 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     if near.sum() < 3 or apart.sum() < 3:
         return True
     far = float(np.sqrt(np.mean(error[apart] ** 2)))
-    if far > FORETOLD * float(np.std(values[valid])):
+    if far > PREDICTED * float(np.std(values[valid])):
         return True
     return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(far, _step(values[valid]))
 

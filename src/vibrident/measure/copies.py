@@ -22,8 +22,8 @@ def without_copies(records: Sequence[Record]) -> tuple[Record, ...]:
     """Return each record once, with the names of its copies in its history.
 
     A copy has the same excitation, rate and number of samples, and the same values but for rounding (another format,
-    fewer digits). Names, files and the time of the first sample do not matter. Repeated measurements have noise of
-    their own and are none.
+    fewer digits). Names, files and the time of the first sample do not matter. Repeated measurements differ in noise
+    and are not copies.
     """
     kept: list[Record] = []
     groups: dict[tuple[object, ...], list[int]] = {}

@@ -76,7 +76,7 @@ def _tones(residual: FloatArray, motion: FloatArray, used: BoolArray) -> FloatAr
 
 
 def _strongest(lines: ComplexArray, moving: FloatArray) -> float | None:
-    """Place of the strongest line that stands out and is none of the motion."""
+    """Place of the strongest significant line that is not of the motion."""
     power = np.abs(lines) ** 2
     for peak in (np.argsort(-power[2:-2])[: 4 * MOST_TONES] + 2).tolist():
         if power[peak] < max(power[peak - 1], power[peak + 1]) or not _stands_out(power, peak):

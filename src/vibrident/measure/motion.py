@@ -1,4 +1,4 @@
-"""What kind of motion a record holds: a proposal where nobody has said, a contradiction where it was said wrong."""
+"""The kind of motion in a record: a proposal if none is stated, a contradiction if the stated one is wrong."""
 
 from __future__ import annotations
 

@@ -287,7 +287,7 @@ class OddRecord:
         record: its name.
         chi2_reduced: of all records; without this one.
         without: χ² over degrees of freedom of the others alone.
-        gain: relative deviation of its response from what the others foretell, rms over its points.
+        gain: relative deviation of its response from the others' prediction, rms over its points.
     """
 
     record: str
@@ -354,7 +354,7 @@ def findings(within: Sequence[Change], odd: OddRecord | None) -> list[Finding]:
     if odd is not None:
         text = (
             f"{odd.record} does not belong to the other records: its response is {100.0 * odd.gain:.2g} % off what "
-            f"they foretell, and without it the model explains the data (χ²/dof {odd.without:.3g} in place of "
+            f"they predict, and without it the model explains the data (χ²/dof {odd.without:.3g} in place of "
             f"{odd.chi2_reduced:.3g}). Was it taken with another sensor, range or wiring? Leave it out."
         )
         found.append(Finding("regimes", text))

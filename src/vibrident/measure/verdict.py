@@ -9,7 +9,7 @@ from vibrident.records import FloatArray
 
 #: A model is rejected below this probability.
 REJECTION = 1e-3
-#: Variances of fewer degrees of freedom are taken as of these: theirs has no spread to speak of.
+#: Least degrees of freedom of a variance: with fewer its spread is undefined.
 LEAST_FREEDOM = 6.0
 
 

@@ -1,6 +1,6 @@
 """What a calibration certificate says, as text: from the result and the calibration file's [certificate] alone.
 
-The fields are those of practice under ISO 16063 and DKD-R 3-1. What nobody stated is a blank to fill, never a value.
+The fields are those of practice under ISO 16063 and DKD-R 3-1. What is not stated is a blank to fill, never a value.
 """
 
 from __future__ import annotations

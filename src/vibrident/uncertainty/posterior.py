@@ -27,7 +27,7 @@ from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray
 
-#: Largest standard deviation believed for rounding the coordinates; what data leave open has none to speak of.
+#: Largest standard deviation that scales the coordinates; an open direction has no finite one.
 WIDEST = 3.0
 #: Chains agree where the largest R̂ is below this (Vehtari et al. 2021), and diverging steps are fewer than this part.
 AGREE, MOST_DIVERGING = 1.02, 0.01
