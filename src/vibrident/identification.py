@@ -43,6 +43,8 @@ from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import coverage_factor, unit_fields
 
 Uncertainty = Literal["auto", "noise", "inflated"]
+#: Rounds in which hum is told from what the fit before took of it.
+HUM_ROUNDS = 3
 #: Shown iterations of the optimiser in a result.
 MOST_TRACE = 400
 
@@ -154,15 +156,32 @@ def fit(
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = fitted_and_judged(evidence, chosen, progress)
-    if evidence.records and sensor_model.is_linear and not judgement.adequacy.adequate:
-        records, hum = without_hum(evidence.records, judgement.predicted)
-        if hum:  # what initial states took of it is in all lines: only a fit without it tells
-            cleaned = evidence.with_records(records)
-            again = fitted_and_judged(cleaned, chosen, progress)
-            if again[1].adequacy.adequate:
-                evidence, (estimate, judgement) = cleaned, again
+    hum_seen = any(estimate.settings.get("hum_hz", ()))
+    if evidence.records and sensor_model.is_linear and (hum_seen or not judgement.adequacy.adequate):
+        found = _without_hum(evidence, estimate, judgement, chosen, progress)
+        evidence, estimate, judgement = found or (evidence, estimate, judgement)
     linear = linearised(evidence, estimate, judgement)
     return Fitted(evidence, estimate, judgement, linear, chosen, reason, tuple(drifts))
+
+
+def _without_hum(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, chosen: Estimator, progress: Progress
+) -> tuple[Evidence, Estimate, Judgement] | None:
+    """The fit without hum, where that explains the data.
+
+    What initial states and parameters took of it is in all lines, so that only a fit without it tells how much it is.
+    """
+    best = None
+    for _ in range(HUM_ROUNDS):
+        records, hum = without_hum(evidence.records, judgement.predicted)
+        if not hum:
+            break
+        cleaned = evidence.with_records(records)
+        estimate, judgement = fitted_and_judged(cleaned, chosen, progress)
+        if not judgement.adequacy.adequate:
+            break
+        best = cleaned, estimate, judgement
+    return best
 
 
 def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[Row]:

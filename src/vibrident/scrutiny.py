@@ -326,6 +326,12 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
                 yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
+    relative_u = magnitude_u / magnitude
+    text = "The magnitudes fit far better as their square root: are they of power?"
+    yield (
+        text,
+        replace(problem, data=(frequency, np.sqrt(magnitude), phase, 0.5 * relative_u * np.sqrt(magnitude), phase_u)),
+    )
     if np.max(magnitude) < MOST_DECIBELS and np.ptp(magnitude) > LEAST_DECIBELS:
         ratio = 10.0 ** (magnitude / 20.0)
         text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bench.adversary import judge, motions
 from bench.adversary.bent import bent
-from bench.adversary.cases import CASES
+from bench.adversary.cases import BY_NAME, CASES
 from bench.adversary.physics import TAU, Motion, Sensor
 from bench.adversary.recording import setting, switched, twin
 from bench.adversary.trial import Trial, truth
@@ -174,6 +174,13 @@ def test_a_refusal_of_clean_data_is_a_false_alarm_and_a_traceback_is_one():
     assert judge.judged(clean)["class"] == judge.ALARM
     assert judge.judged(replace(clean, cause="clipping"))["class"] == judge.REFUSED
     assert judge.judged(replace(clean, calibration=fail))["class"] == judge.TRACEBACK
+
+
+def test_hum_beside_the_tones_of_a_stiff_sensor_is_told_from_them():
+    """It was 13 u, silent: what the first fit takes of hum is known only once a second one knows the hum."""
+    found = judge.judged(BY_NAME["clean/far-light/multisine/hum 1 %"].trial())
+    assert found["class"] == judge.RIGHT
+    assert max(found["z"].values()) < 3.0
 
 
 def test_the_truth_of_a_derived_parameter_follows_from_the_sensor(rng):

@@ -228,6 +228,8 @@ def test_random_looks_random_and_a_pattern_does_not(rng):
     """White residuals are refused with probability Φ(−4) = 3e-5: none of 2000; a slow wave of the same size always."""
     assert all(looks_random(rng.standard_normal(40)) for _ in range(2000))
     wave = np.sqrt(2) * np.sin(np.linspace(0, 7, 40))
+    slow = np.sqrt(2) * np.sin(np.linspace(0, 4, 24))  # of 24 points the neighbours' correlation alone does not tell
+    assert not any(looks_random(slow + 0.25 * rng.standard_normal(24)) for _ in range(100))
     assert not any(looks_random(wave + 0.3 * rng.standard_normal(40)) for _ in range(100))
     assert stdtr(1e9, -4.0) < 1e-4
 

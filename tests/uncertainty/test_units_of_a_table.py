@@ -55,6 +55,13 @@ def test_decibels_in_place_of_the_ratio_are_named(stated: bool) -> None:
     assert "decibels" in said(replace(made, magnitude=level, magnitude_uncertainty=u))
 
 
+@pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
+def test_power_in_place_of_the_magnitude_is_named(stated: bool) -> None:
+    made = table(stated=stated)
+    power = made.magnitude**2
+    assert "of power?" in said(replace(made, magnitude=power, magnitude_uncertainty=0.006 * power if stated else None))
+
+
 def test_angular_frequencies_of_the_one_third_octave_series_are_named() -> None:
     made = table()
     assert "rad/s" in said(replace(made, frequency_hz=2.0 * np.pi * made.frequency_hz))

@@ -283,8 +283,11 @@ def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[fl
     peak &= (power > least) & ~alone
     places = np.flatnonzero(peak)
     places = places[np.argsort(-power[places])][:TONES]
-    low, middle, high = (np.log(power[places + shift]) for shift in (-1, 0, 1))
-    return tuple((places + 0.5 * (low - high) / (low - 2.0 * middle + high)).tolist())
+    low, middle, high = (np.sqrt(power[places + shift]) for shift in (-1, 0, 1))
+    beside = np.maximum(low, high) / middle
+    # Between two lines, as Hann's window has it: a parabola would be off by up to two hundredths of a line.
+    offset = np.clip((2.0 * beside - 1.0) / (1.0 + beside), 0.0, 0.5)
+    return tuple((places + np.where(high > low, offset, -offset)).tolist())
 
 
 def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtrc
 
 from vibrident.decay import DecayDeviation
 from vibrident.measure.bands import coherent_remainder
@@ -23,6 +24,8 @@ from vibrident.records import FloatArray, Record
 #: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
 #: show.
 RANDOM_ENOUGH = 4.0
+#: Terms of the polynomial that such residuals must not follow, and the chance that random ones do.
+SMOOTH_TERMS, PATTERN = 6, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,4 +153,10 @@ def looks_random(residual: FloatArray) -> bool:
     if n < 8 or power == 0.0:
         return True
     lagged = float(np.sum(residual[1:] * residual[:-1])) / power
-    return lagged * np.sqrt(n) < RANDOM_ENOUGH
+    # Of few points that correlation tells little; what a short polynomial takes of them tells more (an F test).
+    terms = min(SMOOTH_TERMS, n // 4)
+    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
+    smooth = float(np.sum((basis.T @ residual) ** 2))
+    rest = max(power - smooth, np.finfo(float).eps * power)
+    pattern = fdtrc(terms, n - terms, smooth / terms / (rest / (n - terms))) < PATTERN
+    return lagged * np.sqrt(n) < RANDOM_ENOUGH and not pattern
