@@ -1,10 +1,12 @@
 """The banded response, and the remainder of a residual that is coherent with a prediction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from vibrident.measure import measure_bands
-from vibrident.measure.bands import band_edges, coherent_remainder
+from vibrident.measure.bands import band_edges, coherent_remainder, unheard_records
 from vibrident.models import parse
 from vibrident.records import Record
 from vibrident.simulation import simulate
@@ -34,6 +36,20 @@ def test_low_frequencies_of_a_displacement_do_not_leak_over_the_others(quantity,
     true = parse("accelerometer").frequency_response(P, found.frequency_hz, quantity)
     assert np.median(np.abs(found.ratio / true - 1)) < 0.02
     assert found.frequency_hz.max() > 800.0
+
+
+@pytest.mark.parametrize("excitation", ["random", "sweep", "shock", "multisine"])
+def test_a_record_without_the_motion_is_told_from_one_full_of_noise(excitation):
+    """A dead channel in one of three records, 20 times each; noise of 30 % of the response is no dead channel."""
+    made = simulate(("accelerometer", P), excitation, samples=1000, sampling_rate_hz=10e3, repeats=3, seed=3).records
+    rng, missed = np.random.default_rng(1), 0
+    for trial in range(20):
+        noisy = [r.with_response(r.response + 0.3 * np.std(r.response) * rng.standard_normal(1000), "") for r in made]
+        assert unheard_records(measure_bands(noisy)) == []
+        dead = rng.standard_normal(1000)
+        one = replace(made[1], reference=dead) if trial % 2 else made[1].with_response(dead, "")
+        missed += unheard_records(measure_bands([made[0], one, made[2]])) != [1]
+    assert missed <= 1
 
 
 def test_nothing_without_a_reference_or_motion():

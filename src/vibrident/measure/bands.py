@@ -13,11 +13,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.special import gammaincc
 
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 
 LINES_IN_BAND = 6
+#: Part of the lines under a window that know nothing of each other, and the chance above which a record's response and
+#: reference have nothing in common: of a record that holds the motion it is none at all.
+INDEPENDENT, BY_CHANCE = 0.5, 0.1
 #: Fewer lines do not tell the noise of a band beside its response.
 FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
@@ -51,6 +55,28 @@ def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration"
     times = DIFFERENCES.get(quantity, 0)
     parts = [part for index, r in enumerate(records) if (part := _measure(index, r, times)) is not None]
     return MeasuredResponse.join(parts) if parts else None
+
+
+def unheard_records(bands: MeasuredResponse) -> list[int]:
+    """Records whose response has nothing in common with their reference: what ``bands.record`` calls them.
+
+    Of n lines without anything in common, 1 − γ² is below x with the chance 1 − x^(n − 1) (γ² the coherence), so that
+    Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials. Where only coherent bands were kept, it counts from
+    there on.
+    """
+    lines = np.sum(bands.line_weight, axis=1)
+    total = 2.0 * np.sum(np.abs(bands.line_response) ** 2 * bands.line_weight, axis=1)
+    share = np.abs(bands.response) ** 2 / np.maximum(total, np.finfo(float).tiny)
+    apart = 1.0 - np.clip(share, 0.0, 1.0 - 1e-12)
+    found = []
+    for record in np.unique(bands.record).tolist():
+        own = bands.record == record
+        kept = 1.0 - LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 1.0
+        freedom = np.maximum(INDEPENDENT * lines[own] - 1.0, 1.0)
+        statistic = float(np.sum(-freedom * np.log(np.minimum(apart[own] / kept, 1.0))))
+        if gammaincc(float(own.sum()), statistic) > BY_CHANCE:
+            found.append(int(record))
+    return found
 
 
 def band_edges(samples: int, rate: float) -> FloatArray:

@@ -231,6 +231,18 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         )
 
 
+def nothing_heard(records: Sequence[Record]) -> list[Finding]:
+    """Records whose response and reference have nothing in common, while others' have."""
+    return [
+        Finding(
+            "dead_channel",
+            f"{record.name}: response and reference have nothing in common; the record is left out. Is a channel dead, "
+            "or are they of two measurements?",
+        )
+        for record in records
+    ]
+
+
 def silent_channels(tones: MeasuredResponse) -> list[Finding]:
     """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
     findings = []

@@ -11,9 +11,10 @@ import numpy as np
 
 from vibrident.decay import free_parts
 from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
+from vibrident.measure.bands import unheard_records
 from vibrident.measure.clock import judge_clocks
 from vibrident.measure.copies import without_copies
-from vibrident.measure.quality import refuse_other_motion, short_records, silent_channels
+from vibrident.measure.quality import nothing_heard, refuse_other_motion, short_records, silent_channels
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
@@ -71,6 +72,10 @@ class Evidence:
         tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None
         bands = measure_bands([records[i] for i in others], calibration.quantity) if others else None
         bands = _renumbered(bands, others) if bands is not None else None
+        unheard = unheard_records(bands) if bands is not None else []
+        if unheard and len(unheard) < len(np.unique(bands.record)):
+            kept = tuple(r for i, r in enumerate(records) if i not in unheard)
+            return cls._measured(calibration, model, kept, (*findings, *nothing_heard([records[i] for i in unheard])))
         more: list[Finding] = []
         if tones is not None:
             refuse_other_motion([records[i] for i in sines], tones)
