@@ -13,6 +13,7 @@ from scipy import fft
 from scipy.special import gammaincc
 
 from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.rounding import converter_step
 from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
@@ -22,6 +23,8 @@ HIGHEST = 5
 LEAST, CHANCE = 3e-3, 1e-4
 #: Spectral lines on either side of a harmonic that tell its noise: from the first to the last of these.
 NOISE_LINES = (3, 12)
+#: A harmonic that the sensor adds is in the response by this part of what the prediction leaves.
+OWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -68,14 +71,36 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
             continue
         residual = np.where(used, record.response - series, 0.0)
         amplitude, variance = _harmonics(residual, used, float(frequency), record.sampling_rate_hz, highest)
-        power = np.abs(amplitude[1:]) ** 2
+        steps = _of_reference_steps(record, used, float(frequency), amplitude)
+        power = np.where(steps, 0.0, np.abs(amplitude[1:]) ** 2)
+        if np.all(steps):
+            continue
         # Σ|A|²/(2 s²) over h harmonics is Γ(h, 1) for noise alone; s² comes from a few lines, so allow for its spread.
         statistic = float(np.sum(power / (2.0 * variance[1:]))) / (1.0 + 2.0 / (NOISE_LINES[1] - NOISE_LINES[0]))
         size = float(np.sqrt(np.sum(power)) / abs(response))
         order = int(np.argmax(power)) + 2
-        chance = float(gammaincc(highest - 1, statistic))
+        chance = float(gammaincc(int(np.sum(~steps)), statistic))
         found.append(Overtone(record.name, float(frequency), size, order, chance))
     return found
+
+
+def _of_reference_steps(record: Record, used: np.ndarray, frequency: float, residual: np.ndarray) -> np.ndarray:
+    """Which harmonics, from the second on, the reference's converter made: below its step, and not in the response.
+
+    A sensor of acceleration beside a displacement makes much of them.
+    """
+    highest, step = len(residual), 0.0
+    if record.reference is not None:
+        step = converter_step(record.reference, record.reference_mask)
+    if step == 0.0 or record.reference is None:
+        return np.zeros(highest - 1, dtype=bool)
+    reference, response = (
+        np.abs(
+            _harmonics(np.where(used, v - np.mean(v[used]), 0.0), used, frequency, record.sampling_rate_hz, highest)[0]
+        )
+        for v in (record.reference, record.response)
+    )
+    return (reference[1:] < step) & (response[1:] < OWN * np.abs(residual[1:]))
 
 
 def _harmonics(

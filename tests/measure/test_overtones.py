@@ -1,0 +1,40 @@
+"""Harmonics are the sensor's where the response has them, not where a converter's steps put them in the reference."""
+
+import numpy as np
+
+from vibrident.measure import measure_tones
+from vibrident.measure.overtones import audible, overtones
+from vibrident.records import Record
+
+N, RATE, TONE = 1000, 1e4, 400.0
+TURN = 2.0 * np.pi * TONE / RATE * np.arange(N)
+
+
+def heard(reference, response, predicted):
+    record = Record("r", reference, response, RATE, "sine")
+    return audible(overtones([record], measure_tones([record], [TONE]), [predicted]))
+
+
+def differentiated(values):
+    """Thrice, in time of the tone: a velocity pickup above its resonance, by its displacement."""
+    lines = np.fft.rfft(values)
+    return np.fft.irfft(lines * (1j * np.fft.rfftfreq(N, 1.0 / RATE) / TONE) ** 3, N)
+
+
+def test_steps_of_a_displacement_are_no_harmonics_of_the_sensor():
+    rng, found = np.random.default_rng(2), 0
+    for phase in rng.uniform(0.0, 2.0 * np.pi, 20):
+        motion = np.cos(TURN + phase)
+        reference = np.rint(motion * 64.0) / 64.0
+        response = differentiated(motion) + 1e-4 * rng.standard_normal(N)
+        found += len(heard(reference, response, differentiated(reference)))
+    assert found == 0
+
+
+def test_harmonics_of_the_response_are_found_beside_a_rounded_reference():
+    rng = np.random.default_rng(3)
+    motion = np.cos(TURN)
+    response = motion + 0.01 * np.cos(3.0 * TURN) + 1e-3 * rng.standard_normal(N)
+    (one,) = heard(np.rint(motion * 2**12) / 2**12, response, motion)
+    assert abs(one.ratio - 0.01) < 1e-3
+    assert one.strongest == 3
