@@ -73,7 +73,7 @@ class Evidence:
         bands = measure_bands([records[i] for i in others], calibration.quantity) if others else None
         bands = _renumbered(bands, others) if bands is not None else None
         unheard = unheard_records(bands) if bands is not None else []
-        if unheard and len(unheard) < len(np.unique(bands.record)):
+        if bands is not None and 0 < len(unheard) < len(np.unique(bands.record)):
             kept = tuple(r for i, r in enumerate(records) if i not in unheard)
             return cls._measured(calibration, model, kept, (*findings, *nothing_heard([records[i] for i in unheard])))
         more: list[Finding] = []
