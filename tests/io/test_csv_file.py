@@ -144,7 +144,7 @@ DAMAGE = {
     "underscore": ("t,v\n0,1\n1,1_000\n", {"found": "'1_000'", "where": "line 3"}),
     "row too short": ("t,v\n0,1\n1\n2,3\n", {"expected": "2 fields", "found": "1 field", "where": "line 3"}),
     "row too long": ("t,v\n0,1\n1,2,3\n2,3\n", {"found": "3 fields", "where": "line 3"}),
-    "last line truncated": ("t,v,w\n0,1,2\n1,2,3\n2,", {"found": "2 fields", "where": "line 4", "remedy": "cut off"}),
+    "last line truncated": ("t,v,w\n0,1,2\n1,2,3\n2,", {"found": "2 fields", "where": "line 4", "remedy": "truncated"}),
     "ragged blanks": (" 0 1\n 1 2\n 2\n", {"found": "1 field", "where": "line 3"}),
     "ragged and quoted": ('"0","1"\n"1"\n"2","3"\n"4","5"\n', {"found": "1 field", "where": "line 2"}),
     "binary file": (b"\x89HDF\0\0\0\0", {"problem": "not plain text"}),
