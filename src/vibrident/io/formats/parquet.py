@@ -99,4 +99,4 @@ def _clock(text: bytes | None, where: str) -> Clock | None:
     return Clock(rate_hz)
 
 
-PARQUET = Reader(name="parquet", title="Parquet", endings=(".parquet", ".pq"), open=ParquetFile, extra="parquet")
+PARQUET = Reader(name="parquet", title="Parquet", endings=(".parquet", ".pq"), open=ParquetFile)
