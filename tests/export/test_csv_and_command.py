@@ -98,12 +98,12 @@ def test_the_command_writes_whole_files(form, files, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--format", "xls"], "is no choice of --format"),
+        (["--format", "xls"], "is not a choice of --format"),
         (["--format", "c"], "needs a sampling rate"),
         (["--format", "c", "--rate", "51200", "--band", "1000:10"], "The band cannot be used"),
         (["--format", "c", "--rate", "51200", "--band", "wide"], "The band cannot be read"),
         (["--format", "dcc"], "must state"),
-        (["--format", "sacpz", "--without", "mode2"], "is no choice of --without"),
+        (["--format", "sacpz", "--without", "mode2"], "is not a choice of --without"),
     ],
 )
 def test_bad_input_is_one_message_and_leaves_nothing(arguments, said, tmp_path):
