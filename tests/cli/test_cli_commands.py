@@ -45,7 +45,7 @@ def shown(folder):
 
 def test_the_names_in_the_help_are_those_of_the_library():
     from vibrident.discretize import METHODS
-    from vibrident.identification import Uncertainty
+    from vibrident.judge import Uncertainty
     from vibrident.records import EXCITATIONS, QUANTITIES
     from vibrident.simulation import SENSORS
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from vibrident.errors import NotConverged
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
-from vibrident.identification import Fitted
 from vibrident.information import inverse_normal
 from vibrident.joint.moments import Moments
 from vibrident.joint.score import Score
 from vibrident.joint.sharing import Joint, Place, places
+from vibrident.judge import Fitted
 from vibrident.problem import Local
 from vibrident.records import FloatArray
 

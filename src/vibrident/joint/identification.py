@@ -14,15 +14,16 @@ from vibrident.decay import decays_alone
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import AUTO, Estimate, Estimator
 from vibrident.estimators.optimise import Progress, silent
-from vibrident.identification import Fitted, Uncertainty, document, fit, own_rows
+from vibrident.identification import fit
 from vibrident.information import inverse_normal
 from vibrident.joint.consistency import Consistency, compare
 from vibrident.joint.descent import Descent, descend
 from vibrident.joint.sharing import joined
+from vibrident.judge import Fitted, Uncertainty, document, own_rows
+from vibrident.judge.effects import all_effects
 from vibrident.naming import amount, in_words
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
-from vibrident.systematic import all_effects
 from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
 from vibrident.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 

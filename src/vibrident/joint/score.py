@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.estimators.likelihood import solved_problem
-from vibrident.identification import Fitted
+from vibrident.judge import Fitted
 from vibrident.problem import Coordinates, FrequencyProblem, Local, NetworkProblem
 from vibrident.records import FloatArray
 

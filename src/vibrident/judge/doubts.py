@@ -10,11 +10,11 @@ from typing import TypeVar, get_args
 import numpy as np
 from scipy.special import fdtri
 
-from vibrident.assemble import Judgement
 from vibrident.errors import VibridentError
 from vibrident.estimators import Estimate, MaximumLikelihood
 from vibrident.estimators.search import Sought
 from vibrident.estimators.start import find_start, sought_response
+from vibrident.judge.adequacy import Judgement
 from vibrident.measure.nonlinearity import SQUARE, distortion
 from vibrident.measure.regimes import changes, findings, odd_record
 from vibrident.measure.response import ComplexArray

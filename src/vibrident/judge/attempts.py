@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.assemble import Judgement, judge_records, judge_table
 from vibrident.errors import NotConverged
 from vibrident.estimators import Estimate, Estimator
 from vibrident.estimators.canonical import in_one_form
-from vibrident.estimators.optimise import Progress
+from vibrident.estimators.optimise import Progress, silent
 from vibrident.estimators.start import find_start
+from vibrident.judge.adequacy import Judgement, judge_records, judge_table
+from vibrident.judge.doubts import linearised
+from vibrident.judge.effects import allowing_for_effects
+from vibrident.measure import Finding
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
-from vibrident.systematic import allowing_for_effects
+from vibrident.uncertainty.linearised import Linearised
 
 #: Other starts tried where the fit explains nothing, of those whose cost was at most so many times the best's; a fit
 #: from there is taken where its χ² is this part of the first one's, or less.
@@ -24,6 +28,39 @@ MORE_STARTS, COMPARABLE, CLEARLY_LESS = 2, 10.0, 0.8
 SEARCHES = 3
 #: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
 OUTSIDE = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A calibration with its estimate, before anything is stated of it.
+
+    Attributes:
+        evidence: the data, without drift where there was one.
+        estimate: the fit.
+        judgement: what the estimate says of the data.
+        linear: the fit at all excited frequencies, linearised at the estimate.
+        estimator: that made it.
+        reason: why that one.
+        drifts: what was taken out.
+    """
+
+    evidence: Evidence
+    estimate: Estimate
+    judgement: Judgement
+    linear: Linearised
+    estimator: Estimator
+    reason: str
+    drifts: tuple[Finding, ...] = ()
+
+    def at(self, estimate: Estimate) -> Fitted:
+        """The same data judged at another estimate."""
+        judgement = judged(self.evidence, estimate)
+        linear = linearised(self.evidence, estimate, judgement)
+        return replace(self, estimate=estimate, judgement=judgement, linear=linear)
+
+    def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
+        """The same data fitted once more, from these values of the parameters."""
+        return self.at(fitted_and_judged(replace(self.evidence, start=dict(values)), self.estimator, progress)[0])
 
 
 def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:

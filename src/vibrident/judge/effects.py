@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.assemble import Judgement, measured_curve
 from vibrident.estimators import Estimate
+from vibrident.judge.adequacy import Judgement, measured_curve
+from vibrident.judge.doubts import linearised
 from vibrident.measure.verdict import REJECTION, rejected
 from vibrident.naming import amount
 from vibrident.problem import Evidence
 from vibrident.records import FloatArray, SystematicEffect
 from vibrident.result import MeasuredCurve
-from vibrident.scrutiny import linearised
 from vibrident.uncertainty.budget import DATA, Row, effects_of
 from vibrident.uncertainty.effects import Explained, Weighted, explain, patterns
 
