@@ -32,7 +32,7 @@ class Figure:
 
     @property
     def target(self) -> str:
-        """The target in words; empty where there is none."""
+        """The target in words; empty if absent."""
         write = STYLES[self.style]
         if self.low is not None and self.high is not None:
             return f"{write(self.low)} to {write(self.high)}"

@@ -36,7 +36,7 @@ class Kind:
         line: standard deviation of the steady drift, a year.
         walk: standard deviation of the random walk after a year.
         jump: standard deviation of a jump at a repair; zero for none.
-        untold: the same of a jump that nobody entered.
+        untold: the same of a jump that was not entered.
         calibrations: fewest and most before the one that is predicted.
     """
 

@@ -1,4 +1,4 @@
-"""``python -m bench.adversary``: sensors, motions and defects that nobody prepared, against the truth.
+"""``python -m bench.adversary``: random sensors, motions and defects, against the truth.
 
 python -m bench.adversary --runs 1               every case once; stops and resumes at will
 python -m bench.adversary --only clean/in        cases whose name holds the text

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-warnings.simplefilter("ignore", DeprecationWarning)  # the project is archived, and says so on import
+warnings.simplefilter("ignore", DeprecationWarning)  # the archived project warns on import
 from PyDynamic import fit_som  # noqa: E402
 
 MONTE_CARLO_RUNS = 10000  # its default

@@ -20,7 +20,7 @@ def read_date(text: str | None, option: str) -> datetime.date | None:
     """A date of an option.
 
     Raises:
-        InputError: it is none.
+        InputError: the text cannot be read.
     """
     if text is None:
         return None
@@ -40,7 +40,7 @@ def read_tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
     """A tolerance such as 1% or 0.01.
 
     Raises:
-        InputError: it is none.
+        InputError: the text cannot be read.
     """
     if text is None:
         return None

@@ -9,8 +9,8 @@ from pathlib import Path
 from nicegui import ui
 
 from vibrident.errors import InputError
-from vibrident.web.mishaps import foreseen
 from vibrident.web.session import Session
+from vibrident.web.unexpected import error_to_show
 
 #: Naming it makes its library available to the browser.
 _PLOTLY = ui.plotly
@@ -20,7 +20,7 @@ _MOST_NAMES = 12
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
     """The message of the command line, in a box; for unexpected errors, the number in the log."""
-    known = foreseen(error)
+    known = error_to_show(error)
     local = session.local(known) if session else known
     if place.is_deleted:  # the page was left meanwhile
         return

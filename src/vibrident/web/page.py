@@ -31,12 +31,12 @@ async def page(users: Users) -> None:
     if client.is_deleted:
         return
     with main:
-        mishaps = ui.element("div").props("aria-live=assertive id=mishaps")
-        ui.on_exception(lambda error: frame.show_error(mishaps, error))
+        errors = ui.element("div").props("aria-live=assertive id=errors")
+        ui.on_exception(lambda error: frame.show_error(errors, error))
         try:
             user = users.attach(client, app.storage.tab)
         except InputError as error:
-            frame.show_error(mishaps, error)
+            frame.show_error(errors, error)
             return
         await _steps(user)
 

@@ -73,7 +73,7 @@ More = Sequence[Sequence["Section"]]
 
 
 def _histories(loaded: Loaded, store: str | None, form: str) -> More:
-    """What a store holds of each sensor, as sections; nothing where there is no store."""
+    """What a store holds of each sensor, as sections; empty without a store."""
     if store is None:
         return [()] * len(loaded)
     if form == "pdf":

@@ -13,7 +13,7 @@ _LOG = logging.getLogger("vibrident.web")
 _LONGEST = 20_000
 
 
-def foreseen(error: BaseException) -> VibridentError:
+def error_to_show(error: BaseException) -> VibridentError:
     """The error to show: vibrident's own unchanged; anything else is logged."""
     if isinstance(error, VibridentError):
         return error
