@@ -49,11 +49,9 @@ class OutcomeStep:
         self.showing = True
         self.choice.set_options(names, value=names[-1])
         self.showing = False
-        await self._draw()
-        if go:
-            frame.go(self.section)
+        await self._draw(go=go)
 
-    async def _draw(self) -> None:
+    async def _draw(self, *, go: bool = False) -> None:
         named = next((named for named in self.user.results if named.name == self.choice.value), None)
         if named is None:
             return
@@ -77,6 +75,8 @@ class OutcomeStep:
             _curves(shown)
             self._exports(named)
             self.export_errors = ui.element("div").props("aria-live=assertive")
+            if go:  # before the history, which is read in a process of its own
+                frame.go(self.section)
             if self.user.users.store:
                 await History(self.user, named, self.user.users.store).build()
 
