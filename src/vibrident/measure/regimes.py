@@ -17,6 +17,7 @@ from scipy.special import fdtrc
 
 from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.quality import STEADY, Finding
+from vibrident.measure.response import LEAST_DEVIATION
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 
@@ -113,6 +114,8 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
     found = _best(_Blocks.of(moved, left, parts, record.sampling_rate_hz))
     if not _beyond_doubt(found.blocks.products, found.blocks.powers, found.shape, (found.squares, found.fit), chance):
         return None
+    if np.max(np.abs(found.fit[2:])) < LEAST_DEVIATION * found.blocks.scale[0]:
+        return None  # interpolation between samples is no better than that
     change = found.fit[2:] / found.blocks.scale
     time_s = float(parts[found.place][0]) / record.sampling_rate_hz
     return Change(record.name, time_s, float(change[0]), float(-change[1]), slow=found.slow)
