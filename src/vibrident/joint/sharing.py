@@ -7,7 +7,7 @@ response and kind of reference are the same. The delay belongs to the channels o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,8 +140,3 @@ def _onto(one: Coordinates, i: int, other: Coordinates, j: int) -> tuple[float, 
 def _one(coordinates: Coordinates, name: str) -> float:
     """Physical value at the coordinate one, of a kind that is proportional to it."""
     return coordinates.values(np.ones(len(coordinates.model.parameters)))[name]
-
-
-def gathered(numbers: Sequence[Joint], values: Sequence[Mapping[str, float]]) -> list[list[float]]:
-    """Each joint number's values in the calibrations that have it."""
-    return [[values[owner][number.name] for owner, _ in number.members] for number in numbers]
