@@ -106,7 +106,7 @@ def _enter(folder: str, path: str) -> None:
         raise unreadable(path, error, "a calibration file") from error
     if os.path.exists(path) and not os.path.isfile(path):
         raise InputError(
-            "This is no file.",
+            "This is not a regular file.",
             expected="a calibration file (TOML) on a disk",
             found="a device, a pipe or a socket, which may never end",
             where=os.path.basename(path),
