@@ -1,6 +1,5 @@
 """HDF5, MATLAB and WAV: the right numbers, and a clear word on what is refused."""
 
-import sys
 from pathlib import Path
 
 import h5py
@@ -182,12 +181,6 @@ def test_unknown_ending_names_the_known_ones(tmp_path, refused):
     error = refused(lambda: open_columns(tmp_path / "x.xlsx"), found="'.xlsx'", where="x.xlsx")
     assert all(ending in error.expected for ending in READERS)
     refused(lambda: open_columns(tmp_path / "x"), found="no ending")
-
-
-def test_a_wav_file_without_its_library_says_how_to_install_it(tmp_path, refused, monkeypatch):
-    monkeypatch.setitem(sys.modules, "soundfile", None)
-    (tmp_path / "x.wav").write_bytes(b"RIFF")
-    refused(lambda: open_columns(tmp_path / "x.wav"), expected="soundfile", remedy="'vibrident[wav]'")
 
 
 def test_every_reader_is_in_the_documentation():

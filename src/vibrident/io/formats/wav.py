@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vibrident.io.allowance import require_room
 from vibrident.io.columns import Clock, ColumnFile, unreadable
-from vibrident.io.extra import library
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -29,7 +27,8 @@ class WavFile(ColumnFile):
         Raises:
             InputError: the file is not a WAV file.
         """
-        soundfile = self._library(path)
+        import soundfile
+
         self._path = path
         try:
             path.open("rb").close()  # the system's error is clearer than libsndfile's
@@ -41,10 +40,6 @@ class WavFile(ColumnFile):
         self._channels = int(header.channels)
         self._rate_hz = float(header.samplerate)
         self._frames = int(header.frames)
-
-    @staticmethod
-    def _library(path: Path) -> Any:
-        return library("soundfile", "wav", path)
 
     @property
     def file(self) -> str:
@@ -71,7 +66,7 @@ class WavFile(ColumnFile):
         Raises:
             InputError: the file is damaged.
         """
-        soundfile = self._library(self._path)
+        import soundfile
 
         require_room(self._path, self._frames * self._channels)
         try:
@@ -86,7 +81,7 @@ class WavFile(ColumnFile):
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Samples of channels from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
-        soundfile = self._library(self._path)
+        import soundfile
 
         try:
             samples, _ = soundfile.read(str(self._path), start=start, stop=stop, dtype="float64", always_2d=True)
@@ -99,4 +94,4 @@ class WavFile(ColumnFile):
         return f"{self.file}, {self.names[position]}, sample {row + 1}"
 
 
-WAV = Reader(name="wav", title="WAV audio", endings=(".wav",), open=WavFile, extra="wav")
+WAV = Reader(name="wav", title="WAV audio", endings=(".wav",), open=WavFile)
