@@ -103,8 +103,8 @@ def test_strict_and_store_and_bad_options(tmp_path, run_command):
     arguments = ("fleet", tmp_path / "data", "--out", tmp_path / "out", "--workers", "1")
     done = run_command(*arguments, "--store", tmp_path / "history.db", "--strict")
     assert done.exit_code == 0, done.output
-    assert "1 new results" in done.output
-    assert "1 results state no serial number" in done.output
+    assert "1 new result." in done.output
+    assert "1 result states no serial number and was not added" in done.output
     listed = run_command("history", "list", "--store", tmp_path / "history.db", "--format", "json")
     assert "SN0001" in json.dumps(json.loads(listed.stdout))
     again = run_command(*arguments, "--store", tmp_path / "history.db")

@@ -24,17 +24,17 @@ def add(
     serial_number: str | None = None,
     date: datetime.date | None = None,
 ) -> int:
-    """Add results to a store; those that are there already are left as they are.
+    """Add results to a store; existing ones stay unchanged.
 
-    A new store is laid out on first use. Each result is added whole or not at all, and results are taken as they are
-    asked for, so that a generator keeps only a few in memory.
+    A new store is created on first use. Each result is added whole or not at all. The results are read one
+    after another, so that a generator keeps only a few in memory.
 
     Args:
         store_url: SQLAlchemy URL or path of a SQLite file; None for the environment's VIBRIDENT_STORE, else a SQLite
             file in the user's data folder.
         results: of one sensor or many.
-        serial_number: for results that state none.
-        date: of the calibration, for results that state none.
+        serial_number: for results without one.
+        date: of the calibration, for results without one.
 
     Returns:
         How many were new.

@@ -2,7 +2,7 @@
 
 Both watch the recursive residuals of a constant value (Brown, Durbin & Evans 1975): each calibration against what
 those before it say, divided by the standard deviation of that difference. With the covariance that the calibrations
-state, they are independent and standard normal as long as the sensor does not change, whatever the calibrations share.
+state, they are independent and standard normal as long as the sensor does not change. Shared errors do not alter this.
 The limits are computed: over ``LIFE`` comparisons a chart of a stable sensor gives a false alarm with the probability
 ``FALSE_ALARM``. The average run length to a false alarm (ARL) follows from the same integral equation (Page 1954; Brook
 & Evans 1972).
@@ -27,7 +27,7 @@ FALSE_ALARM = 0.01
 LIFE = 20
 #: Weight of the newest residual in the EWMA: for a change of about one standard deviation.
 EWMA_WEIGHT = 0.25
-#: Half of the change, in standard deviations, that the CUSUM finds soonest.
+#: Half of the change, in standard deviations, that the CUSUM is designed for.
 CUSUM_ALLOWANCE = 0.5
 _NODES = 80
 
@@ -54,7 +54,7 @@ class Chart:
 
 
 def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Each value after the first against those before it, in standard deviations of the difference; shape (n − 1,).
+    """Difference of each value after the first from those before it, in standard deviations of it; shape (n − 1,).
 
     Args:
         value: shape (n,), in the order of time.
@@ -67,7 +67,7 @@ def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray
 
 
 def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Chart]:
-    """EWMA and CUSUM of residuals; where ``restart`` is true a new series begins, and both begin anew."""
+    """EWMA and CUSUM of residuals; where ``restart`` is true, a new series begins, and both start again."""
     return _ewma(residuals, restart), _cusum(residuals, restart)
 
 
@@ -110,7 +110,7 @@ def ewma_factor(false_alarm: float = FALSE_ALARM, life: int = LIFE) -> float:
 
 @lru_cache
 def cusum_limit(false_alarm: float = FALSE_ALARM, life: int = LIFE) -> float:
-    """Limit of the CUSUM, for a false-alarm probability over a life, half of it on either side."""
+    """Limit of the CUSUM, for a false-alarm probability over a life, half of it on each side."""
     return _root(lambda limit: 1 - _cusum_survival(limit, life) - false_alarm / 2, 0.1, 30.0)
 
 
@@ -141,7 +141,7 @@ def _ewma_survival(factor: float, life: int) -> float:
 
 
 def _cusum_survival(limit: float, life: int) -> float:
-    """Probability that one side of the CUSUM of a stable sensor, begun at zero, stays below its limit."""
+    """Probability that one side of the CUSUM of a stable sensor, started at zero, stays below its limit."""
     at, weight = _rule(0.0, limit)
     points = np.append(at, 0.0)
     transition = _density(at + CUSUM_ALLOWANCE - points[:, None]) * weight

@@ -1,4 +1,4 @@
-"""What ``history show`` and ``history due`` say, as plain values: for JSON, the terminal, the pages and pictures."""
+"""The content of ``history show`` and ``history due`` as plain values: for JSON, the terminal, the page and figures."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from vibrident.result import Result
 
 SCHEMA = "vibrident.history/1"
 K = COVERAGE_FACTOR
-#: Dates between the last calibration and the farthest prediction at which a picture shows what is to be expected.
+#: Number of dates, from the last calibration to the latest prediction, at which a figure shows the prediction.
 _CURVE = 25
 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of a history.
+    """A question to a history.
 
     Attributes:
         quantity: name of a parameter, or the sensitivity at the reference frequency.
@@ -50,12 +50,12 @@ class Question:
 
 
 def _of(sensor: Sensor, question: Question) -> Question:
-    """The question as it is asked of one sensor."""
+    """The question for one sensor, with its own tolerance."""
     return question if question.tolerances is None else replace(question, tolerance=question.tolerances(sensor))
 
 
 def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict[str, Any]:
-    """All that a history says of one sensor.
+    """The whole document of one sensor.
 
     Raises:
         InputError: no calibration of the sensor has the quantity.
@@ -80,7 +80,7 @@ def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict
 
 
 def of_result(store: Store, result: Result) -> dict[str, Any] | None:
-    """What a history says of the sensor of a result; None where it holds no calibration of it, or there is no store."""
+    """The document of the sensor of a result; None if there is no store or it holds no calibration of this sensor."""
     if store.revision() is None:
         return None
     sensor = query.known(store, result.sensor)
@@ -104,7 +104,7 @@ def _no_such_quantity(store: Store, sensor: Sensor, question: Question) -> Input
 def all_due(
     store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
 ) -> list[dict[str, Any]]:
-    """The due date of every sensor that has the quantity, or of those of a type, or of one; the soonest first."""
+    """The due date of every sensor that has the quantity, or of those of a type, or of one; the earliest first."""
     events = query.events(store, sensor_id)
     sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)}
     rows = []
@@ -120,7 +120,7 @@ def all_due(
 
 
 def _no_limit(found: Life, question: Question) -> dict[str, Any]:
-    """What can be said of a sensor without a tolerance: the interval in force."""
+    """The due date without a tolerance: that of the interval in force."""
     interval = question.interval_years or interval_in_force(found)
     by_interval = later(found.entries[-1].date, interval).isoformat()
     unknown = dict.fromkeys(("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase"))
@@ -174,7 +174,7 @@ def _series(found: Life) -> list[dict[str, Any]]:
 def _drift(found: Life, question: Question) -> dict[str, Any]:
     drift = found.drift
     if drift is None:
-        return _none("a single calibration tells no drift" if len(found.entries) < 2 else "no series has two dates")
+        return _none("one calibration alone shows no drift" if len(found.entries) < 2 else "no series has two dates")
     interval = question.interval_years or interval_in_force(found)
     last = found.entries[-1]
     until = question.until or later(last.date, interval)
@@ -207,7 +207,7 @@ def _year(found: Life, date: datetime.date) -> float:
 
 
 def _next_reading(found: Life, date: datetime.date) -> dict[str, Any]:
-    """What a calibration as good as the last one, by the same reference, will give."""
+    """Prediction for a calibration of the same quality as the last one, with the same reference."""
     assert found.drift is not None
     last = found.entries[-1]
     shared = np.array([covariance(entry, _again(last)) for entry in found.entries])
@@ -219,7 +219,7 @@ def _again(entry: Entry) -> Entry:
 
 
 def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
-    """What is to be expected from the last calibration on."""
+    """Prediction from the last calibration on."""
     first = found.entries[-1].date.toordinal()
     dates = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
     points = []
@@ -236,7 +236,7 @@ def _mixture(mixture: Mixture) -> dict[str, Any]:
 
 
 def _control(found: Life) -> dict[str, Any] | None:
-    """Both charts over all series; a series begins them anew."""
+    """Both charts over all series; each series restarts them."""
     residuals, restart, places = [], [], []
     for number in np.unique(found.group):
         places_of = np.flatnonzero(found.group == number)

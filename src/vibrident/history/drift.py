@@ -2,17 +2,17 @@
 
 A value that was measured n times is y_i = a + b t_i + W(t_i) + e_i. The errors e have the covariance V that the
 calibrations state: noise of each, and what they share (a rank-one part a source). b t is a steady drift, W a random
-walk. a is free; b is normal with variance β², W has the variance q a year. V is known, β² and q are not, and few
-calibrations tell little of them. So they are not estimated and then taken for true, but averaged over, by the
+walk. a is free; b is normal with variance β², W has the variance q a year. V is known; β² and q are not, and few
+calibrations determine them poorly. So they are not estimated and then held fixed, but averaged over, by the
 likelihood of the contrasts (REML, Patterson & Thompson 1971), under three hypotheses of equal probability beforehand:
 line (q = 0), random walk (b = 0), and both. Each set of variances gives a generalised least-squares estimate, and their
-mixture is the prediction, with long tails where little is known.
+mixture is the prediction. It has long tails if few calibrations exist.
 
 Beforehand, the variance v of the drift over the whole history, in units of the noise of one calibration, has a density
 ∝ (1 + v)^(−5/4): flat below the noise, and beyond it with the fall that gave 95 % coverage from two calibrations on,
-averaged over still, drifting and wandering sensors (bench/history.py). It has no unit and no scale of its own.
+averaged over stable sensors and those with drift or random walk (bench/history.py). It depends on no unit.
 
-A repaired sensor, or one that jumped, has a new a, b and W; β² and q stay, being what is known of its restlessness.
+A repaired sensor, or one that jumped, has a new a, b and W; β² and q stay the same.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from scipy.special import ndtr
 from vibrident.history.mixture import Mixture
 from vibrident.records import FloatArray
 
-#: Variances looked at: so many, evenly spaced in their logarithm, in units of the noise.
+#: Number of variances in the grid, evenly spaced in their logarithm, in units of the noise.
 NODES = 13
 _LOG_RANGE = (-6.0, 14.0)
 _TAIL = 1.25
@@ -55,7 +55,7 @@ class _Solved:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """What calibrations say of a sensor's drift; times in years, values and their covariance in one unit.
+    """The drift of a sensor from its calibrations; times in years, values and their covariance in one unit.
 
     Attributes:
         time: of each calibration, shape (n,), ascending.
@@ -71,12 +71,12 @@ class Drift:
 
     @property
     def determined(self) -> bool:
-        """Whether any series has two calibrations at different times, so that something is known of drift."""
+        """Whether any series has two calibrations at different times, so that drift can be estimated."""
         return any(np.ptp(self.time[self.group == g]) > 0 for g in np.unique(self.group))
 
     @cached_property
     def noise(self) -> float:
-        """Variance of the noise of one calibration, as far as it shows in differences within a series."""
+        """Variance of the noise of one calibration, from differences within a series."""
         levels = self._levels
         left = np.eye(self.time.size) - levels @ np.linalg.pinv(levels)
         freedom = max(self.time.size - levels.shape[1], 1)
@@ -122,7 +122,7 @@ class Drift:
         same = self.group[:, None] == self.group
         sigma = self._process(self.time, self.time, same) + self.covariance
         sigma = sigma + 1e-12 * self.noise * np.eye(self.time.size)
-        # By contrasts, in which what is free and what all share cancel: Σ itself may be singular but for rounding.
+        # By contrasts, in which the free constant and the shared errors cancel: Σ itself may be almost singular.
         contrasts = np.linalg.svd(design)[0][:, design.shape[1] :]
         own = np.asarray(contrasts.T @ sigma @ contrasts, dtype=float)
         projector = np.asarray(contrasts @ np.linalg.inv(own) @ contrasts.T, dtype=float)
@@ -153,7 +153,7 @@ class Drift:
         return self._mixture(time, np.zeros(self.time.size), 0.0)
 
     def reading(self, time: float, shared: FloatArray, u: float) -> Mixture:
-        """What a calibration at a time will give.
+        """Prediction for a calibration at a time.
 
         Args:
             time: in years.
@@ -175,11 +175,11 @@ class Drift:
 
     @cached_property
     def _heard(self) -> NDArray[np.int_]:
-        """Nodes that have any weight."""
+        """Nodes with a weight that is not negligible."""
         return np.flatnonzero(self.weight > _LEAST_WEIGHT)
 
     def _predicted(self, time: FloatArray, shared: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation at each node and time, each of shape (nodes heard, len(time))."""
+        """Mean and standard deviation at each node and time, each of shape (such nodes, len(time))."""
         solved, heard = self._solved, self._heard
         line, walk = (kind[heard, None] for kind in self._variances[:2])
         gain, back, projector = solved.gain[heard], solved.back[heard], solved.projector[heard]
@@ -215,7 +215,7 @@ class Drift:
         return 0.0 if best == NODES else float(np.sqrt(walk[best]))
 
     def step(self, after: int) -> Mixture:
-        """The step between calibration ``after`` − 1 and ``after`` of one series, beyond what drift would do there."""
+        """The step between calibration ``after`` − 1 and ``after`` of one series, in excess of the drift."""
         step = (np.arange(self.time.size) >= after).astype(float)
         design = np.column_stack([self._levels, step])
         solved = self._solve(design)

@@ -12,9 +12,9 @@ from vibrident.history.life import DAYS_A_YEAR, Life
 
 #: Probability of being outside the tolerance at which a calibration is due.
 RISK = 0.05
-#: Farthest date looked at, in years after the last calibration.
+#: Latest date considered, in years after the last calibration.
 FARTHEST_YEARS = 20.0
-#: Coarse dates at which the risk is looked at, before the date is found between two of them.
+#: Number of coarse dates at which the risk is computed, before the date is found between two of them.
 _LOOKS = 24
 #: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is extended, else reduced.
 STAIRCASE_PART = 0.8
@@ -23,7 +23,7 @@ STAIRCASE_LONGER, STAIRCASE_SHORTER = 1.25, 0.7
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a sensor may be from the value it is used with.
+    """Permitted deviation of a sensor from the value it is used with.
 
     Attributes:
         relative: half width, relative to the nominal value.
@@ -44,8 +44,8 @@ class Due:
     """When a sensor is due.
 
     Attributes:
-        date: by the risk; None where that stays below ``RISK`` for ``FARTHEST_YEARS``, or where ``why`` says so.
-        why: what stands in the way of a date; empty for nothing.
+        date: by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in ``why``.
+        why: reason if there is no date; else empty.
         risk_today: probability of being outside the tolerance today.
         risk_at_end: at the end of the interval in force.
         interval_years: the interval in force.
@@ -69,9 +69,9 @@ def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: d
 
     Args:
         life: with at least one calibration.
-        tolerance: that the sensor is to keep.
-        interval_years: in force; None for the time between the last two calibrations, a year where there is one.
-        today: for the risk as it is now.
+        tolerance: for the sensor.
+        interval_years: in force; None for the time between the last two calibrations, a year if there is only one.
+        today: date for the present risk.
     """
     last = life.entries[-1].date
     force = interval_years or interval_in_force(life)
@@ -79,7 +79,7 @@ def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: d
     stairs = staircase(life, tolerance, force)
     by_stairs = None if stairs is None else later(last, stairs)
     if life.drift is None:
-        why = "a single calibration tells no drift" if len(life.entries) < 2 else "no series has two calibrations"
+        why = "one calibration alone shows no drift" if len(life.entries) < 2 else "no series has two calibrations"
         return Due(None, why, None, None, force, by_interval, stairs, by_stairs)
     now, end = (risk(life, tolerance, date) for date in (max(today, last), by_interval))
     found = _first_date(life, tolerance)
@@ -95,7 +95,7 @@ def risk(life: Life, tolerance: Tolerance, date: datetime.date) -> float:
 
 
 def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
-    """First date at which the risk reaches its limit: the day of the calibration where it is there already."""
+    """First date at which the risk reaches its limit: the day of the calibration if it is reached already."""
     assert life.drift is not None
     looks, limits = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)]), tolerance.limits(life)
     while True:
@@ -125,6 +125,6 @@ def staircase(life: Life, tolerance: Tolerance, interval_years: float) -> float 
 
 
 def later(date: datetime.date, years: float) -> datetime.date:
-    """A date so many years later, at most the last that a date can be."""
+    """A date so many years later, at most the last one that Python can represent."""
     days = min(round(years * DAYS_A_YEAR), (datetime.date.max - date).days)
     return date + datetime.timedelta(days=days)

@@ -1,4 +1,4 @@
-"""What the store keeps of a result, and how results are added: each whole or not at all, and once."""
+"""The rows that the store keeps of a result, and how results are added: each whole or not at all, and only once."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from vibrident.present.numbers import reference_unit, sensitivity_unit
 from vibrident.present.points import nominal_points, reference_point
 from vibrident.result import Result
 
-#: Results a transaction: few enough that other writers wait for milliseconds only.
+#: Results in one transaction: few, so that other writers wait for milliseconds only.
 _AT_ONCE = 20
-#: Digits kept of the SHA-256 of a data file; it only tells whether two results are of the same data.
+#: Digits kept of the SHA-256 of a data file: enough to recognise results of the same data.
 _FILE_DIGITS = 20
 _SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
 
@@ -35,7 +35,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Rows:
-    """What a result becomes in the store: rows by table, without the keys that the database gives."""
+    """A result as rows by table, without the keys that the database gives."""
 
     sensor: Row
     calibration: Row
@@ -48,11 +48,11 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
 
     Args:
         result: the result.
-        serial_number: where the result states none.
-        date: of the calibration, where the result states none.
+        serial_number: if the result states no serial number.
+        date: of the calibration, if the result states no date.
 
     Raises:
-        InputError: neither result nor argument says which sensor it was or when it was calibrated.
+        InputError: the serial number or the date is in neither the result nor the arguments.
     """
     text = result.to_json()
     sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
@@ -94,7 +94,7 @@ def _serial_number(stated: str, given: str | None) -> str:
 
 def _missing(what: str, key: str, option: str) -> InputError:
     return InputError(
-        f"The result does not state the {what}, so it has no place in a history.",
+        f"The result does not state the {what}, so it cannot be added to a history.",
         expected=key.split(" ", 1)[1].partition(" =")[0],
         found="none",
         where="result.json, sensor and certificate",
@@ -108,7 +108,7 @@ def _data_files(result: Result) -> list[str]:
 
 
 def _reference_sensitivity(result: Result) -> list[Row]:
-    """The magnitude of the sensitivity at the reference frequency as a parameter; none where the result has none."""
+    """The magnitude of the sensitivity at the reference frequency as a parameter; empty if it is not known."""
     chosen, _ = reference_point(result)
     if chosen is None or not math.isfinite(chosen.magnitude):
         return []
@@ -171,7 +171,7 @@ def add_all(
     """Add results; yield for each whether it was new, and its calibration's number in the store.
 
     Raises:
-        InputError: as :func:`rows_of`; those before are in the store then.
+        InputError: as :func:`rows_of`; the results before this one are then in the store.
     """
     store.begin()
     prepared = (rows_of(result, serial_number, date) for result in results)
@@ -212,14 +212,14 @@ def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, s
 
 
 def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
-    """Add an event; when it was recorded and by whom is known, the date is today's unless given."""
+    """Add an event with the time and user of its entry; the date is today's unless given."""
     now = datetime.datetime.now(datetime.UTC)
     known = {"date": now.date(), "recorded": now.isoformat(timespec="seconds"), "by": user(), "note": ""}
     connection.execute(sa.insert(schema.event), [known | {k: v for k, v in event.items() if v is not None}])
 
 
 def user() -> str:
-    """Name of the account that runs the program; empty where the system tells none."""
+    """Name of the account that runs the program; empty if the system gives no name."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):

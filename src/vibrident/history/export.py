@@ -32,7 +32,7 @@ def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
 
 
 def _type(arrow: Any, rows: Sequence[Mapping[str, Any]], name: str) -> Any:
-    """The column's type from its values; numbers where there are none, as most columns are."""
+    """The column's type from its values; numeric if there are no values, as most columns are numeric."""
     value = next((row[name] for row in rows if row.get(name) is not None), None)
     if isinstance(value, list):
         return arrow.list_(arrow.string())

@@ -1,4 +1,4 @@
-"""The pictures of a history: values over the years with what is to be expected, and control charts."""
+"""The figures of a history: values over the years with the prediction, and control charts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LIMIT, _TOLERANCE = Look(GREY, "dashed", 1.2), Look(GREEN, "dashed", 1.2)
 
 
 def picture(document: Mapping[str, Any]) -> Figure:
-    """Values and control charts in one, for a history that has at least one calibration that counts."""
+    """Values and control charts in one figure, for a history with at least one valid calibration."""
     charts = document["control"]["charts"] if document["control"] else ()
     panels = (_values(document), *(_control(chart, document) for chart in charts))
     title = f"History: {quantity_name(document)}"
@@ -29,7 +29,7 @@ def picture(document: Mapping[str, Any]) -> Figure:
 
 
 def values(document: Mapping[str, Any]) -> Figure | None:
-    """Each calibration with U, its series, the band to be expected, tolerance and events."""
+    """Each calibration with U, its series, the predicted band, tolerance and events."""
     if not any(row["counts"] for row in document["calibrations"]):
         return None
     return Figure("values", f"History: {quantity_name(document)}", (Stack((_values(document),)),), "", CAPTION)

@@ -1,4 +1,4 @@
-"""A sensor's life as one quantity of it: the calibrations that count, what their errors share, and its series."""
+"""One quantity over a sensor's life: the valid calibrations, the shared part of their errors, and the series."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from vibrident.records import FloatArray
 DAYS_A_YEAR = 365.25
 #: Probability below which a step at a repair begins a new series.
 STEP_AT_REPAIR = 0.05
-#: Probability, over all calibrations of a sensor, of taking a stable or drifting one for one that jumped.
+#: Probability, over all calibrations of a sensor without a jump, that a jump is reported.
 STEP_UNTOLD = 1e-3
-#: Most of a value's variance that is taken to be shared: rounding must not leave a negative rest.
+#: Largest shared part of a value's variance: rounding must not make the remainder negative.
 _MOST_SHARED = 1.0 - 1e-9
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One calibration, as far as one quantity is concerned.
+    """One quantity of one calibration.
 
     Attributes:
         id: number of the calibration in the store.
         date: of the calibration.
-        value: in the quantity's unit; None where the result has none.
-        u: standard uncertainty, same unit; None where not stated.
+        value: in the quantity's unit; None if the result has no value.
+        u: standard uncertainty, same unit; None if not stated.
         unit: of both.
-        frequency_hz: where the quantity is a sensitivity at a frequency.
-        shared: standard uncertainty, same unit, by source that other calibrations may share.
-        data_files: what identifies the files that it was made of, a JSON list.
-        standing: the newest of ``approved``, ``superseded``, ``recalled``; empty for none of them.
-        facts: what else the store says of the calibration.
+        frequency_hz: if the quantity is a sensitivity at a frequency.
+        shared: standard uncertainty, same unit, of each source that other calibrations may share.
+        data_files: hashes of its data files, a JSON list.
+        standing: the newest of ``approved``, ``superseded``, ``recalled``; else empty.
+        facts: further columns of the calibration.
     """
 
     id: int
@@ -55,7 +55,7 @@ class Entry:
 
     @property
     def u_own(self) -> float | None:
-        """Standard uncertainty without what other calibrations may share."""
+        """Standard uncertainty without the sources that other calibrations may share."""
         if self.u is None:
             return None
         return math.sqrt(max(self.u**2 - sum(u**2 for u in self.shared.values()), 0.0))
@@ -63,7 +63,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Event:
-    """What happened to a sensor, or to one of its calibrations."""
+    """An event of a sensor, or of one of its calibrations."""
 
     id: int
     kind: str
@@ -76,11 +76,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Agreement:
-    """E_n of a calibration with the one before it.
+    """E_n of a calibration and the one before it.
 
     Attributes:
-        ordinary: as if both were independent; None where there is no uncertainty.
-        correlated: with what they share taken out of the uncertainty of their difference.
+        ordinary: as if both were independent; None if there is no uncertainty.
+        correlated: without the shared sources in the uncertainty of their difference.
         correlation: of the two values.
     """
 
@@ -91,7 +91,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Break:
-    """Where a new series begins: the index of its first calibration, and why in words."""
+    """The beginning of a new series: the index of its first calibration, and the reason in words."""
 
     index: int
     why: str
@@ -99,10 +99,10 @@ class Break:
 
 @dataclass(frozen=True, eq=False)
 class Life:
-    """The calibrations of a sensor that count, in the order of their dates, and those that do not.
+    """The valid calibrations of a sensor, in the order of their dates, and the others.
 
     Attributes:
-        entries: with value and uncertainty, in one unit, each of data of its own.
+        entries: with value and uncertainty, in one unit, no two of the same data.
         left_out: entry and reason, in words.
         events: in the order of their dates.
     """
@@ -128,7 +128,7 @@ class Life:
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
-        """Where a new series begins, the first not counted."""
+        """The beginning of each series but the first."""
         found: list[Break] = []
         for index in self._repaired():
             if self._step_probability(found, index) < STEP_AT_REPAIR:
@@ -138,25 +138,25 @@ class Life:
         return tuple(sorted(found, key=lambda item: item.index))
 
     def _repaired(self) -> list[int]:
-        """Index of the first calibration after each repair, where there is one before it too."""
+        """Index of the first calibration after each repair that has calibrations on both sides."""
         days = [event.date for event in self.events if event.kind == "repaired"]
         dates = [entry.date for entry in self.entries]
         firsts = {next((i for i, date in enumerate(dates) if date >= day), 0) for day in days}
         return sorted(firsts - {0})
 
     def _untold(self, known: Sequence[Break]) -> Break | None:
-        """The clearest step that nothing told of, where it is clearer than chance makes one."""
+        """The most significant step without an event, if its probability is below the limit; else None."""
         group = self._groups(known)
         gaps = [i for i in range(1, len(self.entries)) if group[i] == group[i - 1]]
         suspects = [i for i in gaps if abs(self.agreement(i).correlated or 0.0) > 1.0]
         found = {i: self._step_probability(known, i) for i in suspects}
         best = min(found, key=lambda i: found[i], default=0)
         if best and found[best] < STEP_UNTOLD / (len(self.entries) - 1):
-            return Break(best, "the value stepped, and no event says why")
+            return Break(best, "the value stepped, and no event explains it")
         return None
 
     def _step_probability(self, known: Sequence[Break], index: int) -> float:
-        """Probability of a step as large as found, where there is none."""
+        """Probability of a step as large as found if the sensor has not changed."""
         group = self._groups(known)
         drift = Drift(self.years, self.value, self.covariance, group)
         if group[index] != group[index - 1]:
@@ -175,19 +175,19 @@ class Life:
 
     @cached_property
     def drift(self) -> Drift | None:
-        """The drift; None where no series has two calibrations at different dates."""
+        """The drift; None if no series has two calibrations at different dates."""
         if len(self.entries) < 2:
             return None
         drift = Drift(self.years, self.value, self.covariance, self.group)
         return drift if drift.determined else None
 
     def agreement(self, index: int) -> Agreement:
-        """E_n of calibration ``index`` with the one before it."""
+        """E_n of calibration ``index`` and the one before it."""
         return agreement(self.entries[index], self.entries[index - 1])
 
 
 def life(entries: Sequence[Entry], events: Sequence[Event]) -> Life:
-    """A life from all that the store holds of a sensor, whatever the order."""
+    """A life from all entries and events of a sensor, in any order."""
     kept, left_out = [], []
     ordered = sorted(entries, key=lambda entry: (entry.date, entry.id))
     files = [(entry, frozenset(json.loads(entry.data_files))) for entry in ordered]
@@ -222,7 +222,7 @@ def _another_quantity(entry: Entry, present: Entry | None) -> str:
 
 
 def _another_of_its_data(entry: Entry, files: Sequence[tuple[Entry, frozenset[str]]]) -> str:
-    """Two evaluations of one measurement are one calibration: the approved one counts, else the newest."""
+    """Of several evaluations of one measurement, keep one: the approved one, else the newest."""
     own = next(found for one, found in files if one is entry)
     for other, found in files:
         if other is not entry and own & found and not _standing_in_the_way(other):
@@ -233,7 +233,7 @@ def _another_of_its_data(entry: Entry, files: Sequence[tuple[Entry, frozenset[st
 
 
 def _with_room(entry: Entry) -> Entry:
-    """What is shared is at most the whole uncertainty."""
+    """Limit the shared part to the whole uncertainty."""
     square, whole = sum(u**2 for u in entry.shared.values()), _MOST_SHARED * float(entry.u or 0.0) ** 2
     if square <= whole:
         return entry
@@ -247,7 +247,7 @@ def covariance(one: Entry, other: Entry) -> float:
 
 
 def agreement(one: Entry, other: Entry) -> Agreement:
-    """E_n of two calibrations, with and without what their errors share (U, k = 2)."""
+    """E_n of two calibrations, with and without the shared part of their errors (U, k = 2)."""
     u_one, u_other = float(one.u or 0.0), float(other.u or 0.0)
     both = covariance(one, other)
     arguments = (float(one.value or 0.0), COVERAGE_FACTOR * u_one, float(other.value or 0.0), COVERAGE_FACTOR * u_other)

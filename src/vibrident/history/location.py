@@ -13,7 +13,7 @@ from vibrident.errors import InputError
 VARIABLE = "VIBRIDENT_STORE"
 FORMS = "sqlite:///FILE, a path that ends in .db, .sqlite or .sqlite3, or postgresql://USER@HOST/DATABASE"
 _FILE_ENDINGS = (".db", ".sqlite", ".sqlite3")
-#: Names of PostgreSQL's dialect, and the driver that all of them get.
+#: Names of PostgreSQL's dialect; the driver below is used for all of them.
 _POSTGRESQL = ("postgresql", "postgres", "postgresql+psycopg")
 _DRIVER = "postgresql+psycopg"
 #: User and password: all up to the last @, because a password that was not escaped may hold any character.
@@ -25,7 +25,7 @@ def chosen(given: str | None) -> str:
     """The store's URL: as given, else from the environment, else a SQLite file in the user's data folder.
 
     Raises:
-        InputError: it names no store that can be used.
+        InputError: the URL or path cannot be used for a store.
     """
     text = (given if given is not None else os.environ.get(VARIABLE, "")).strip()
     where = "--store" if given is not None else f"environment, {VARIABLE}"
@@ -40,13 +40,15 @@ def chosen(given: str | None) -> str:
         return f"{_DRIVER}://{rest}"
     if scheme in ("sqlite", "sqlite+pysqlite"):
         if rest in ("", "/", "/:memory:") or not rest.startswith("/"):
-            raise _unusable("This URL names no file, and a store in memory would be gone at once.", shown(text), where)
+            raise _unusable(
+                "This URL names no file, and a store in memory would be lost at the end.", shown(text), where
+            )
         return text
     raise _unusable("The store is of a kind that this package does not know.", f"{scheme}://…", where)
 
 
 def sqlite_url(file: Path) -> str:
-    """URL of a SQLite file; the characters that a URL would take for its own are escaped."""
+    """URL of a SQLite file; characters with a meaning in URLs are escaped."""
     return f"sqlite:///{quote(file.absolute().as_posix(), safe='/:')}"
 
 
@@ -57,7 +59,7 @@ def sqlite_file(url: str) -> Path | None:
 
 
 def data_folder() -> Path:
-    """Folder for the user's data, as the system wants it."""
+    """Folder for the user's data by the convention of the operating system."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "vibrident"
     if sys.platform == "darwin":
@@ -66,13 +68,13 @@ def data_folder() -> Path:
 
 
 def shown(url: str) -> str:
-    """The URL for print: no password, wherever in it that stands."""
+    """The URL without any password, for messages."""
     text = _ACCOUNT.sub(_without_password, url)
     return _SECRET_KEYS.sub(r"\1***", text)
 
 
 def without_secrets(text: str, url: str) -> str:
-    """What a driver says, without the password of the URL, as written there and as sent."""
+    """A driver's message without the password of the URL, in escaped and plain form."""
     account = _ACCOUNT.search(url)
     secrets = [account.group(1).partition(":")[2]] if account else []
     secrets += [match.group(0).split("=", 1)[1] for match in _SECRET_KEYS.finditer(url)]

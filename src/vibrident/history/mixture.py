@@ -1,4 +1,4 @@
-"""A mixture of normal distributions: what is believed of a value when variances are known only so well."""
+"""A mixture of normal distributions: the distribution of a value when its variance is uncertain."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from vibrident.records import FloatArray
 
-#: Halvings of the interval in which a quantile lies: to a part in 10¹² of it.
+#: Bisections of the interval that holds a quantile: they resolve 10⁻¹² of it.
 _HALVINGS = 45
 
 
@@ -43,7 +43,7 @@ class Mixture:
 
     @property
     def interval_95(self) -> tuple[float, float]:
-        """The 95 % interval with equal probabilities beyond its ends."""
+        """The probabilistically symmetric 95 % coverage interval."""
         return self.quantile(0.025), self.quantile(0.975)
 
     @property
@@ -53,6 +53,6 @@ class Mixture:
 
     @property
     def u(self) -> float:
-        """Standard uncertainty: a quarter of the 95 % interval, so that U = 2 u covers 95 % whatever the tails."""
+        """Standard uncertainty: a quarter of the 95 % interval, so that U = 2 u covers 95 % even with long tails."""
         low, high = self.interval_95
         return (high - low) / 4

@@ -11,7 +11,7 @@ from vibrident.present.views import Block, Document, Facts, Section, Sentence, d
 
 
 def shown(life: Mapping[str, Any]) -> Document:
-    """What the page says."""
+    """The content of the page."""
     return document(f"History of {sensor_name(life['sensor'])}", (), sections(life))
 
 

@@ -1,4 +1,4 @@
-"""What the store is asked: sensors, the calibrations and events of one or of all, and a stored result."""
+"""Queries of the store: sensors, the calibrations and events of one or of all, and a stored result."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def find(store: Store, serial_number: str, type_name: str | None = None, axis: s
     """The sensor of a serial number.
 
     Raises:
-        InputError: there is none, or more than one.
+        InputError: no sensor has this serial number, or more than one has it.
     """
     asked = sa.select(sensor).where(sensor.c.serial_number == serial_number)
     for column, wanted in ((sensor.c.type, type_name), (sensor.c.axis, axis)):
@@ -102,7 +102,7 @@ def find(store: Store, serial_number: str, type_name: str | None = None, axis: s
 
 
 def known(store: Store, told: Mapping[str, object]) -> Sensor | None:
-    """The sensor that a result names; None where the store holds none of its calibrations."""
+    """The sensor that a result names; None if the store holds no calibration of it."""
     named = [column == str(told.get(column.name) or "").strip() for column in sensor.c if column.name != "id"]
     with store.reading() as connection:
         row = connection.execute(sa.select(sensor).where(*named)).one_or_none()
@@ -119,13 +119,13 @@ def entries(
     quantity: str = REFERENCE_SENSITIVITY,
     frequency_hz: float | None = None,
 ) -> dict[int, list[Entry]]:
-    """The calibrations of a sensor with all that is told of them, or of all sensors without that; by sensor.
+    """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
 
     Args:
         store: the store.
         sensor_id: of one sensor.
-        quantity: name of a parameter; value and uncertainty are its.
-        frequency_hz: nominal frequency, for the magnitude of the sensitivity there instead.
+        quantity: name of a parameter; the entries hold its value and uncertainty.
+        frequency_hz: nominal frequency, for the magnitude of the sensitivity at that frequency instead.
     """
     asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
     asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
@@ -139,7 +139,7 @@ def entries(
             if told:
                 facts["warnings"] = json.loads(told[-1])
             sources = _shared(shared or "{}")
-            if base != value and base and value is not None:  # relative, a source acts at all frequencies alike
+            if base != value and base and value is not None:  # relative contributions are equal
                 sources = {name: abs(size * value / base) for name, size in sources.items()}
             standing = standings.get(key, "")
             entry = Entry(key, date, value, u, unit or "", frequency, sources, files, standing, facts)
@@ -148,7 +148,7 @@ def entries(
 
 
 def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
-    """Each calibration with value and uncertainty, its sources, and the value that these belong to."""
+    """Each calibration with value and uncertainty, its sources, and the value to which these refer."""
     c, p, at = calibration.c, parameter.c, point.c
     joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
     values = [p.value, p.standard_uncertainty, p.unit, p.frequency_hz]
@@ -170,7 +170,7 @@ def _shared(text: str) -> Mapping[str, float]:
 
 
 def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:
-    """The newest of the events that decide whether a calibration counts, by calibration."""
+    """The newest event that decides whether a calibration is valid, by calibration."""
     asked = sa.select(event.c.calibration_id, event.c.kind).where(
         event.c.kind.in_(_STANDINGS), event.c.calibration_id.is_not(None)
     )
@@ -180,7 +180,7 @@ def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:
 
 
 def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]:
-    """What happened to a sensor, or to all; by sensor."""
+    """The events of a sensor, or of all; by sensor."""
     asked = sa.select(event).order_by(event.c.date, event.c.id)
     if sensor_id is None:
         asked = asked.where(event.c.kind != "added")  # as many as calibrations, and nothing follows from them
@@ -212,7 +212,7 @@ def result(store: Store, calibration_id: int) -> Result:
     """A stored result, whole.
 
     Raises:
-        InputError: there is none of this number.
+        InputError: no calibration has this number.
     """
     asked = sa.select(calibration.c.document).where(calibration.c.id == calibration_id)
     with store.reading() as connection:
@@ -223,7 +223,7 @@ def result(store: Store, calibration_id: int) -> Result:
 
 
 def no_calibration(store: Store, calibration_id: int) -> InputError:
-    """That there is no calibration of this number."""
+    """The error for a number without a calibration."""
     return InputError(
         "The store holds no such calibration.",
         expected="the number of a calibration",
@@ -234,7 +234,7 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
 
 
 def rows(store: Store) -> Iterator[dict[str, Any]]:
-    """One row a calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
+    """One row per calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
     c, s = calibration.c, sensor.c
     kept = [column for column in c if column.name not in ("document", "data_files", "sensor_id")]
     named = [s.manufacturer, s.type, s.serial_number, s.axis]

@@ -1,6 +1,6 @@
-"""The tables, as queries see them. The migrations make them; a test holds both equal.
+"""The tables, as queries use them. The migrations create them; a test compares both.
 
-Rows are added, never changed or removed: triggers of the database hold that.
+Rows are added, never changed or removed: triggers of the database enforce that.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sqlalchemy import (
 #: The newest migration; a store at another one is refused.
 REVISION = "0002"
 VERSION_TABLE = "vibrident_schema"
-#: What can happen to a sensor or to one of its calibrations.
+#: Kinds of event of a sensor or of one of its calibrations.
 KINDS = ("added", "approved", "superseded", "repaired", "recalled")
 #: Name among the parameters of the magnitude of the sensitivity at the reference frequency.
 REFERENCE_SENSITIVITY = "reference_sensitivity"

@@ -1,4 +1,4 @@
-"""The store: one connection at a time, transactions, the version of its schema, and what to do when it fails."""
+"""The store: one connection at a time, transactions, the version of its schema, and its errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vibrident.history.location import FORMS, chosen, shown, sqlite_file, withou
 
 #: How long a writer waits for another one.
 PATIENCE_S = 60
-#: Number of PostgreSQL's advisory lock that a change of the schema holds.
+#: Number of PostgreSQL's advisory lock for changes of the schema.
 _SCHEMA_LOCK = 8_247_163_905
 _WAYS_OF_LOCKING = ("locked", "lock timeout", "deadlock")
 
@@ -52,7 +52,7 @@ class Store:
 
     def _connected_lazily(self) -> sa.Engine:
         file = sqlite_file(self.url)
-        try:  # as a path, because releases of SQLAlchemy differ in what they take for escaped in it
+        try:  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
             url = self.url if file is None else sa.URL.create("sqlite", database=str(file))
             return sa.create_engine(url, **self._options())
         except ModuleNotFoundError as error:
@@ -69,7 +69,7 @@ class Store:
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sa.Connection]:
-        """A connection that sees one state of the store.
+        """A connection that reads one consistent state of the store.
 
         Raises:
             InputError: there is no store, its schema is another version's, or the database fails.
@@ -83,7 +83,7 @@ class Store:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[sa.Connection]:
-        """A connection whose changes are kept together at the end, or none of them.
+        """A connection whose changes are all committed at the end, or all rolled back.
 
         Raises:
             InputError: there is no store, its schema is another version's, or the database fails.
@@ -96,11 +96,11 @@ class Store:
                 yield connection
 
     def insert(self, table: sa.Table) -> Any:
-        """An INSERT of this database that can say what to do where the row is there already."""
+        """An INSERT in this database's dialect, with a clause for existing rows."""
         return sqlite.insert(table) if self.is_sqlite else postgresql.insert(table)
 
     def revision(self) -> str | None:
-        """The migration that the store is at; None where there is no store."""
+        """The migration that the store is at; None if there is no store."""
         with self._explained():
             if self.is_sqlite and not self._file().exists():
                 return None
@@ -125,7 +125,7 @@ class Store:
                 return before, _revision(connection) or ""
 
     def begin(self) -> None:
-        """Lay a new store out; one that is there is left as it is.
+        """Create the tables of a new store; an existing one stays unchanged.
 
         Raises:
             InputError: the database fails.
@@ -184,7 +184,7 @@ class Store:
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
-        """Whatever the database or its driver says, as a message for the user."""
+        """An error of the database or its driver, as a message for the user."""
         try:
             yield
         except exc.DBAPIError as error:
@@ -203,14 +203,14 @@ class Store:
 
 
 def _prepare_sqlite(connection: Any, _: Any) -> None:
-    """Readers beside a writer, keys that hold, and a transaction that begins when it is told to."""
+    """Set SQLite to allow readers beside a writer, to enforce foreign keys, and to begin transactions explicitly."""
     connection.isolation_level = None
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "recursive_triggers = ON"):
         connection.execute(f"PRAGMA {pragma}")
 
 
 def _begin_sqlite(connection: sa.Connection) -> None:
-    """A writer takes its lock at once: two that read first and then write would block each other."""
+    """Take the lock for writing at the beginning: two writers that read first would block each other."""
     connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get("writes") else "BEGIN")
 
 

@@ -22,13 +22,13 @@ def quantity_name(document: Document) -> str:
 
 
 def scale_of(document: Document) -> Scale:
-    """From the quantity's unit to one that reads well."""
+    """The scale from the quantity's unit to one with a suitable prefix."""
     sizes = [abs(row["value"]) for row in document["calibrations"] if row["counts"] and row["value"]]
     return scaled(document["quantity"]["unit"], sizes[-1] if sizes else 0.0)
 
 
 def calibrations(document: Document) -> Table:
-    """Every calibration with U and E_n to the one before; those that do not count with the reason."""
+    """Every calibration with U and E_n to the one before; those that are not valid with the reason."""
     scale = scale_of(document)
     rows = []
     for row in document["calibrations"]:
@@ -64,7 +64,7 @@ def calibrations(document: Document) -> Table:
 
 
 def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
-    """Value and U; the value to the place of what it does not share, because that is what changes are seen by."""
+    """Value and U; the value is rounded by its unshared uncertainty, because changes are compared with that."""
     own = row["u_own"] or row["u"]
     value, _ = pair(row["value"] * scale.factor, 2 * own * scale.factor)
     return value, pair(row["value"] * scale.factor, row["U"] * scale.factor)[1]
@@ -75,7 +75,7 @@ def _en(value: float | None) -> str:
 
 
 def chart(document: Document, width: int = 60) -> list[tuple[str, str]]:
-    """The values as text, by date: the part of U that a calibration does not share as a bar, and what is expected."""
+    """The values as text, by date: the unshared part of U as a bar, and the prediction."""
     rows = [
         (row["date"], row["value"], K * (row["u_own"] or row["u"])) for row in document["calibrations"] if row["counts"]
     ]
@@ -104,7 +104,7 @@ def series(document: Document) -> list[str]:
 
 
 def drift(document: Document) -> list[tuple[str, str]]:
-    """What is known of the drift, as pairs of name and text."""
+    """The drift, as pairs of name and text."""
     found, scale = document["drift"], scale_of(document)
     if found["why"]:
         return [("drift", f"not known: {found['why']}")]
@@ -127,7 +127,7 @@ def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
 
 
 def control(document: Document) -> list[tuple[str, str]]:
-    """What the control charts say, as pairs of name and text."""
+    """The control charts, as pairs of name and text."""
     found = document["control"]
     if found is None:
         return []
@@ -141,7 +141,7 @@ def control(document: Document) -> list[tuple[str, str]]:
 
 
 def due(document: Document) -> list[tuple[str, str]]:
-    """When the sensor is due, as pairs of name and text."""
+    """The due date, as pairs of name and text."""
     found, scale = document["due"], scale_of(document)
     if found is None:
         return []
@@ -164,7 +164,7 @@ def _percent(value: float | None) -> str:
 
 
 def events(document: Document) -> Table | None:
-    """What happened, but for calibrations that were added."""
+    """The events, except added calibrations."""
     rows = tuple(
         (event["date"], event["kind"], str(event["calibration_id"] or ""), event["by"], event["note"])
         for event in document["events"]

@@ -180,6 +180,7 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     """Add each result with a serial number; existing ones stay unchanged."""
     from vibrident import history
     from vibrident.cli.progress import Busy
+    from vibrident.present.views import count
     from vibrident.workflow.results import load_result
 
     nameless = 0
@@ -196,9 +197,10 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     with Busy("Adding to the history"):
         new = history.add(store, named())
     if not quiet:
-        out().print(f"Added to the history: {new} new results.", soft_wrap=True)
+        out().print(f"Added to the history: {count(new, 'new result')}.", soft_wrap=True)
     if nameless:
-        note(f"{nameless} results state no serial number and were not added.")
+        said = "result states no serial number and was" if nameless == 1 else "results state no serial number and were"
+        note(f"{nameless} {said} not added.")
 
 
 def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:

@@ -78,26 +78,25 @@ def add(
         list[Path], typer.Argument(metavar="RESULT...", help="result.json, one or more.", show_default=False)
     ],
     store: _Store = None,
-    serial: Annotated[
-        str | None, typer.Option("--serial", metavar="SERIAL", help="For results that state none.")
-    ] = None,
+    serial: Annotated[str | None, typer.Option("--serial", metavar="SERIAL", help="For results without one.")] = None,
     date: Annotated[
-        str | None, typer.Option("--date", metavar="DATE", help="Of the calibration, for results that state none.")
+        str | None, typer.Option("--date", metavar="DATE", help="Of the calibration, for results without one.")
     ] = None,
 ) -> None:
     """Add results. An existing result stays unchanged."""
     day = read_date(date, "--date")
     from vibrident.history.entry import add_all, rows_of
     from vibrident.history.store import Store
+    from vibrident.present.views import count
 
-    for path in results:  # all are read before any is added
+    for path in results:  # check all before adding any
         _named(path, lambda result: rows_of(result, serial, day))
     with Store(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
         for path, (new, number) in zip(results, added, strict=True):
-            out().print(printable(f"{path}: calibration {number}{'' if new else ', there already'}"), soft_wrap=True)
-        count = sum(new for new, _ in added)
-        note(f"{count} of {len(added)} new in {opened.shown}")
+            out().print(printable(f"{path}: calibration {number}{'' if new else ', already stored'}"), soft_wrap=True)
+        new_ones = sum(new for new, _ in added)
+        note(f"{new_ones} of {count(len(added), 'result')} new in {opened.shown}")
 
 
 @history.command("list")

@@ -1,4 +1,4 @@
-"""Points, shared sources of uncertainty and the reference sensitivity, from the stored results; rows only grow."""
+"""Points, shared sources of uncertainty and the reference sensitivity, from the stored results; rows are read-only."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TABLES = ("sensor", "calibration", "parameter", "point", "event")
 
 
 def upgrade() -> None:
-    """Add the tables and columns, fill them, then hold all rows as they are."""
+    """Add the tables and columns, fill them, then forbid changes of rows."""
     op.create_table(
         "point",
         sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
@@ -39,7 +39,7 @@ def upgrade() -> None:
 
 
 def _fill(connection: sa.Connection) -> None:
-    """What the new columns and tables say of calibrations that are there."""
+    """Fill the new columns and tables for existing calibrations."""
     from vibrident.history.entry import rows_of
     from vibrident.result import Result
 
@@ -101,7 +101,7 @@ def _triggers_of_sqlite() -> None:
                 f"CREATE TRIGGER {name}_no_{action.lower()} BEFORE {action} ON {name} "
                 f"BEGIN SELECT RAISE(ABORT, 'the history is append-only'); END"
             )
-    for name, same in _SAME_ROW.items():  # INSERT OR REPLACE would remove a row without a word
+    for name, same in _SAME_ROW.items():  # INSERT OR REPLACE would remove a row without an error
         op.execute(
             f"CREATE TRIGGER {name}_no_replace BEFORE INSERT ON {name} WHEN EXISTS (SELECT 1 FROM {name} WHERE {same}) "
             f"BEGIN SELECT RAISE(IGNORE); END"
