@@ -97,7 +97,7 @@ def test_a_scheduler_that_is_killed_is_said_and_nothing_is_lost(tmp_path, cluste
             cluster.processes[0].send_signal(signal.SIGKILL)
 
     asked = Asked([str(tmp_path / "data")], Orders(str(tmp_path / "out")))
-    with pytest.raises(InputError, match="goes on where it stopped"):
+    with pytest.raises(InputError, match="continues where it stopped"):
         run(asked, Dask(str(cluster.file)), meanwhile)
     there = len(list((tmp_path / "out/results").glob("*.json")))
     again = run_fleet([tmp_path / "data"], tmp_path / "out")

@@ -83,7 +83,7 @@ def test_what_a_missing_library_refuses_is_in_the_table_and_not_kept(tmp_path):
     tally = write_table(tmp_path / "fleet.parquet", calibrations, orders, [passing])
     assert tally.statuses == {"refused": 1, "identified": 1}
     assert pq.read_table(tmp_path / "fleet.parquet")["status"].to_pylist() == ["refused", "identified"]
-    with pytest.raises(InputError, match="Rows have gone"):
+    with pytest.raises(InputError, match="Rows were removed"):
         write_table(tmp_path / "fleet.parquet", calibrations, orders)
 
 

@@ -1,7 +1,7 @@
-"""What a worker of any scheduler does: look at calibrations, and identify a batch of them in a process beside it.
+"""The work of a worker of any scheduler: hash calibrations, and identify a batch of them in a process of its own.
 
-The process is told one calibration at a time, so it is known which one it did not survive. That one is alone in a fresh
-process next, and where it ends that too, its row says so. The rest of the batch goes on in another.
+The process receives one calibration at a time, so it is known which one ended it. That one is tried alone in a new
+process. If it ends that too, its row says so. Another process continues the batch.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vibrident.fleet.orders import Orders
 from vibrident.fleet.parts import write_part
 from vibrident.fleet.process import Died, Process, unwritable
 
-#: How often a calibration is tried alone: somebody else may have ended a process.
+#: Attempts for a calibration alone: the process may have been ended from outside.
 _TRIES_ALONE = 2
 _PROBLEMS = {
     "time": ("Identifying this calibration takes too long.", "fewer or shorter records, or a larger --time-limit"),
@@ -39,12 +39,12 @@ _processes: weakref.WeakSet[Process] = weakref.WeakSet()
 
 @dataclass(frozen=True)
 class Done:
-    """What became of a batch, whose rows are on the disk.
+    """Summary of a batch; its rows are on the disk.
 
     Attributes:
-        part: name of the file with the rows; empty where none is to be kept.
-        statuses: how many of each.
-        seconds: that they took.
+        part: name of the file with the rows; empty if no row is to be kept.
+        statuses: number of rows by status.
+        seconds: duration of the batch.
         moved: key asked for → key found, of calibrations whose files changed meanwhile.
         passing: rows that are not kept for the next run.
     """
@@ -66,7 +66,7 @@ def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
     """Identify calibrations, each a path and its key, and write their rows.
 
     Raises:
-        InputError: what they give cannot be written, or no process can be started.
+        InputError: the outcomes cannot be written, or no process can be started.
     """
     _require_same_version(orders)
     process = _process(orders)
@@ -91,7 +91,7 @@ def end_processes(run: str) -> None:
 
 
 def _process(orders: Orders) -> Process:
-    """This thread's process; another where the orders are others."""
+    """This thread's process; a new one if the orders differ."""
     process: Process | None = getattr(_here, "process", None)
     if process is None or process.ended or process.orders != orders:
         if process is not None:
@@ -119,7 +119,7 @@ def _row(process: Process, path: str, key: str) -> rows.Row:
 
 
 def lost(path: str, key: str, orders: Orders) -> rows.Row:
-    """The row of a calibration whose workers were lost again and again."""
+    """The row of a calibration whose workers were lost repeatedly."""
     return _killed(Died("crash", "workers that were lost with it, several times"), Process(orders), path, key)
 
 

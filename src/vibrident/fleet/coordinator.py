@@ -1,4 +1,4 @@
-"""The path of a run: find calibrations, look at them, have them identified in batches, write table and page."""
+"""The steps of a run: find calibrations, hash them, have them identified in batches, write table and page."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from vibrident.fleet.table import Tally, index_of, write_table
 
 #: Calls a worker has at once: one that it works on, one that waits for it.
 WINDOW = 2
-#: Calibrations that are looked at by one call; the first calls are short, so that work begins at once.
+#: Calibrations hashed by one call; the first calls are short, so that work begins at once.
 _FIRST_LOOKS, _MOST_LOOKS = 8, 100
-#: Seconds to wait before the number of workers, and the progress, are looked at again.
+#: Seconds between updates of the number of workers and of the progress.
 _TURN_S = 0.5
-#: How often a calibration is sent again whose worker was lost, and looked at again because its files changed.
+#: How often a calibration is sent again after its worker was lost, or hashed again after its files changed.
 _MOST_LOST, _MOST_MOVES = 4, 3
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a run is asked for.
+    """The request for a run.
 
     Attributes:
         patterns: files, folders and globs.
         orders: how each calibration is identified, and the folder.
-        specification: limits that the parameters should keep, by type.
-        fresh: do all anew, in place of going on.
+        specification: limits of the parameters, by type.
+        fresh: compute everything again instead of continuing.
     """
 
     patterns: Sequence[str]
@@ -55,13 +55,13 @@ class Asked:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is.
+    """Progress of a run.
 
     Attributes:
-        done: calibrations that have a row, those of earlier runs among them.
+        done: calibrations that have a row, including those of earlier runs.
         total: calibrations.
-        rate: identified, refused or failed in this run, a second.
-        left_s: seconds left at that rate; None before there is one.
+        rate: calibrations finished in this run, per second.
+        left_s: seconds left at that rate; None before a rate is known.
         workers: at work now.
     """
 
@@ -74,7 +74,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run came to.
+    """Outcome of a run.
 
     Attributes:
         tally: of the table's rows.
@@ -93,7 +93,7 @@ class Outcome:
     folder: Path
 
     def results(self) -> Iterator[Path]:
-        """The whole result of each identified calibration, each once; they exist where they were asked for."""
+        """Path of each identified calibration's result, each once; the files exist if ``results`` was set."""
         return (self.folder / f"{key.decode()}.json" for key in np.unique(self.tally.identified_keys).tolist())
 
 
@@ -101,12 +101,12 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None]
     """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
 
     Args:
-        asked: what to do.
-        scheduler: who does it; it is closed at the end.
-        progress: told about twice a second.
+        asked: the request.
+        scheduler: runs the work; it is closed at the end.
+        progress: called about twice a second.
 
     Raises:
-        InputError: a pattern names nothing, the folder cannot be written, or the scheduler is gone.
+        InputError: a pattern names nothing, the folder cannot be written, or the connection to the scheduler is lost.
     """
     begin = time.monotonic()
     began_at = time.time()
@@ -149,7 +149,7 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
 
 
 def _usable(orders: Orders) -> set[bytes]:
-    """Keys of the rows that are on the disk and stand."""
+    """Keys of the valid rows on the disk."""
     index = index_of(orders)
     return {bytes.fromhex(key.decode()) for key in index.keys[index.stands].tolist()}
 
@@ -165,7 +165,7 @@ def _not_seen(path: str) -> InputError:
 
 
 class _Work:
-    """The calls that are out, and what is still to be done."""
+    """The open calls, and the remaining work."""
 
     def __init__(
         self,
@@ -176,7 +176,7 @@ class _Work:
         progress: Callable[[Progress], None],
     ) -> None:
         self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
-        self.keys: list[bytes | None] = [None] * len(named.paths)  # None: not looked at, or no calibration
+        self.keys: list[bytes | None] = [None] * len(named.paths)  # None: not hashed yet, or no calibration
         self.passing: list[Row] = []
         self.computed = 0
         self._lost: Counter[str] = Counter()
@@ -189,7 +189,7 @@ class _Work:
         self._begin = time.monotonic()
 
     def do(self) -> None:
-        """Until every calibration has a row."""
+        """Run until every calibration has a row."""
         told = 0.0
         while self._next < len(self.named.paths) or self._looks or self._batches or self._work:
             self._send()
@@ -201,7 +201,7 @@ class _Work:
         self._tell()
 
     def _send(self) -> None:
-        workers = max(self.scheduler.workers(), 1)  # a cluster that grows with its work waits for some
+        workers = max(self.scheduler.workers(), 1)  # an adaptive cluster starts workers only once work is submitted
         while len(self._looks) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
             if self._next < len(self.named.paths) and not ahead and len(self._looks) <= workers // 2:
@@ -236,7 +236,7 @@ class _Work:
             row = lost(*tasks[0], self.orders)
             part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
             self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}, []))
-        else:  # halves: whatever ended the workers, it is in one of them
+        else:  # in halves: one of them holds the calibration that ended the workers
             self._lost.update(key for _, key in tasks)
             middle = (len(tasks) + 1) // 2
             for half in filter(None, (tasks[:middle], tasks[middle:])):
@@ -264,12 +264,12 @@ class _Work:
             self._moved(bytes.fromhex(before), bytes.fromhex(after))
 
     def _moved(self, before: bytes, after: bytes) -> None:
-        """Files changed after they were looked at: look again at all that were the same then."""
+        """Files changed after they were hashed: hash again all calibrations that had the same key."""
         self._there.discard(before)
         self._there.add(after)
         places = [place for place, key in enumerate(self.keys) if key == before]
         again = [place for place in places if self._moves[place] < _MOST_MOVES]
-        for place in set(places) - set(again):  # it never rests: the latest row stands
+        for place in set(places) - set(again):  # its files keep changing: use the latest row
             self.keys[place] = after
         self._moves.update(again)
         self._seen -= len(again)

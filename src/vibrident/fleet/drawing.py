@@ -1,4 +1,4 @@
-"""The pictures of a fleet's page, as SVG text: they are small however many sensors there are."""
+"""The figures of a fleet's page, as SVG text: their size does not depend on the number of sensors."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def histogram(
     Args:
         found: counts.
         label: under the axis.
-        factor: from the values to what the axis prints.
-        marks: values outside which is too far, the lower one first, with what they are.
-        middle: value that is wanted.
+        factor: from the values to the numbers on the axis.
+        marks: lower and upper limit, each with its label.
+        middle: nominal value.
     """
     low, high = float(found.edges[0]), float(found.edges[-1])
     tallest = max(int(found.counts.max()), 1)
@@ -90,7 +90,7 @@ def histogram(
 
 
 def over_time(seconds: NDArray[np.float64], label: str) -> str:
-    """How many came to an end in each stretch of time; shape (calibrations,), seconds since the beginning."""
+    """Calibrations finished in each interval of time; shape (calibrations,), seconds since the beginning."""
     longest = float(seconds.max()) if seconds.size else 0.0
     unit, factor = ("h", 1 / 3600) if longest > 10_000 else ("min", 1 / 60) if longest > 300 else ("s", 1.0)
     counts, edges = np.histogram(seconds, 30, (0.0, max(longest, 1e-3)))
@@ -98,7 +98,7 @@ def over_time(seconds: NDArray[np.float64], label: str) -> str:
 
 
 def share_bar(share: float, colour: str = BLUE) -> str:
-    """A bar of that share of the whole, for a cell of a table."""
+    """A bar for a share of the whole, for a cell of a table."""
     width = 100 * min(max(share, 0.0), 1.0)
     return (
         f'<svg viewBox="0 0 100 8" width="110" height="9" preserveAspectRatio="none" aria-hidden="true">'
@@ -109,7 +109,7 @@ def share_bar(share: float, colour: str = BLUE) -> str:
 def _beyond(
     marks: Sequence[tuple[float, str]], low: float, high: float, x: Callable[[float], float], bottom: float
 ) -> list[str]:
-    """Shade what does not conform."""
+    """Shade the values that do not conform."""
     if len(marks) != 2:
         return []
     (lower, _), (upper, _) = marks

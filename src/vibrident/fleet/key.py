@@ -1,4 +1,4 @@
-"""The key of a calibration: what its outcome depends on, and nothing else. Where the files lie is no part of it."""
+"""The key of a calibration: a hash of all that its outcome depends on. The location of the files is not part of it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vibrident.io.record_files import data_files
 from vibrident.io.toml_text import MOST_BYTES, refuse_costly
 
 SCHEMA = "vibrident.fleet/1"
-#: In place of the hash of a file that is not there, or may not be read: once it is, the key is another.
+#: In place of the hash of a file that is missing or not readable: the key changes once it can be read.
 _ABSENT = "absent"
 
 
@@ -30,9 +30,9 @@ class Look:
     Attributes:
         key: SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data files, the
             settings and the version.
-        shape: alike for calibrations that take about the same time.
-        calibration: False for a TOML file of something else.
-        there: False where no such file is seen.
+        shape: equal for calibrations that take about the same time.
+        calibration: False for a TOML file that is no calibration file.
+        there: False if the file does not exist.
     """
 
     key: str
@@ -58,7 +58,7 @@ def look(path: str, orders: Orders) -> Look:
 
 
 def sensor_text(path: str) -> dict[str, str]:
-    """What a calibration file says of its sensor, as far as it can be read, though it may not be usable."""
+    """The sensor section of a calibration file, as far as it can be read; the file may be unusable otherwise."""
     section = _toml(Path(path)).get("sensor")
     plain = section if isinstance(section, Mapping) else {}
     return {str(key): str(value) for key, value in plain.items() if not isinstance(value, list | dict)}
@@ -71,13 +71,13 @@ def _key(file: Path, names: list[str], orders: Orders) -> str:
         "settings": orders.settings,
         "calibration": digest,
         "data": [[name, _digest(file.parent / name)] for name in names],
-        "place": os.path.abspath(file) if digest == _ABSENT else "",  # two that cannot be read are not the same
+        "place": os.path.abspath(file) if digest == _ABSENT else "",  # two unreadable files must not have the same key
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def _digest(path: Path) -> str:
-    if not path.is_file():  # a pipe or a device may never end
+    if not path.is_file():  # reading a pipe or a device may never end
         return _ABSENT
     try:
         with path.open("rb") as stream:
@@ -95,13 +95,13 @@ def _shape(document: CalibrationFile, folder: Path, names: list[str]) -> str:
 
 
 def _may_be_one(file: Path) -> bool:
-    """Whether a file that is no valid calibration file was meant for one, rather than for another program."""
+    """Whether an invalid file was meant as a calibration file, rather than for another program."""
     document = _toml(file)
     return not document or bool(document.keys() & CalibrationFile.model_fields.keys())
 
 
 def _toml(file: Path) -> dict[str, Any]:
-    """The keys of a TOML file; none where it cannot be read."""
+    """The keys of a TOML file; empty if it cannot be read."""
     try:
         if not file.is_file():
             return {}

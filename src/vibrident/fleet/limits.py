@@ -1,4 +1,4 @@
-"""The limits file: what a parameter should be, by type of sensor, and whether it is."""
+"""The limits file: the limits of parameters, by type of sensor, and the verdict on values."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ class Limit(BaseModel):
 
     @property
     def lower(self) -> float:
-        """The least value that conforms."""
+        """The lower limit."""
         return self.nominal - self.half_width
 
     @property
     def upper(self) -> float:
-        """The greatest value that conforms."""
+        """The upper limit."""
         return self.nominal + self.half_width
 
     def inside(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which values conform, taken by themselves; same shape."""
+        """Which values are within the limits, without regard to uncertainty; same shape."""
         return np.abs(values - self.nominal) <= self.half_width
 
     def certain(self, values: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which verdicts stand whatever the value is within U = 2 u (ISO 14253-1); same shape."""
+        """Which verdicts hold for all values within U = 2 u (ISO 14253-1); same shape."""
         margin = np.abs(np.abs(values - self.nominal) - self.half_width)
         return margin >= K * u
 
@@ -79,7 +79,7 @@ def read_limits(path: Path) -> Specification:
     """Read a limits file.
 
     Raises:
-        InputError: it cannot be read, or its keys or values are not as agreed.
+        InputError: the file cannot be read, or a key or value is not valid.
     """
     document = _parsed(path)
     try:

@@ -1,4 +1,4 @@
-"""What is asked of a worker: how to identify, within which limits, and where the outcome goes."""
+"""Orders to a worker: how to identify, within which limits, and where to write the outcome."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from vibrident import __version__
 
-#: Seconds that one calibration may take.
+#: Default time limit of one calibration, in seconds.
 TIME_LIMIT_S = 300.0
 _GROUPS = ("vibrident.models", "vibrident.estimators", "vibrident.readers")
 _LEAST_BYTES = 4_000_000_000
@@ -20,7 +20,7 @@ _SHARE = 0.8
 
 
 def plug_ins() -> tuple[str, ...]:
-    """Packages, with their versions, that add models, estimators or readers here."""
+    """Installed packages, with their versions, that add models, estimators or readers."""
     points = (point for group in _GROUPS for point in entry_points(group=group))
     return tuple(sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist}))
 
@@ -30,15 +30,15 @@ class Orders:
     """The same for all calibrations of a run.
 
     Attributes:
-        folder: absolute; results and parts go there.
-        model: None takes each calibration's own.
+        folder: absolute path for results and parts.
+        model: of all calibrations; None for the one that each calibration states.
         estimator: a name, or ``auto``.
-        time_limit_s: most time of one calibration.
-        memory_limit_bytes: most memory of one process; None: a share of the machine's, see ``memory_limit``.
+        time_limit_s: longest time of one calibration.
+        memory_limit_bytes: largest memory of one process; None: a share of the machine's, see ``memory_limit``.
         results: whether whole results are written.
-        version: of this package, which a worker elsewhere must have too.
-        plug_ins: that an outcome may depend on.
-        run: a name of this run, by which its processes are told from those of another.
+        version: of this package; a remote worker must have the same.
+        plug_ins: packages that may change an outcome.
+        run: name of this run; it distinguishes its processes from those of another run.
     """
 
     folder: str
@@ -53,23 +53,23 @@ class Orders:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the numbers of an outcome depend on, beside the files."""
+        """The settings that change the numbers of an outcome."""
         chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
         return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
 
     @property
     def parts_folder(self) -> Path:
-        """Where rows go."""
+        """Folder for rows."""
         return Path(self.folder) / "parts"
 
     @property
     def results_folder(self) -> Path:
-        """Where whole results go."""
+        """Folder for whole results."""
         return Path(self.folder) / "results"
 
 
 def memory_limit(orders: Orders) -> int | None:
-    """Most bytes of a process that identifies, on this machine; None where the machine does not say what it has.
+    """Most bytes of a process that identifies, on this machine; None if the machine's memory is not known.
 
     Unless it is stated, each processor's share of four fifths of the memory, but at least 4 GB, because one large
     calibration is rarely beside another; and never more than the four fifths.

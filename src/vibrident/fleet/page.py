@@ -19,9 +19,9 @@ from vibrident.present import words
 from vibrident.present.page import Page, folded, paragraphs, text
 from vibrident.present.views import BLUE, GREEN, VERMILION
 
-#: Kinds of messages that are shown, and names of calibrations beside each.
+#: Number of messages shown, and of calibrations named beside each.
 MOST_KINDS, MOST_NAMES = 40, 5
-#: Rows that are in memory at once.
+#: Rows in memory at the same time.
 _ROWS = 4096
 _STYLE = """<style>
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(245px, 1fr)); gap: 10px 22px; }
@@ -62,7 +62,7 @@ def write_page(path: Path, table: Path, tally: Tally, specification: Specificati
 
 
 class _Names:
-    """What the page says of single rows, read in pieces: of outliers, and of what was refused or failed."""
+    """The single rows on the page, read in pieces: outliers, and refused or failed calibrations."""
 
     def __init__(self, table: Path, rows: Sequence[int]) -> None:
         import pyarrow.parquet as pq
@@ -180,7 +180,7 @@ def _distributions(found: Statistics, specification: Specification) -> list[str]
 
 
 def _other_units(group: Group, specification: Specification) -> list[str]:
-    """What limits were not applied, because they are in another unit."""
+    """The limits that were not applied because they are in another unit."""
     said = []
     for one in group.distributions:
         limit = specification.limit(group.type, one.parameter)

@@ -1,4 +1,4 @@
-"""Rows on the disk, a batch a file, by the keys that they hold: written whole, found again by whoever comes next."""
+"""Rows on the disk, one file per batch, indexed by key; a later run finds them again."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from numpy.typing import NDArray
 
 from vibrident.fleet.row import FAILED, IDENTIFIED, Row
 
-#: Columns of a part beside a parameter's; its units stand as JSON, and limits where a calibration failed under them.
+#: Columns of a part beside those of parameters; units are JSON, limits are stated for failed calibrations.
 _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
-#: Age after which a file that is being written has been left by a process that is gone.
+#: Age after which an unfinished file is taken to be left by a process that has ended.
 _LEFT_S = 3600.0
 _ENDING = ".part"
 
 
 @dataclass(frozen=True, eq=False)
 class Index:
-    """Where the row of each key is. Of several rows of a key, one that came to an end counts, the latest tried last.
+    """The place of each key's row. Of several rows of a key, a finished one is used, else the latest.
 
     Attributes:
         keys: sorted, each once, as hexadecimal digits; shape (keys,).
         part: number of the part in ``parts``; shape (keys,).
         row: number of the row in it; shape (keys,).
-        stands: False where the row is to be made again; shape (keys,).
+        stands: False if the row has to be computed again; shape (keys,).
         parts: names of the files.
         parameters: that each part has columns for.
     """
@@ -48,7 +48,7 @@ class Index:
     parameters: list[tuple[str, ...]]
 
     def places(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
-        """Where these keys stand in the index; −1 for one that does not."""
+        """Position of these keys in the index; −1 for a key that is not in it."""
         if not self.keys.size:
             return np.full(keys.shape, -1)
         found = np.minimum(np.searchsorted(self.keys, keys), self.keys.size - 1)
@@ -56,10 +56,10 @@ class Index:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all, whatever ends this process.
+    """Write a file that appears whole or not at all, even if this process is ended.
 
-    Where the power fails, what the system had not brought to the disk is gone or empty, and is made again: nobody waits
-    for the disk here, which takes a busy one longer than a batch.
+    If the power fails, files that the system had not yet written are missing or empty, and are computed again. There is
+    no fsync: on a busy disk it takes longer than a batch.
     """
     partial = path.with_name(f".{uuid.uuid4().hex}{_ENDING}")
     try:
@@ -70,7 +70,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def remove_left(folder: Path) -> None:
-    """Remove what processes that were killed have left half-written."""
+    """Remove unfinished files of processes that were killed."""
     for path in folder.glob(f".*{_ENDING}"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > _LEFT_S:
@@ -78,7 +78,7 @@ def remove_left(folder: Path) -> None:
 
 
 def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
-    """Rows as a table of pyarrow, with the limits that they were made within."""
+    """Rows as a table of pyarrow, with the limits on time and memory that applied to them."""
     import pyarrow as pa
 
     columns: dict[str, Any] = {
@@ -98,7 +98,7 @@ def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int |
 
 
 def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> str:
-    """Write rows into a part; return its name, which follows from the keys: the same rows never make two parts."""
+    """Write rows into a part; return its name, a hash of the keys: the same rows never make two parts."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -110,7 +110,7 @@ def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_li
 
 
 def _text(value: str | None) -> str | None:
-    """Text that can be written as UTF-8, whatever a file's name held."""
+    """Text that can be written as UTF-8; a file's name may hold other bytes."""
     return None if value is None else value.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -125,16 +125,16 @@ def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None) -> Index:
-    """Index all rows on the disk. A part that cannot be read counts for nothing.
+    """Index all rows on the disk. A part that cannot be read is ignored.
 
-    A row is to be made again where its whole result is wanted and not there, or where the calibration failed within
-    limits that were tighter than these.
+    A row has to be computed again if its whole result is wanted and missing, or if the calibration failed within
+    tighter limits than these.
 
     Args:
         folder: of the parts.
-        results: where whole results must be; None: not wanted.
+        results: folder of the whole results; None: not wanted.
         time_limit_s: of this run.
-        memory_limit_bytes: of this run; None: none.
+        memory_limit_bytes: of this run; None: no limit.
     """
     there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
     names, parameters, blocks = [], [], []

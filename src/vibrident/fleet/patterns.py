@@ -20,8 +20,8 @@ class Found:
 
     Attributes:
         paths: as they were found from the patterns.
-        in_folder: 1 for one that stands in a folder that was named, not itself: where it is no calibration file at
-            all, it is left out.
+        in_folder: 1 for a file found in a named folder, 0 for a file named itself: the former is left out if it is no
+            calibration file.
     """
 
     paths: list[str]
@@ -31,8 +31,7 @@ class Found:
 def found(patterns: Sequence[str]) -> Found:
     """The calibration files that the patterns name, each once, pattern by pattern and then by name.
 
-    A file stands for itself, a folder for every ``.toml`` file in it and below it, and a glob for the files and
-    folders that match.
+    A folder names every ``.toml`` file in it and below it, and a glob the files and folders that match.
 
     Raises:
         InputError: a pattern names nothing.
@@ -78,5 +77,5 @@ def _nothing(pattern: str) -> InputError:
         expected="a calibration file, a folder that holds some, or a glob that matches some",
         found=f"a folder without a {_ENDING} file" if folder else "nothing of that name",
         where=repr(pattern),
-        remedy="check the path; quote a glob, so that it comes here as it is",
+        remedy="check the path; quote a glob, so that the shell does not expand it",
     )

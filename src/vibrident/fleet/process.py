@@ -1,4 +1,4 @@
-"""A worker process as whoever started it sees it: one calibration at a time, within limits on time and memory."""
+"""A worker process seen from its parent: one calibration at a time, within limits on time and memory."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.row import Row
 
 _WORK = "from vibrident.fleet.worker import work; work()"
-#: One thread of arithmetic. No plug-ins of HDF5: they are code, looked for by name.
+#: One thread of arithmetic. No plug-ins of HDF5: they are foreign code.
 _SURROUNDINGS = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"),
     "HDF5_PLUGIN_PRELOAD": "::",
 }
-#: Seconds that the libraries may take to load, from a slow network drive say.
+#: Longest time to load the libraries, in seconds; a network drive may be slow.
 _START_S = 180.0
-#: A process that holds more than this, or has done so many calibrations, makes room for a fresh one.
+#: A process with more memory than this, or after so many calibrations, is replaced.
 _MOST_BYTES, _MOST_DONE = 1_500_000_000, 2000
 _LAST_BYTES = 2000
 
 
 class Died(Exception):
-    """The process ended, or was ended, at work.
+    """The process ended, or was ended, during a calibration.
 
     Attributes:
         reason: ``time``, ``memory`` or ``crash``.
@@ -43,16 +43,16 @@ class Died(Exception):
 
 
 class Ended(Exception):
-    """The process was ended for good: nobody waits for what it would say."""
+    """The process was ended and is not started again; its outcome is not needed."""
 
 
 class Process:
-    """A process that identifies, started when it is needed and again when it is gone. For one thread at a time.
+    """A process that identifies, started when needed and restarted after it has ended. For one thread at a time.
 
     Attributes:
-        orders: what it is to do.
-        memory_bytes: most that it may hold; None where there is no limit.
-        ended: True once it is to start no more.
+        orders: for the identification.
+        memory_bytes: limit on its memory; None if there is no limit.
+        ended: True once it must not be started again.
     """
 
     def __init__(self, orders: Orders) -> None:
@@ -68,8 +68,8 @@ class Process:
         """The row of a calibration.
 
         Raises:
-            Died: the process did not survive it.
-            Ended: another thread has ended it for good.
+            Died: the process ended during the calibration.
+            Ended: another thread has ended it.
             InputError: the outcome cannot be written, or no process can be started.
         """
         with self._lock:
@@ -96,11 +96,11 @@ class Process:
         return answer["row"]
 
     def end(self) -> None:
-        """End the process from another thread, for good."""
+        """End the process from another thread; it is not started again."""
         self.ended = True
         if (process := self._process) is not None:
             process.kill()
-        if self._lock.acquire(blocking=False):  # else whoever is at work closes it
+        if self._lock.acquire(blocking=False):  # else the thread that uses it closes it
             try:
                 self.close()
             finally:
@@ -176,12 +176,12 @@ class Process:
 
 
 def unwritable(found: str, folder: str) -> InputError:
-    """The error of a folder that takes no more."""
+    """The error of a folder that cannot be written."""
     return InputError(
         "The output cannot be written.",
         expected="a folder that can be written, with room for the files",
         found=found,
         where=folder,
-        remedy="make room, or mend the right to write (workers elsewhere must see the folder under the same name); "
-        "then the same command goes on where it stopped",
+        remedy="free disk space or correct the permissions (remote workers need the folder under the same name), "
+        "then run the same command again: it continues where it stopped",
     )

@@ -1,4 +1,4 @@
-"""One calibration's outcome as plain values: what becomes a row of the table."""
+"""One calibration's outcome as plain values: a row of the table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STATUSES = (IDENTIFIED, REFUSED, FAILED)
 
 #: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate, chi2_reduced, warnings,
 #: seconds as in the table, ``parameters`` being name → [value, u, unit]; ``finished``: when, in seconds since 1970;
-#: ``passing``: True where another try may end otherwise, so that the row is not kept for the next run.
+#: ``passing``: True if another attempt may have another outcome; the row is then not kept for the next run.
 Row = dict[str, Any]
 
 
@@ -38,7 +38,7 @@ def identified(key: str, result: Result, seconds: float) -> Row:
 
 
 def refused(key: str, error: VibridentError, sensor: dict[str, str], model: str | None, seconds: float) -> Row:
-    """The row of data that cannot be used, with the whole message. A fit that came to no end has failed."""
+    """The row of data that cannot be used, with the whole message. A fit that did not converge has failed."""
     status = REFUSED if isinstance(error, InputError) else FAILED
     row = _row(key, status, str(error), sensor, seconds)
     row["model"] = model or sensor.get("model")
@@ -47,12 +47,12 @@ def refused(key: str, error: VibridentError, sensor: dict[str, str], model: str 
 
 
 def failed(key: str, error: InputError, sensor: dict[str, str], model: str | None, seconds: float) -> Row:
-    """The row of a calibration that came to no end."""
+    """The row of a calibration that was not completed."""
     return {**refused(key, error, sensor, model, seconds), "status": FAILED}
 
 
 def fault(error: Exception) -> InputError:
-    """What is said of a fault of this program."""
+    """The message for a fault of this program."""
     frames = traceback.extract_tb(error.__traceback__)
     last = frames[-1] if frames else None
     return InputError(

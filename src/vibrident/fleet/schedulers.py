@@ -1,4 +1,4 @@
-"""Who has the work done: threads of this process, each with a process beside it, or the workers of a Dask cluster."""
+"""Schedulers: threads of this process, each with a process beside it, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from vibrident.fleet.batch import end_processes
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of a call.
+    """The end of a call.
 
     Attributes:
-        call: number that ``submit`` gave.
-        value: what the function returned; None where it did not.
-        error: what it raised.
-        lost: True where the workers that had it are gone, and it is not known why.
+        call: number passed to ``submit``.
+        value: returned by the function; None if it did not return.
+        error: exception that it raised.
+        lost: True if its workers ended for an unknown reason.
     """
 
     call: int
@@ -34,34 +34,34 @@ class Answer:
 
 
 class Scheduler(Protocol):
-    """Runs importable functions elsewhere and tells what became of them."""
+    """Runs importable functions in other threads or processes and reports their end."""
 
     def workers(self) -> int:
-        """How many calls can run at once, now."""
+        """Number of calls that can run at present."""
         ...
 
     def submit(self, function: Callable[..., Any], *args: Any) -> int:
-        """Have a function called; the number stands for the call."""
+        """Submit a call of a function; the number identifies the call."""
         ...
 
     def next_answer(self, seconds: float) -> Answer | None:
-        """An answer that has come; None where none comes within so many seconds.
+        """The next answer; None if no answer arrives within so many seconds.
 
         Raises:
-            InputError: none can come any more.
+            InputError: no answer can arrive any more.
         """
         ...
 
     def close(self, run: str) -> None:
-        """End whatever of this run is still at work."""
+        """End all work of this run that is still in progress."""
         ...
 
 
 class Local:
-    """This machine: so many processes.
+    """A number of processes on this machine.
 
-    A thread waits for each, so that it is known which batch a process has, and one that dies takes no other along; a
-    pool of processes (loky's, ``concurrent.futures``) is broken as a whole when one of them dies.
+    A thread waits for each. So it is known which batch a process has, and the end of one does not affect the others. A
+    pool of processes (loky's, ``concurrent.futures``) is broken as a whole when one of them ends.
     """
 
     def __init__(self, workers: int) -> None:
@@ -101,7 +101,7 @@ class Local:
 
 
 class Dask:
-    """A Dask scheduler that runs already; each thread of its workers has a process beside it.
+    """A running Dask scheduler; each thread of its workers has a process beside it.
 
     Args:
         where: address, such as ``tcp://host:8786``, or the scheduler's file (``.json``).
@@ -110,7 +110,7 @@ class Dask:
         InputError: Dask is not installed, or no scheduler answers there.
     """
 
-    #: Seconds to wait for the scheduler, and for which a count of workers stands.
+    #: Seconds to wait for the scheduler, and seconds for which a count of workers is reused.
     _PATIENCE_S, _COUNT_S = 20.0, 1.0
 
     def __init__(self, where: str) -> None:
@@ -128,7 +128,7 @@ class Dask:
             raise self._unreachable(f"{type(error).__name__}: {error}") from error
 
     def workers(self) -> int:
-        """Threads of all workers that are there now."""
+        """Threads of all present workers."""
         if time.monotonic() - self._counted >= self._COUNT_S:
             with contextlib.suppress(OSError, TimeoutError):
                 self._count, self._counted = sum(self._client.nthreads().values()), time.monotonic()
@@ -139,7 +139,7 @@ class Dask:
         self._calls += 1
         call = self._calls
         future = self._client.submit(function, *args, pure=False)
-        self._futures[call] = future  # it is forgotten everywhere when nobody holds it
+        self._futures[call] = future  # Dask drops a call without a reference to its future
         future.add_done_callback(lambda done: self._answers.put(self._answer(call, done)))
         return call
 
@@ -166,18 +166,18 @@ class Dask:
             answer = None
         if self._client.status in ("closing", "closed", "connecting"):
             raise InputError(
-                "The scheduler is gone.",
+                "The connection to the scheduler is lost.",
                 expected="a scheduler that answers",
                 found=f"a connection that is {self._client.status}",
                 where=self._where,
-                remedy="start it and its workers again; then the same command goes on where it stopped",
+                remedy="start it and its workers again; then run the same command again: it continues where it stopped",
             )
         if answer is not None:
             self._futures.pop(answer.call, None)
         return answer
 
     def close(self, run: str) -> None:
-        """End the processes beside the workers, and leave the scheduler."""
+        """End the processes beside the workers, and disconnect from the scheduler."""
         with contextlib.suppress(Exception):
             self._client.cancel(list(self._futures.values()))
         with contextlib.suppress(Exception):

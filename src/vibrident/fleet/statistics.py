@@ -1,4 +1,4 @@
-"""What the table says of its sensors: distributions, outliers and yield, a column at a time."""
+"""Statistics of the table: distributions, outliers and yield, one column after another."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from vibrident.fleet.limits import K, Limit, Specification
 from vibrident.fleet.row import IDENTIFIED
 from vibrident.fleet.table import Tally
 
-#: Fewest values by which others are called outliers, and the chance that a normal distribution of any size shows one.
+#: Fewest values for a search for outliers, and its false-alarm probability for a normal distribution of any size.
 FEWEST, FALSE_ALARM = 20, 0.01
 #: From the median absolute deviation to the standard deviation of a normal distribution.
 _TO_SD = 1.482602218505602
-#: Few values know their own spread badly: the limit is wider by a factor 1 + _SMALL / n. By simulation.
+#: The spread of few values is uncertain: the limit is wider by a factor 1 + _SMALL / n. By simulation.
 _SMALL = 12.0
-#: Groups that are shown, and rows that are listed.
+#: Number of groups shown, and of rows listed.
 MOST_GROUPS, MOST_OUTLIERS = 12, 200
-#: Drawn beyond a limit, of the width between the limits.
+#: Margin drawn outside a limit, relative to the width between the limits.
 _MARGIN = 0.06
 _FEWEST_BINS, _MOST_BINS = 8, 48
 FloatArray = NDArray[np.float64]
@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Counts between edges, and of what lies beyond the ends; shapes (bins + 1,) and (bins,)."""
+    """Counts between edges, and counts outside the ends; shapes (bins + 1,) and (bins,)."""
 
     edges: FloatArray
     counts: NDArray[np.intp]
@@ -49,11 +49,11 @@ class Distribution:
         unit: of all that follows.
         count: values.
         median, mean, sd, least, greatest: of the values.
-        median_u: of the standard uncertainties; None where none is stated.
+        median_u: of the standard uncertainties; None if no uncertainty is stated.
         histogram: of the values.
-        limit: that they should keep; None where there is none, or it is in another unit.
+        limit: for these values; None if there is no limit, or it is in another unit.
         conforming: values within the limit.
-        certain: verdicts that stand whatever the value is within U.
+        certain: verdicts that hold for all values within U.
         capability: Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit.
     """
 
@@ -85,7 +85,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A value that stands apart, or does not conform.
+    """An outlier, or a value that does not conform.
 
     Attributes:
         row: number in the table.
@@ -93,7 +93,7 @@ class Outlier:
         parameter: its name.
         unit: of value and u.
         value: of the parameter.
-        u: its standard uncertainty; None where none is stated.
+        u: its standard uncertainty; None if it is not stated.
         distance: from the median, in robust standard deviations.
         outside: it does not conform to a limit.
     """
@@ -110,7 +110,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Yield:
-    """How many sensors of a type conform: to all its limits, or, without limits, by raising no doubt."""
+    """Conforming sensors of a type: within all its limits or, if it has none, identified without a warning."""
 
     type: str | None
     calibrations: int
@@ -121,7 +121,7 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """All of it.
+    """The statistics of a fleet.
 
     Attributes:
         groups: the largest first.
@@ -181,7 +181,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
 
 
 def _grouped(kind: NDArray[np.int64], identified: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Kinds that occur, the most frequent first, shape (3, kinds); and each row's, −1 where it is not identified."""
+    """Kinds that occur, the most frequent first, shape (3, kinds); and each row's kind, −1 if it is not identified."""
     distinct, of_row, sizes = np.unique(kind[:, identified], axis=1, return_inverse=True, return_counts=True)
     order = np.argsort(-sizes, kind="stable")
     rank = np.empty_like(order)
@@ -192,7 +192,7 @@ def _grouped(kind: NDArray[np.int64], identified: NDArray[np.bool_]) -> tuple[ND
 
 
 class _Verdict:
-    """Which rows conform to all limits that there are for them."""
+    """Which rows conform to all their limits."""
 
     def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.intp]) -> None:
         self._identified, self._group = identified, group
@@ -215,7 +215,7 @@ class _Verdict:
         self._certain &= ~here | certain
 
     def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Rows that conform, and that do whatever they are within U; of rows without limits those that are whole."""
+        """Rows that conform, and rows that conform for all values within U; without limits, the sound rows."""
         plain = self._identified & whole
         return np.where(self.limited, self._conforming, plain), np.where(self.limited, self._certain, plain)
 
@@ -232,7 +232,7 @@ class _Sample:
 
 
 def outlier_limit(count: int) -> float:
-    """Distance from the median, in robust standard deviations, beyond which a value of so many is an outlier."""
+    """Distance from the median, in robust standard deviations, above which one of so many values is an outlier."""
     return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + _SMALL / count)
 
 
@@ -269,12 +269,12 @@ def _distribution(sample: _Sample) -> Distribution:
 
 
 def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
-    """By Freedman and Diaconis (1981), over the middle of the values and the limit; the rest is counted apart."""
+    """By Freedman and Diaconis (1981), over the central values and the limit; the others are counted separately."""
     low, first, third, high = (float(one) for one in np.quantile(values, [0.001, 0.25, 0.75, 0.999]))
     spread = third - first
     if spread > 0:
         low, high = max(low, first - 4 * spread), min(high, third + 4 * spread)
-    if limit is not None and spread > 0:  # a limit that is far off is not drawn
+    if limit is not None and spread > 0:  # a limit far from the values is not drawn
         margin = _MARGIN * (limit.upper - limit.lower)
         low = min(low, max(limit.lower - margin, first - 12 * spread))
         high = max(high, min(limit.upper + margin, third + 12 * spread))
@@ -334,7 +334,7 @@ class _Codes:
 
 
 class _Columns:
-    """Columns of the table, each read when it is asked for."""
+    """Columns of the table, each read when it is used."""
 
     def __init__(self, path: Path) -> None:
         import pyarrow.parquet as pq

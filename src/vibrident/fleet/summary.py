@@ -1,4 +1,4 @@
-"""What the terminal shows of a fleet."""
+"""The summary of a fleet for the terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def summary(outcome: Outcome) -> Group:
-    """Rows by status and warning, how fast it went, and the files."""
+    """Rows by status and warning, the rate, and the files."""
     from rich.console import Group
 
     whole = max(outcome.tally.rows, 1)

@@ -1,4 +1,4 @@
-"""``fleet.parquet``: a row a calibration of this run, in their order, put together from the parts block by block."""
+"""``fleet.parquet``: one row per calibration of this run, in order, assembled from the parts block by block."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED, Row
 from vibrident.naming import parameter_names
 
-#: Rows that are in memory at once.
+#: Rows in memory at the same time.
 _BLOCK = 4096
 _BEFORE = ("calibration", "key", "status", "message", "serial_number", "type", "model", "estimator")
 _AFTER = ("adequate", "chi2_reduced", "warnings", "seconds")
-#: Of the file's metadata: parameter → its units, one in most cases.
+#: Key in the file's metadata: parameter → its units, one in most cases.
 UNITS = b"vibrident.units"
 
 
 @dataclass(eq=False)
 class Tally:
-    """What the table holds, counted.
+    """Counts of the table's rows.
 
     Attributes:
         statuses: rows by status.
@@ -115,7 +115,7 @@ def write_table(
 
 
 class _Rows:
-    """Rows by key: from the parts, and those that are in none."""
+    """Rows by key: from the parts, and those that are in no part."""
 
     def __init__(self, orders: Orders, passing: Sequence[Row]) -> None:
         self.folder = orders.parts_folder
@@ -127,7 +127,7 @@ class _Rows:
         missing = [key for key in keys[places < 0].tolist() if key not in self.passing]
         if missing:
             raise InputError(
-                "Rows have gone while the run went on.",
+                "Rows were removed during the run.",
                 expected="parts that stay where they are",
                 found=f"{len(missing)} rows that were written, and are not there",
                 where=str(self.folder),
@@ -157,7 +157,7 @@ class _Rows:
     def _pieces(
         self, keys: NDArray[np.bytes_], places: NDArray[np.intp]
     ) -> Iterator[tuple[Any, NDArray[np.integer[Any]], NDArray[np.intp]]]:
-        """Table, its rows that are wanted, and their positions in the block."""
+        """A table, the selected rows of it, and their positions in the block."""
         import pyarrow.parquet as pq
 
         part = np.where(places >= 0, self.index.part[places] if self.index.part.size else -1, -1)
@@ -214,7 +214,7 @@ def _schema(parameters: Sequence[str]) -> Any:
 
 
 def _completed(table: Any, schema: Any) -> Any:
-    """A part's columns in the order of the schema, null where it has none, and those that the tally needs."""
+    """A part's columns in the order of the schema, null for missing ones, and those that the tally needs."""
     import pyarrow as pa
 
     wanted = [*((one.name, one.type) for one in schema if one.name != "calibration")]
@@ -234,5 +234,5 @@ def _with_names(block: Any, names: list[str], schema: Any) -> Any:
 
 
 def _printable(name: str) -> str:
-    """A file's name as UTF-8, whatever its bytes are."""
+    """A file's name as UTF-8; other bytes are escaped."""
     return name.encode("utf-8", "backslashreplace").decode("utf-8")

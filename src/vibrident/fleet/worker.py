@@ -24,7 +24,7 @@ from vibrident.fleet.parts import write_whole
 from vibrident.io.columns import unreadable
 from vibrident.sandbox import set_limits
 
-#: Seconds without a line after which it ends: on a cluster nobody may come back.
+#: Seconds without a line after which it ends: on a cluster the parent may be lost unnoticed.
 _IDLE_S = 120.0
 #: How often a calibration is begun again whose files change while it is read.
 _MOST_TRIES = 3
@@ -32,7 +32,7 @@ _MOST_TRIES = 3
 
 def work() -> None:
     """A worker's life: first its orders, then a calibration a line."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; whoever started it ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent ends this process
     stream = os.fdopen(os.dup(1), "w", encoding="ascii")
     os.dup2(2, 1)  # what libraries print is no answer
     first = json.loads(sys.stdin.readline())
@@ -78,7 +78,7 @@ def _answer(path: str, key: str, orders: Orders) -> dict[str, Any]:
 
 
 def _identified(path: str, key: str, orders: Orders) -> rows.Row:
-    """Read, identify, write the result. Where the files lie is no part of the outcome, so it is made where they lie."""
+    """Read, identify, write the result. The outcome does not depend on the folder of the files."""
     from vibrident.identification import identify
     from vibrident.io import read
 
