@@ -74,7 +74,7 @@ def normalized_error(
 #: Kinds of contributions that stay the same from one calibration to the next as long as their source does. Others are
 #: new each time: a sensor is mounted anew, and an ellipse is fitted to the signals of the day.
 LASTING_KINDS = ("gain", "timing", "phase", "clock")
-#: The row of the budget that stands for the reference's own calibration.
+#: The row of the budget for the calibration of the reference.
 REFERENCE_SOURCE = "calibration of the reference"
 
 
@@ -144,7 +144,7 @@ def _identity(result: Result, row: Mapping[str, Any]) -> str:
 
 
 def not_comparable(one: Result, other: Result) -> str:
-    """Why E_n of two results would mislead, in words; empty where it does not.
+    """Reason why E_n of two results is not valid; empty if it is valid.
 
     E_n compares independent measurements of one thing: not two evaluations of the same data, not two sensors.
     """
@@ -159,7 +159,7 @@ def not_comparable(one: Result, other: Result) -> str:
 
 @dataclass(frozen=True)
 class Criteria:
-    """What speaks for a model.
+    """Criteria for the choice of a model.
 
     Attributes:
         chi2: sum of the squared deviations over their variance; None where no uncertainty is known.
@@ -189,14 +189,14 @@ def criteria(result: Result) -> Criteria:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Which method to take, and why, in words; ``method`` is None where none can be recommended."""
+    """The recommended method with the reason in words; ``method`` is None if no method can be recommended."""
 
     method: str | None
     words: str
 
 
 def recommendation(results: Mapping[str, Result]) -> Recommendation:
-    """The soundest model of several on the same data: adequate, determined, and of those the smallest BIC."""
+    """The best of several models on the same data: adequate, identifiable, and of those the smallest BIC."""
     judged = {name: criteria(result) for name, result in results.items()}
     sound = {name: c for name, c in judged.items() if c.sound}
     if sound:

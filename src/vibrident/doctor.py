@@ -101,7 +101,9 @@ def _extras() -> list[Check]:
 def _plug_ins() -> list[Check]:
     """What other packages add; one that cannot be used leaves the rest working."""
     return [
-        Check("Plug-in", plug_in.line, True, f"mend, update or uninstall {plug_in.package}" if plug_in.problem else "")
+        Check(
+            "Plug-in", plug_in.line, True, f"correct, update or uninstall {plug_in.package}" if plug_in.problem else ""
+        )
         for registry in REGISTRIES
         for plug_in in registry.plug_ins()
     ]

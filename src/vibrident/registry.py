@@ -2,7 +2,7 @@
 
 A built-in one is a module of its own in the folder of its kind, and holds one object: the module ``velocity_pickup``
 holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is the same kind of object behind an entry
-point whose name is the object's. Names are known without loading anything; an object is loaded when it is asked for.
+point whose name is the object's. Names are known without loading anything; an object is loaded on first use.
 One that cannot be used is named once, in one line, and left out.
 """
 
@@ -117,7 +117,7 @@ class Registry(Generic[T]):
         return {name: found for name in self.names() if (found := self._object(name)) is not None}
 
     def one_by_one(self) -> Iterator[T]:
-        """Every object that can be used; a plug-in is loaded when its turn comes."""
+        """Every usable object; a plug-in is loaded when the iteration reaches it."""
         return (found for name in self.names() if (found := self._object(name)) is not None)
 
     def __getitem__(self, name: str) -> T:
@@ -138,12 +138,12 @@ class Registry(Generic[T]):
                 where=self.where,
                 remedy=did_you_mean(name, self.names(), f"choose a {self.kind} from the list")
                 if problem is None
-                else "mend, update or uninstall that package",
+                else "correct, update or uninstall that package",
             )
         return found
 
     def find(self, name: str) -> T | None:
-        """The object of this name; None where there is none.
+        """The object of this name; None if there is no such object.
 
         Raises:
             InputError: its package cannot be loaded.
@@ -164,7 +164,7 @@ class Registry(Generic[T]):
     def _load(self, point: EntryPoint) -> None:
         try:
             self._loaded[point.name] = self._checked(point.name, point.load())
-        except (Exception, SystemExit) as error:  # whatever a package of somebody else's does when it is loaded
+        except (Exception, SystemExit) as error:  # loading a foreign package may raise any error
             problem = str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
             self._problems[point.name] = " ".join(problem.split())
             _log.warning(PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line)

@@ -28,7 +28,7 @@ _MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty
 
 @dataclass(frozen=True)
 class ResultWarning:
-    """One doubt about the result: a contracted code and a sentence for a person."""
+    """One warning of the result: a fixed code and a sentence for the user."""
 
     code: WarningCode
     message: str
@@ -110,7 +110,7 @@ class MeasuredCurve(Curve):
     Attributes:
         deviation_percent: 100 (model − measured)/measured, of the magnitude.
         deviation_phase_deg: model − measured phase; None where there is no measured phase.
-        record: name of the record each point comes from.
+        record: name of the record of each point.
         magnitude_noise: the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the
             stated systematic effects, common to all points.
         phase_deg_noise: the same of the phase.
@@ -145,7 +145,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Training:
-    """How the estimator went: mean squared weighted residual and parameters at each iteration of its optimiser.
+    """Course of the optimisation: mean squared weighted residual and parameters at each iteration of its optimiser.
 
     ``weighting_changes`` are the iterations from which on the residual has other weights: losses on both sides of one
     are not alike.
@@ -173,7 +173,7 @@ class Result:
         fit: fit metrics.
         response: the model's curve.
         measured: the data's curve.
-        warnings: doubts; empty for a clean calibration of an adequate model.
+        warnings: empty for a clean calibration of an adequate model.
         sensor: free text of the calibration file.
         reference: quantity and unit of the reference.
         response_unit: unit of the response channel.
@@ -208,7 +208,7 @@ class Result:
 
     @property
     def has_gain(self) -> bool:
-        """Whether there is a gain, and so a curve over frequency; free decays alone tell neither."""
+        """Whether there is a gain, and so a curve over frequency; free decays alone determine neither."""
         own = {name for name, parameter in self.parameters.items() if not parameter.derived}
         return own != {"natural_frequency", "damping_ratio"}
 
@@ -317,7 +317,7 @@ class Result:
         return cls.from_dict(document)
 
 
-#: Where JSON's null stands for a number that is not finite; in the other fields it says that there is none.
+#: Fields in which JSON's null means a number that is not finite; in other fields it means that there is no value.
 _NUMBERS = {"value", "matrix", "magnitude", "deviation_percent", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
 
 
@@ -326,7 +326,7 @@ def _measured_part(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_numbers(value: Any, key: str = "") -> Any:
-    """Plain values in which null is not a number, where a number must stand."""
+    """Plain values in which null is replaced by NaN in fields that require a number."""
     if isinstance(value, Mapping):
         return {name: _with_numbers(item, str(name)) for name, item in value.items()}
     if isinstance(value, (list, tuple)):

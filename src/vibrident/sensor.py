@@ -25,7 +25,7 @@ class IdentifiedSensor:
     Attributes:
         model: the sensor model.
         values: name → value, SI units, frequencies in Hz.
-        covariance: of the values in the model's order, shape (parameters, parameters); NaN where none is stated.
+        covariance: of the values in the model's order, shape (parameters, parameters); NaN if not stated.
         quantity: what the sensitivity is per: acceleration, or the drive that the sensor was identified with.
         band_hz: lowest and highest frequency of the data; None where nothing tells.
         response_unit: unit of the response.
@@ -50,7 +50,7 @@ class IdentifiedSensor:
 
         Args:
             result: of an identification.
-            use: what it is for, in words.
+            use: purpose, in words.
 
         Raises:
             InputError: the result has no gain, or lacks a parameter of its model.
@@ -76,7 +76,7 @@ class IdentifiedSensor:
         """The same of a model that has a linear inverse.
 
         Raises:
-            InputError: it has none; or as :meth:`of`.
+            InputError: the model has no linear inverse; or as :meth:`of`.
         """
         if not parse(result.model).is_linear:
             raise InputError(
@@ -93,7 +93,7 @@ class IdentifiedSensor:
 
         Args:
             frequency_hz: shape (points,).
-            quantity: what it is per; None: the sensor's own.
+            quantity: reference quantity; None: the sensor's own.
         """
         at = np.asarray(frequency_hz, dtype=float)
         return np.asarray(self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex)
@@ -161,7 +161,7 @@ def _covariance(result: Result, model: SensorModel) -> FloatArray:
 
 
 def _band(result: Result) -> tuple[float, float] | None:
-    """Where the data lie; the curve's range where the result holds no measured points."""
+    """Range of the data; the curve's range if the result holds no measured points."""
     for curve in (result.measured, result.response):
         known = [f for f in curve.frequency_hz if f is not None and np.isfinite(f) and f > 0]
         if known:

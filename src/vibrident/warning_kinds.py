@@ -1,6 +1,6 @@
-"""The warnings that a result may carry: what each means, and what to do. A new one is a code and an entry here.
+"""The warnings of a result: the meaning of each, and the remedy. A new one needs a code and an entry here.
 
-Who raises a warning, and at which threshold, stands in docs/warnings.md.
+docs/warnings.md states the module and the threshold of each warning.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _KINDS: tuple[WarningKind, ...] = (
         "The deviations at the excited frequencies are larger than their uncertainties explain. The message "
         "says what the uncertainties of the parameters cover: where they were widened to the size of the misfit they "
         "cover a misfit of that size, else they hold only if the model is right.",
-        "Look where the deviation picture leaves zero: rising towards high frequencies suggests a delay or a second "
+        "Look where the deviations differ from zero: rising towards high frequencies suggests a delay or a second "
         "mode, falling towards low ones a high-pass. Add it to the model, narrow the band, or check the stated "
         "uncertainties. Of a free decay neither delay nor high-pass makes a difference: where its beginning deviates, "
         "spring or damping change with the amplitude, or the release is part of the record (start_s leaves it out).",
@@ -69,7 +69,7 @@ _KINDS: tuple[WarningKind, ...] = (
         "the data hardly determine a parameter",
         "One parameter, or a combination of parameters, can change much while the fit hardly changes. Its value is "
         "driven by noise and its uncertainty is large or cannot be stated.",
-        "Excite the frequencies that tell it (around the natural frequency for damping, well below it for the "
+        "Excite the frequencies that determine it (around the natural frequency for damping, well below it for the "
         "sensitivity, high ones for a delay), or leave that part out of the model.",
     ),
     WarningKind(
@@ -106,7 +106,7 @@ _KINDS: tuple[WarningKind, ...] = (
     WarningKind(
         "dead_channel",
         "a channel shows no signal",
-        "A channel is constant or holds nothing but noise at the excited frequency. That record tells nothing about "
+        "A channel is constant or holds nothing but noise at the excited frequency. That record says nothing about "
         "the sensor.",
         "Check cable, supply and the column numbers in the calibration file; leave the record out.",
     ),

@@ -30,7 +30,7 @@ def test_no_more_values_than_parameters_leave_nothing_to_state(points: int, phas
     result = vibrident.identify(table(points, phase=phase))
     assert not result.fit.adequate
     assert set(result.warning_codes) == {"lack_of_fit", "weakly_determined"}
-    assert result.warnings[0].message.startswith("Nothing tells whether the model explains the table")
+    assert result.warnings[0].message.startswith("It cannot be tested whether the model explains the table")
     for parameter in result.parameters.values():
         assert parameter.standard_uncertainty is None
         assert parameter.interval_95 == (None, None)

@@ -1,7 +1,7 @@
 """What a fit says of its data, what is doubted of it, and the document that states it.
 
 ``attempts`` fits and judges, once more from elsewhere where nothing is explained; ``adequacy`` is the verdict, with the
-stated systematic ``effects``; ``doubts`` are what shows only once a model is fitted; ``document`` makes the result.
+stated systematic ``effects``; ``doubts`` gives the warnings that need a fitted model; ``document`` makes the result.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class Judgement:
         adequacy: points, χ², verdict.
         lack_of_fit: the warning's text, should it be needed.
         birge: factor on the uncertainties that the deviations demand, at least one.
-        predicted: predicted response of each record, NaN where there is none; empty for a table.
+        predicted: predicted response of each record, NaN where it is not defined; empty for a table.
         scatter: standard deviation of the weighted residuals where no uncertainty was stated, else None.
         signals: excerpts for pictures.
         weights: the network's weights as the paper's Table 1.
@@ -59,7 +59,7 @@ class Judgement:
         overtones: records in whose response the sensor adds harmonics.
         found: systematic effects that were found in the data.
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
-        removed: factor on the measured response that takes these out of it, shape (points,); None: nothing to remove.
+        removed: factor on the measured response that takes these out of it, shape (points,); None for no change.
         without: the estimate that the response without them gives, shape (p,).
     """
 
@@ -118,7 +118,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
-    """Tones at the estimate, by the network with exact weights, whatever network was trained."""
+    """Tones at the estimate, by the network with exact weights, for any trained network."""
     exact = estimate.settings.get("discretisation", "bandlimited") == "bandlimited"
     problem = estimate.problem if exact else None
     problem = problem or network_problem(evidence, values)
@@ -155,8 +155,8 @@ def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Seq
     """The warning that an inadequate model gets."""
     if not points:
         return (
-            "Nothing tells whether the model explains the data: in no band of frequencies does the response stand "
-            "out of what the model leaves. The records are too short for a test, or noise and misfit too large."
+            "It cannot be tested whether the model explains the data: in no band does the response exceed the "
+            "residual. The records are too short for a test, or noise and misfit are too large."
         )
     if adequacy.degrees_of_freedom <= 0:
         equations = 2 * len(adequacy.frequency_hz)
@@ -177,7 +177,7 @@ def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Seq
 def _nothing_left(equations: int, parameters: int, what: str) -> str:
     """A model with no fewer parameters than there are equations meets any data."""
     return (
-        f"Nothing tells whether the model explains the {what}: {parameters} parameters meet {equations} measured "
+        f"It cannot be tested whether the model explains the {what}: {parameters} parameters meet {equations} measured "
         "values, and none is left to judge by. Measure at more frequencies, or take a model with fewer parameters."
     )
 
@@ -199,7 +199,7 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
         problem = estimate.problem or network_of(
             evidence.records, evidence.model, method(name), evidence.quantity, values
         )
-    except InputError:  # all records too short to interpolate: the tones stand alone
+    except InputError:  # all records are too short to interpolate: only the tones remain
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
     predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
     if estimate.criterion != "samples":

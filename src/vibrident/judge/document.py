@@ -59,7 +59,7 @@ def document(fitted: Fitted, rows: Sequence[Row], more: Sequence[ResultWarning] 
 
 @dataclass(frozen=True, eq=False)
 class _Stated:
-    """What is stated of an estimate: its covariance and where that comes from, and what is doubted."""
+    """The statements about an estimate: its covariance with the sources of it, and the warnings."""
 
     covariance: FloatArray
     degrees_of_freedom: float
@@ -168,13 +168,13 @@ def _warnings(
 
 
 def _optics(calibration: Calibration) -> dict[str, Any]:
-    """What an interferometer's signals said of themselves, by record."""
+    """Quality of an interferometer's signals, by record."""
     found = {r.name: r.optical.as_settings() for r in calibration.records if r.optical is not None}
     return {"interferometer": found} if found else {}
 
 
 def _learned(estimate: Estimate) -> list[ResultWarning]:
-    """What a learned residual takes on itself is not explained by the model."""
+    """The part that a learned residual explains is not explained by the model."""
     residual = estimate.settings.get("residual_network", {})
     if not residual.get("kept"):
         return []

@@ -35,14 +35,14 @@ from vibrident.uncertainty.parameters import parameter_units
 
 #: Another reading of the data is proposed where it fits this many times better, and well.
 BETTER, WELL = 10.0, 4.0
-#: … and by more than one of so many wrong readings would by chance.
+#: … and if chance would make a wrong reading fit as well with a probability below this.
 CHANCE = 1e-4
-#: A reading whose phases are uncertain by more than this (rad) says nothing; nor is a level above this one (dB); and
-#: levels that differ by less than this (dB) are those of a level response, which any small numbers make.
+#: Readings are not tested if phases are uncertain by more than this (rad), if a level exceeds this (dB), or if levels
+#: differ by less than this (dB): any small numbers look like the levels of a flat response.
 MOST_PHASE, MOST_DECIBELS, LEAST_DECIBELS = 0.5, 400.0, 3.0
 #: So many frequencies are of a series by no chance, each within this part, as they may be rounded.
 FEWEST_NOMINAL, ROUNDED = 5, 2e-3
-#: Part of a standard uncertainty beyond which noise of the reference that cannot be told makes up most of it.
+#: Part of a standard uncertainty above which undetermined noise of the reference is reported.
 DOUBTED_BIAS = 0.8
 
 
@@ -82,7 +82,7 @@ def _nonlinear(
         more = f", and in {others} more record{'s' if others > 1 else ''}" if others else ""
         text = (
             f"{worst.record}: the sensor adds {100 * worst.ratio:.2g} % of harmonics to {worst.frequency_hz:.4g} Hz, "
-            f"most at {worst.strongest} times that{more}; a linear sensor adds none."
+            f"most at {worst.strongest} times that{more}; a linear sensor adds no harmonics."
         )
         yield ResultWarning("nonlinear", text)
     bent = _distorted(evidence, estimate, judgement, covariance)
@@ -107,7 +107,7 @@ def _nonlinear(
 def _distorted(
     evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
 ) -> ResultWarning | None:
-    """A bent characteristic that stands out of the residual, and is larger than the uncertainty of the gain."""
+    """A nonlinear characteristic that is significant in the residual and larger than the uncertainty of the gain."""
     coordinates, model = estimate.coordinates, evidence.model
     if estimate.settings.get("discretisation", "bandlimited") != "bandlimited":
         return None
@@ -183,7 +183,7 @@ def _moving(
 ) -> list[ResultWarning]:
     """Parameters that another part of the data, or another estimator, would move."""
     if not evidence.model.is_linear:
-        return []  # a transfer function says nothing of what makes it nonlinear
+        return []  # a transfer function does not determine nonlinear parameters
     coordinates = estimate.coordinates
     units = parameter_units(evidence.model, evidence.calibration)
     points, at = _undisturbed(estimate, judgement, judgement.adequacy)
@@ -244,14 +244,14 @@ def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
         return []
     name = max(suspects, key=lambda key: suspects[key])
     text = (
-        "Noise of the reference that the sensor did not feel cannot be told from noise of the response here; it makes "
+        "Noise of the reference channel itself cannot be separated from noise of the response here; it makes "
         f"up {100 * suspects[name]:.0f} % of the standard uncertainty of the {in_words(name)}."
     )
     return [ResultWarning("reference_noise", text)]
 
 
 def _misread(evidence: Evidence) -> list[ResultWarning]:
-    """A reading of the same data in other units, where it fits far better than chance would have it."""
+    """A reading of the same data in other units, if it fits far better than by chance."""
     problem = evidence.first_look
     if problem is None:
         return []
@@ -265,7 +265,7 @@ def _misread(evidence: Evidence) -> list[ResultWarning]:
 
 
 def _cost(problem: FrequencyProblem, model: SensorModel) -> tuple[float, int]:
-    """Cost of the best start for each degree of freedom, deviations below one per cent not believed; and those."""
+    """Cost of the best start for each degree of freedom, with deviations of at least 1 %; and these."""
     try:
         start = find_start(problem, model)
     except VibridentError:
@@ -320,7 +320,7 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
             ('The phases fit far better as degrees: is phase_unit "rad" right?', np.pi / 180.0),
             ('The phases fit far better as radians: is phase_unit "deg" right?', 180.0 / np.pi),
         ):
-            # What no uncertainty was stated of keeps its weight.
+            # Values without a stated uncertainty keep their weight.
             other_u = phase_u if table.phase_uncertainty_rad is None else factor * phase_u
             if np.median(other_u) < MOST_PHASE:  # any phase fits within an uncertainty of a turn
                 yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))

@@ -1,4 +1,4 @@
-"""The stated systematic effects in the verdict: what of a fit's deviations they explain, and what is said of them."""
+"""The stated systematic effects in the verdict: the part of a fit's deviations that they explain, and its message."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def parse(name: str) -> SensorModel:
     """Build the model that ``name`` says: a core, then add-ons joined by "+", in any order.
 
     Raises:
-        ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them do not go together.
+        ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them cannot be combined.
     """
     first, *rest = (part.strip() for part in name.split("+"))
     core = MODELS.find(first)
@@ -92,7 +92,7 @@ def parse(name: str) -> SensorModel:
 
 
 def installed(name: str) -> SensorModel | None:
-    """The model of this name; None where a part of it is not installed, or two do not go together."""
+    """The model of this name; None if a part of it is not installed, or two parts cannot be combined."""
     try:
         return parse(name)
     except ModelError:
@@ -113,13 +113,13 @@ def _check_names(model: SensorModel) -> None:
 
 
 def _check_nonlinear(model: SensorModel) -> None:
-    """What the equation of a nonlinear add-on stands for: V is the core's own response, with at most a delay behind."""
+    """Check that the equation of a nonlinear add-on holds: V is the core's response, with at most a delay in series."""
     nonlinear = [addon.name for addon in model.add_ons if addon.force is not None]
     others = [addon.name for addon in model.add_ons if addon.force is None and not addon.is_delay]
     if model.core.output != "displacement" or others:
         fitting = next(core.name for core in CORES.values() if core.output == "displacement")
         raise ModelError(
-            f"The add-on {nonlinear[0]!r} does not go with this model.",
+            f"The add-on {nonlinear[0]!r} cannot be combined with this model.",
             expected=f"'{fitting}+{nonlinear[0]}', with or without a delay",
             found=repr(model.name),
             where="model",

@@ -33,14 +33,14 @@ class ParameterSpec:
     Attributes:
         name: in result.json and in Python; an identifier.
         unit: unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive.
-        kind: how the optimiser sees it. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
+        kind: its scale in the optimiser. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
             by its logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at
             zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear;
             ``inverse``, ``inverse_square``: linear, in units of one over the response's size, or over its square.
         guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
         words: name in words; empty: the name with spaces.
         symbol: usual symbol.
-        describes: what calibrations of one sensor share it: the ``oscillator`` itself, whatever is read from it; an
+        describes: what calibrations of one sensor share it: the ``oscillator`` itself, for any output; an
             ``output``, where response unit and kind of reference are alike; the ``channel`` of one calibration alone.
         grid: of a core's parameter: the values from which start values are looked for, or ``band`` for frequencies over
             the band of the data and beyond; empty: the gain, which follows from the rest.
@@ -81,7 +81,7 @@ class Derived:
 
     Attributes:
         name: in result.json; an identifier.
-        unit: as of a parameter; ``{conversion}`` stands for response unit per metre.
+        unit: as for a parameter; ``{conversion}`` stands for response unit per metre.
         value: of the parameters' values.
         exists: whether there is one for these values.
         words: name in words; empty: the name with spaces.
@@ -114,7 +114,7 @@ class Labels:
     """Which of several parts that give the same response has which name.
 
     Attributes:
-        others: (core, values) → every other way to name the parts that leaves the response as it is.
+        others: (core, values) → all other assignments of the labels that give the same response.
         in_order: (values, those of the first other way) → whether these have the one form that is stated.
         undecided: (values, standard uncertainties) → whether the data leave the form open.
         question: what the response does not tell, in words.
@@ -153,7 +153,7 @@ class Core:
 
 @dataclass(frozen=True)
 class AddOn:
-    """What stands in series with, or beside, the core.
+    """A part in series with, or parallel to, the core.
 
     ``rational`` changes the core's transfer function; ``factor`` multiplies its frequency response where that is not
     rational, given s = jω, and ``factor_slopes`` are its derivatives by name. ``force`` makes the sensor nonlinear:
@@ -169,7 +169,7 @@ class AddOn:
         factor: (values, s) → factor on the frequency response.
         factor_slopes: (values, s) → its derivatives by name.
         force: (values, V) → F(V).
-        beside: (values, core) → what stands in parallel to the core.
+        beside: (values, core) → the part in parallel to the core.
         in_series: whether ``rational`` multiplies the whole response; False: it adds something beside the core.
         oscillator: names of natural frequency (Hz) and damping ratio of a mode that it adds.
         corner: name of the corner frequency (Hz) of a real pole that it adds.
@@ -198,7 +198,7 @@ class AddOn:
 
     @property
     def place(self) -> int:
-        """Where it stands in a model's name and in the chain: forces, modes beside, filters behind, average, delay."""
+        """Its position in a model's name and in the chain: forces, modes beside, filters behind, average, delay."""
         if self.force is not None:
             return 0
         if self.rational is not None:
@@ -316,7 +316,7 @@ class SensorModel:
 
     @property
     def linear(self) -> SensorModel:
-        """The model without what makes it nonlinear: what it is for small signals."""
+        """The model without its nonlinear parts: its linearisation for small signals."""
         kept = tuple(addon for addon in self.add_ons if addon.force is None)
         return (
             self
@@ -325,7 +325,7 @@ class SensorModel:
         )
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
-        """The core, and what stands beside it, from the reference quantity to their shares of the response."""
+        """The core and the parts parallel to it, from the reference quantity to their shares of the response."""
         core = self.core.rational(parameters)
         parts = [core, *(addon.beside(parameters, core) for addon in self.add_ons if addon.beside is not None)]
         zeros = (0.0,) * DERIVATIVES[quantity]
@@ -341,7 +341,7 @@ class SensorModel:
 
 
 def _require_identifier(name: str) -> None:
-    """Names go into files, code and tables.
+    """Check a name: it is used in files, code and tables.
 
     Raises:
         ModelError: the name is no plain identifier.
@@ -378,6 +378,6 @@ def array_library(*values: Any) -> Any:
     """NumPy where every value is a number or a NumPy array, ``jax.numpy`` otherwise."""
     if all(isinstance(value, (np.ndarray, np.generic, complex, float, int)) for value in values):
         return np
-    import jax.numpy as jnp  # only tracers and JAX arrays come here, so JAX is loaded already
+    import jax.numpy as jnp  # only tracers and JAX arrays reach this line, so JAX is loaded already
 
     return jnp

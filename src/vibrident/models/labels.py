@@ -1,6 +1,6 @@
-"""Which label goes to which pole: parameters that give exactly the same response, and the rule that chooses among them.
+"""Assignment of labels to poles: parameters that give exactly the same response, and the rule that selects one.
 
-The response does not say which of two modes is the first, nor which of three real poles belongs to a high-pass. Every
+The response does not show which of two modes is the first, or which of three real poles belongs to a high-pass. Every
 estimate is brought to one form:
 
 - damping ratios are not negative;
@@ -30,7 +30,7 @@ def labels_of(model: SensorModel) -> Labels | None:
 
 
 def relabellings(model: SensorModel, values: Mapping[str, float]) -> tuple[Relabelling, ...]:
-    """Every other way to name the poles of a sensor that leaves its response as it is."""
+    """All other assignments of a sensor's poles that give the same response."""
     labels = labels_of(model)
     return () if labels is None else labels.others(model.core, values)
 

@@ -28,7 +28,7 @@ def response_and_slopes(
     """Frequency response, shape (points,), and its derivatives with the parameters, shape (parameters, points).
 
     Args:
-        model: the sensor model; of a nonlinear one, what it is for small signals.
+        model: the sensor model; of a nonlinear one, its linearisation for small signals.
         values: name → value.
         frequency_hz: shape (points,).
         quantity: what the reference is.

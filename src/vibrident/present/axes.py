@@ -17,7 +17,7 @@ _STEPS, _ANGLES = (1.0, 2.0, 2.5, 5.0, 10.0), (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.
 
 
 def usable(values: FloatArray, *, positive: bool = False) -> FloatArray:
-    """The finite values, those above zero where asked for."""
+    """The finite values; on request only those above zero."""
     kept = values[np.isfinite(values)]
     return kept[kept > 0] if positive else kept
 
@@ -66,7 +66,7 @@ def about_zero(label: str, values: FloatArray, half: FloatArray | None = None, f
     Args:
         label: what they are, and their unit.
         values: deviations.
-        half: half lengths of the bars; NaN where there is none.
+        half: half lengths of the bars; NaN for no bar.
         floor: least half range, so that rounding noise does not look like a deviation.
     """
     known = usable(values)

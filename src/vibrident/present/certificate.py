@@ -62,7 +62,7 @@ class Certificate:
         instruments: table of instruments used; no rows is a blank to fill.
         traceability: statement; None is a blank.
         reference: sensitivity at the reference frequency, and how that was chosen.
-        sensitivity: table at nominal frequencies; None where the band holds none.
+        sensitivity: table at nominal frequencies; None if the band holds no nominal frequency.
         parameters: table of the model's parameters.
         statements: paragraphs on uncertainty, phase and adequacy.
         doubts: title and sentences of each warning.
@@ -225,7 +225,7 @@ def _bar(expanded: str, unit: str) -> str:
 
 
 def sensitivity_table(result: Result) -> Table | None:
-    """Magnitude, phase and U at the nominal frequencies of the measured band; None where it holds none."""
+    """Magnitude, phase and U at the nominal frequencies of the measured band; None if it holds no nominal frequency."""
     points = nominal_points(result)
     if not points:
         return None

@@ -56,7 +56,7 @@ def caption(figure: Figure) -> str:
 
 
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
-    """Numbers for JSON: so many digits, None where there is none."""
+    """Numbers for JSON, rounded to so many digits; None for a value that is not finite."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 
@@ -130,7 +130,7 @@ def _once(data: list[Any]) -> None:
 
 
 def _domains(stack: Stack) -> list[list[float]]:
-    """Where each panel lies, from the top."""
+    """Position of each panel, from the top."""
     heights = [_INCH * panel.height_in for panel in stack.panels]
     rooms = [_BETWEEN + (14.0 if panel.title else 0.0) for panel in stack.panels[1:]]
     whole, found, top = sum(heights) + sum(rooms), [], 1.0
@@ -265,7 +265,7 @@ def _marker(look: Look, size: float) -> Chart:
 
 
 def _said(series: Series, kept: Sequence[int] | None = None) -> Chart:
-    """What a point says when it is touched: its own words where it has some."""
+    """Text at a point under the pointer: its own text if it has one."""
     chosen = range(len(series.x)) if kept is None else kept
     word = plotly(in_a_line(series.label.partition(",")[0]))
     named = f"{word}: " if word else ""

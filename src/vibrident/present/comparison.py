@@ -27,7 +27,7 @@ from vibrident.present.points import Point, nominal_points, reference_point, sen
 from vibrident.present.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
 from vibrident.result import Result
 
-#: Results in one table, the first among them; more make further tables.
+#: Results in one table, including the first; more results need further tables.
 MOST_COLUMNS = 5
 #: Differences smaller than this carry a power of ten.
 _LEAST_FIXED = 1e-7
@@ -43,7 +43,7 @@ class Value:
     """A quantity of one result: value and standard uncertainty in the unit of the whole row.
 
     Attributes:
-        value: None where there is none.
+        value: None if there is no value.
         u: None where not known.
         shared: what of u other results may share, by source.
     """
@@ -167,7 +167,7 @@ def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
 
 
 def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: str) -> Table | None:
-    """Magnitude and phase of two results at every nominal frequency that both have; None where there is none."""
+    """Magnitude and phase of two results at every nominal frequency that both have; None if they share none."""
     if _sensitivity_kind(first) != _sensitivity_kind(other):
         return None
     scale = sensitivity_scale(first)

@@ -55,7 +55,7 @@ def coverage(result: Result) -> Coverage:
 
 
 def parameter_factor(result: Result) -> float:
-    """K of the parameters' U: 2, and where few degrees of freedom would make that cover less, that of Student's t."""
+    """K of the parameters' U: 2, or the larger one of Student's t if few degrees of freedom require it."""
     k, freedom = result.settings.get("coverage_factor"), coverage(result).degrees_of_freedom
     if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
         return COVERAGE_FACTOR

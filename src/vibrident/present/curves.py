@@ -85,7 +85,7 @@ def envelope(time: FloatArray, values: FloatArray, bins: int = 1500) -> tuple[Fl
 
 
 def largest(*values: FloatArray) -> float:
-    """Largest finite magnitude; zero where there is none."""
+    """Largest finite magnitude; zero if no value is finite."""
     return max((float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in values), default=0.0)
 
 

@@ -1,4 +1,4 @@
-"""The report of one result, and of several beside each other, as documents: what stands in which section."""
+"""The report of one result, and of several beside each other, as documents with their sections."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def head(result: Result) -> tuple[Block, ...]:
 
 
 def verdict(result: Result) -> Sentence:
-    """Whether the model describes the data, and how many doubts there are."""
+    """Whether the model describes the data, and the number of warnings."""
     fine = result.fit.adequate and not result.warnings
     said = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
     doubts = f"{count(len(result.warnings), 'warning')}, explained below" if result.warnings else "no warnings"
@@ -131,7 +131,7 @@ def _curves(result: Result) -> list[Section]:
 
 
 def _budget(result: Result) -> Sequence[Block]:
-    """What each source adds; a budget of another form as it stands."""
+    """The contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
         return (table,)
     return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})

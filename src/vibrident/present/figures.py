@@ -9,7 +9,7 @@ from vibrident.present.response_figures import deviation, sensitivity
 from vibrident.present.views import Figure
 from vibrident.result import Result
 
-#: Name of each picture of a result (its file name without suffix) and what makes it, in the order of a report.
+#: Name of each picture of a result (its file name without suffix) and its function, in the order of a report.
 PICTURES: dict[str, Callable[[Result], Figure | None]] = {
     "sensitivity": sensitivity,
     "deviation": deviation,

@@ -49,7 +49,7 @@ PERIODS, MOST_RECORDS = 6.0, 60
 
 
 def signals(result: Result) -> Figure | None:
-    """Measured and predicted response in time by record, residual underneath on a scale of its own."""
+    """Measured and predicted response in time by record, residual underneath on its own scale."""
     frequencies = record_frequencies(result)
     ordered = sorted(result.signals, key=lambda signal: frequencies.get(signal.record, 0.0))
     if not ordered:
@@ -231,7 +231,7 @@ def _parameters(x: Axis, run: Training, marks: tuple[tuple[float, str], ...]) ->
         if usable.size == 0:
             continue
         look, label, final = LINES[i % len(LINES)], in_words(name), usable[-1]
-        if final == 0:  # nothing to relate to: show where it went, on top of 1
+        if final == 0:  # no reference value: show the change, added to 1
             values, label = 1 + values / (float(np.abs(usable).max()) or 1.0), f"1 + {label} / its largest"
         else:
             values = values / final

@@ -10,7 +10,7 @@ from vibrident.naming import parameter_name, parameter_names
 
 
 def symbol(name: str) -> str:
-    """Symbol of a parameter: ``f_n``; empty where it has none."""
+    """Symbol of a parameter: ``f_n``; empty if it has no symbol."""
     known = parameter_name(name).symbol
     return f"{known[0]}_{known[1:]}" if len(known) > 1 else known
 

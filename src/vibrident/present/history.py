@@ -30,7 +30,7 @@ class History:
         labels: of each calibration: its date, and its name where a date is there twice.
         results: in the same order.
         quantities: that all or some of the results have, the sensitivity at the reference frequency first.
-        evaluated: a date is that of the evaluation, because none of the calibration is stated.
+        evaluated: a date is that of the evaluation, because no date of the calibration is stated.
     """
 
     sensor: str

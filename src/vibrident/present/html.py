@@ -1,4 +1,4 @@
-"""Documents as HTML: one file that needs nothing from outside and may not ask for it, or a fragment of a page."""
+"""Documents as HTML: one file that loads nothing from outside, or a fragment of a page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vibrident.present.formulas import typeset
 from vibrident.present.views import Block, Column, Document, Figure, Folded, Section
 
 _TEMPLATES = Path(__file__).parent / "templates"
-#: The browser itself refuses whatever is not in the file.
+#: With this policy the browser loads nothing from outside the file.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; connect-src 'none'"
 )

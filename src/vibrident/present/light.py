@@ -1,4 +1,4 @@
-"""What an interferometer's signals said of themselves, as a table: a row a record."""
+"""Quality of an interferometer's signals as a table, one row per record."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[s
 
 
 def _short(parameter: Parameter, factor: float, unit: str) -> str:
-    if parameter.unit != unit:  # another quantity under the same name: keep its unit in sight
+    if parameter.unit != unit:  # another quantity with the same name: show its unit
         return f"{concise(parameter.value, parameter.standard_uncertainty)} {parameter.unit}"
     u = parameter.standard_uncertainty
     text = concise(None if parameter.value is None else parameter.value * factor, None if u is None else u * factor)
@@ -103,7 +103,7 @@ def beside_truth(result: Result, truth: Mapping[str, float]) -> Table:
 
 
 def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]) -> tuple[Table, Sentence]:
-    """What speaks for each model, and which to take.
+    """Criteria for each model, and the recommended one.
 
     Args:
         results: name of the method to its result.
@@ -210,7 +210,7 @@ def _by_two(numbers: tuple[str, ...]) -> list[str]:
 
 
 def planned(plan: Plan) -> Table:
-    """What u a planned calibration will reach for each parameter, rounded as GUM 7.2.6 asks."""
+    """Predicted u of each parameter in a planned calibration, rounded by GUM 7.2.6."""
     chosen = plan.criterion is not None
     rows = []
     for name, parameter in plan.parameters.items():

@@ -89,7 +89,7 @@ def _aligned(value: float | None, uncertainty: float | None, own: list[float | N
     last = place(uncertainty)
     size = Decimal(repr(float(value))) if _known(value) else Decimal(0)
     first = max(size.adjusted() if size else -400, last + 1)
-    if first - last >= _MOST_DIGITS:  # finer than a float: the uncertainty stands on its own
+    if first - last >= _MOST_DIGITS:  # finer than a float resolves: round the uncertainty alone
         return [plain(value, _MOST_DIGITS), *(plain(u, 2) for u in own)]
     power = first if last > 3 or first < -4 else 0
     texts = [_fixed(size, last, power) if _known(value) else NONE]
@@ -130,7 +130,7 @@ def concise(value: float | None, uncertainty: float | None) -> str:
 
 
 def stated(parameter: Parameter, k: float = COVERAGE_FACTOR) -> Stated:
-    """All numbers of a parameter in one unit with a natural prefix, rounded as GUM 7.2.6 asks; U = k u."""
+    """All numbers of a parameter in one unit with a natural prefix, rounded by GUM 7.2.6; U = k u."""
     u = parameter.standard_uncertainty
     sizes = [abs(x) for x in (parameter.value, u) if x is not None and math.isfinite(x)]
     scale = scaled(parameter.unit, max(sizes, default=0.0))
@@ -207,7 +207,7 @@ def fit_unit(result: Result) -> str:
 
 
 def sensor_name(sensor: Mapping[str, object]) -> str:
-    """Manufacturer, type and serial number of a sensor in one line; empty where none is stated."""
+    """Manufacturer, type and serial number of a sensor in one line; empty if nothing is stated."""
     parts = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
     if sensor.get("serial_number"):
         parts.append(f"no. {sensor['serial_number']}")

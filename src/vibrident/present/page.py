@@ -19,7 +19,7 @@ class Page:
     head: str = ""
 
     def add(self, name: str, title: str, *parts: str | None) -> None:
-        """Add a section; none where all its parts are empty."""
+        """Add a section, unless all its parts are empty."""
         body = "\n".join(part for part in parts if part)
         if body:
             self.sections.append((name, title, body))

@@ -42,7 +42,7 @@ class Point:
 
 
 def measured_band(result: Result) -> tuple[float, float] | None:
-    """Lowest and highest frequency, Hz, where there are both data and the model's curve; None where there are none."""
+    """Lowest and highest frequency, Hz, common to the data and the model's curve; None if they do not overlap."""
     measured = [f for f in result.measured.frequency_hz if f]
     curve = result.response.frequency_hz
     if not measured or not curve:
@@ -124,7 +124,7 @@ def _mixed(ends: Sequence[float | None], share: float) -> float | None:
 
 
 def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:
-    """Complex response of the result's model; one everywhere where this version does not know the model."""
+    """Complex response of the result's model; one at all frequencies if this version does not know the model."""
     quantity: Any = result.reference.get("quantity", "acceleration")
     try:
         response = IdentifiedSensor.of(result).frequency_response(frequency_hz, quantity)

@@ -26,7 +26,7 @@ FEWEST = 8
 
 @dataclass(frozen=True)
 class Outcome:
-    """One test: what was found, what noise would give, and whether it passes (None: not a test of its own)."""
+    """One test: the value found, the value expected of noise, and whether it passes (None: not a separate test)."""
 
     name: str
     found: str
@@ -123,7 +123,7 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
             "one point is an outlier",
         ),
     ]
-    if common:  # a pattern along frequency is what these effects make
+    if common:  # these effects make a pattern along frequency
         return sizes
     return [
         *sizes,

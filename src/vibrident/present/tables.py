@@ -212,7 +212,7 @@ def _en(deviation: float | None, u: float | None) -> str:
 
 
 def worst(points: MeasuredCurve) -> str:
-    """Mean and largest deviation of the magnitude in a sentence; empty where none is known."""
+    """Mean and largest deviation of the magnitude in a sentence; empty if no deviation is known."""
     known = [(abs(d), f) for d, f in zip(points.deviation_percent, points.frequency_hz, strict=False) if d is not None]
     if not known:
         return ""
@@ -224,7 +224,7 @@ def worst(points: MeasuredCurve) -> str:
 
 
 def training(result: Result) -> str:
-    """How the optimiser went, in a sentence; empty where nothing is known of it."""
+    """The course of the optimisation in a sentence; empty if it is not known."""
     run = result.training
     if run is None:
         return ""

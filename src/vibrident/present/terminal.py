@@ -54,7 +54,7 @@ def written(paths: Sequence[str | os.PathLike[str]]) -> Written:
 
 
 def literal(text: str, style: str = "") -> Text:
-    """Text of others is text: square brackets in it are not markup, and no escape sequence leaves it."""
+    """Show foreign text literally: square brackets are no markup, and escape sequences are removed."""
     from rich.text import Text
 
     return Text(terminal(text), style)

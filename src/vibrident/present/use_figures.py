@@ -51,7 +51,7 @@ _LEAST = 3e-3
 
 
 def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure:
-    """Restored acceleration with its band of uncertainty, and under each record where the uncertainty comes from.
+    """Restored acceleration with its band of uncertainty, and under each record the sources of the uncertainty.
 
     Args:
         corrections: with at least one record.
@@ -107,7 +107,7 @@ def _range(low_hz: float, high_hz: float) -> str:
 
 
 def _limits(label: str, a: FloatArray) -> Axis:
-    """The acceleration in view, whatever the uncertainty at the record's ends."""
+    """Limits of the axis from the acceleration, without the large uncertainty at the record's ends."""
     known = a[np.isfinite(a)]
     if known.size == 0:
         return axes.linear(label, a)

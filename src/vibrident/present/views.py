@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-# Okabe & Ito (2008), told apart by all common kinds of colour vision
+# Okabe & Ito (2008), distinguishable with all common kinds of colour vision
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#767676"
 
 #: Coverage factor of every band and bar.
 K = 2.0
-#: More points than this have no bars: they would hide everything else.
+#: More points than this are drawn without bars, which would hide everything else.
 CROWD = 200
 
 
@@ -34,7 +34,7 @@ class Column:
         title: what it holds.
         kind: a ``number`` is set flush right.
         unit: of its numbers, ready for print.
-        spare: a narrow terminal leaves it out, because other columns say as much.
+        spare: omitted in a narrow terminal, because other columns hold the same information.
     """
 
     title: str
@@ -98,7 +98,7 @@ class Table:
         return replace(self, columns=chosen, rows=rows)
 
     def telling(self) -> Table:
-        """The same without columns in which nothing stands, but for the first."""
+        """The same without empty columns; the first one is kept."""
         keep = (j for j in range(len(self.columns)) if j == 0 or not self.rows or any(row[j] for row in self.rows))
         return self.select(tuple(keep))
 
@@ -123,7 +123,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class Card:
-    """A number that most readers look for: what it is, its value, and how well it is known."""
+    """A main number of the result: its name, value and uncertainty."""
 
     label: str
     value: str
@@ -181,13 +181,13 @@ class Series:
     Attributes:
         x: shape (points,).
         y: shape (points,).
-        label: for the key; empty for none.
+        label: for the key; empty for no entry.
         look: colour, dash and mark.
         kind: a line, marks, marks on stems, or columns around x.
         half: half width of a line's band or half lengths of the bars, shape (points,); None for neither.
         band: what the band is called in the key.
-        texts: what each point says of itself, beside its label.
-        names: where each point comes from.
+        texts: text of each point, beside its label.
+        names: record of each point.
     """
 
     x: FloatArray
@@ -203,7 +203,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """Limits of an axis and what stands at its ticks; ``axes`` makes them."""
+    """Limits of an axis and the labels of its ticks; ``axes`` makes them."""
 
     label: str
     low: float
@@ -225,7 +225,7 @@ class Panel:
         title: above the panel.
         rules: values of y at which a line runs across.
         marks: values of x at which a line runs down, with words.
-        empty: said in place of what there is not.
+        empty: text shown if there is nothing to draw.
         square: one unit is as long in x as in y.
     """
 
@@ -260,7 +260,7 @@ class Figure:
             drawn where it does not.
         subject: model and sensor.
         caption: what is drawn, and how to read it.
-        note: said in a picture that stands alone.
+        note: text in a figure that is shown alone.
         choice: the stacks are alike, one a record.
         across: stacks in a row; zero: all of them, or what fits where there is a choice.
     """
@@ -300,7 +300,7 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A titled whole: what stands at its head, and sections with something in them."""
+    """A document: title, head, and sections that are not empty."""
 
     title: str
     head: tuple[Block, ...]

@@ -24,7 +24,7 @@ def remark(parameter: Parameter) -> str:
 
 @dataclass(frozen=True)
 class Metric:
-    """A fit metric: its short label, its definition, and what it is counted in."""
+    """A fit metric: its short label, its definition, and its unit."""
 
     label: str
     definition: str

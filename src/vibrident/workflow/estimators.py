@@ -16,7 +16,7 @@ AUTO = "auto"
 
 
 def estimator_names() -> tuple[str, ...]:
-    """What ``--estimator`` takes; nothing is loaded."""
+    """The values of ``--estimator``; nothing is loaded."""
     return (AUTO, *ESTIMATORS.names())
 
 
@@ -31,12 +31,12 @@ def given(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) -> None:
-    """Refuse settings that do not fit the estimator; where none is given, nothing is loaded.
+    """Refuse settings that do not fit the estimator; without settings, nothing is loaded.
 
     Args:
         name: of the estimator, or ``auto``.
         settings: name → value; None where it is not given.
-        weights: whether the weights of its network are asked for.
+        weights: whether the weights of its network are requested.
 
     Raises:
         InputError: a setting belongs to another estimator, needs another setting, or has a value that cannot be used.
@@ -60,7 +60,7 @@ def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) ->
 
 
 def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
-    """What ``identify`` takes: a name, or the estimator with the settings that are given."""
+    """The argument of ``identify``: a name, or the estimator with the given settings."""
     asked = given(settings)
     return ESTIMATORS[name].configured(**asked) if asked else name
 

@@ -1,4 +1,4 @@
-"""Files written all or none: into a hidden folder in or beside the target, then moved."""
+"""Files written all together or not at all: into a hidden folder in or beside the target, then moved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An identification as it is asked for, by a shell or a page: checked before anything is read, then run."""
+"""An identification as requested by a shell or a page: checked before anything is read, then run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Request:
         uncertainty: what the uncertainties cover.
         share: several calibrations: parameters that they share; None: by what the parameters describe.
         posterior: whether the posterior is sampled.
-        weights: whether the weights of a network are asked for.
+        weights: whether the weights of a network are requested.
     """
 
     estimator: str = AUTO
@@ -38,7 +38,7 @@ class Request:
     weights: bool = False
 
     def check(self, calibrations: int = 1) -> None:
-        """Refuse what does not go together; nothing is read.
+        """Refuse options that exclude each other; nothing is read.
 
         Raises:
             InputError: settings do not fit the estimator, or an option is for several calibrations, or for one.

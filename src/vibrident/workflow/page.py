@@ -1,4 +1,4 @@
-"""The page, started by a shell that does not know it: it is loaded by its name, as a program is."""
+"""The page, started by name, so that the shell does not import it."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from vibrident.workflow.truth import write_truth
 
-#: The demonstration: a sensor and its calibration as in the paper's section 4, at a rate that keeps the files small.
+#: The demonstration: a sensor and its calibration as in the paper's section 4, at a low rate, for small files.
 SENSOR, RATE_HZ, SAMPLES, SNR_DB, RESPONSE_NOISE, SEED = "paper", 12800.0, 4000, 20.0, 0.01, 1
 
 

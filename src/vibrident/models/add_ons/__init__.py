@@ -1,1 +1,1 @@
-"""What stands behind or beside a sensor, one a file; each holds a :class:`vibrident.models.base.AddOn`."""
+"""Parts in series with or parallel to a sensor, one per file; each holds a :class:`vibrident.models.base.AddOn`."""

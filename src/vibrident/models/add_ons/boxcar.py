@@ -1,6 +1,6 @@
 """Average over a window of length L, as the digital filter of a MEMS sensor takes it: (1 − e^{−sL})/(sL).
 
-Its delay of L/2 is part of it; a ``delay`` add-on comes on top. It is no rational function, so a model with it is
+Its delay of L/2 is part of it; a ``delay`` add-on comes on top. It is not a rational function, so a model with it is
 fitted in frequency (``ml``) and has no network.
 """
 
