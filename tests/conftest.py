@@ -17,6 +17,7 @@ from hypothesis import settings
 _WORKER = os.environ.get("PYTEST_XDIST_WORKER", "main")
 os.environ["VIBRIDENT_CACHE"] = str(Path(__file__).resolve().parents[1] / ".jax_cache" / _WORKER)
 os.environ["MPLBACKEND"] = "Agg"
+os.environ["COLUMNS"] = "160"  # what a table wraps must not depend on who runs the tests
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as the package sets it, for tests that load JAX first
 
 # The first example of a test may compile; the same examples on every run.

@@ -39,7 +39,7 @@ def circuit() -> SensorModel:
     derived = [Derived(name, "Ω", value) for name, value in WANTED.items()]
     for one, other in itertools.combinations(WANTED, 2):
         derived.append(
-            Derived(f"{one} + {other}", "Ω", lambda p, one=one, other=other: WANTED[one](p) + WANTED[other](p))
+            Derived(f"{one}_plus_{other}", "Ω", lambda p, one=one, other=other: WANTED[one](p) + WANTED[other](p))
         )
     specs = tuple(ParameterSpec(name, "1", kind) for name, kind in kinds.items())
     core = Core("circuit", "circuit", specs, lambda p: Rational(1.0, (1.0,), (1.0,), 1.0), tuple(derived))
@@ -78,7 +78,7 @@ def test_gum_h2_resistance_and_reactance(estimated):
     assert list(u.values()) == pytest.approx([0.071, 0.295, 0.236], abs=1e-3)
     found = []
     for one, other in itertools.combinations(WANTED, 2):  # u²(a + b) = u²(a) + u²(b) + 2 r u(a) u(b)
-        together = table[f"{one} + {other}"].standard_uncertainty
+        together = table[f"{one}_plus_{other}"].standard_uncertainty
         found.append((together**2 - u[one] ** 2 - u[other] ** 2) / (2.0 * u[one] * u[other]))
     assert [round(r, 3) for r in found] == [-0.588, -0.485, 0.993]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.errors import NotConverged
+from vibrident.errors import InputError, NotConverged
 from vibrident.estimators import Estimate, Estimator
 from vibrident.estimators.canonical import in_one_form
 from vibrident.estimators.optimise import Progress, silent
@@ -102,7 +102,7 @@ def _searched_again(
         size = np.abs(points.measured)
         data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
         problem = FrequencyProblem(model, evidence.quantity, False, True, data)
-        with contextlib.suppress(NotConverged):
+        with contextlib.suppress(NotConverged, InputError):  # such as a delay beyond the record
             begin = find_start(problem, model)
             here = response_residual(best[0].z, best[0].coordinates, False, True, evidence.quantity, data)
             if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):

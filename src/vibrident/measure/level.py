@@ -45,10 +45,12 @@ def level_at_tone(
         through_tone: |H|² at the tones, shape (n,).
     """
     near = weight * np.exp(-0.5 * (np.log(np.maximum(ratio, 1e-6)) / NEAR) ** 2)
+    scale = np.maximum(np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny)
+    power = power / scale[:, None]  # near one: the floors below must not depend on the unit
     mean = np.sum(weight * power, axis=1) / np.sum(weight, axis=1)
     law, slope, sloped = _power_law(power, ratio, weight, near * (power > 0))
     if through is None or through_tone is None:
-        return np.where(sloped, law, mean)
+        return scale * np.where(sloped, law, mean)
     size = np.maximum(np.max(weight * through, axis=1), 1e-300)
     shape = through / size[:, None]
     own, passed = _two_levels(power, shape, weight, mean)
@@ -58,7 +60,7 @@ def level_at_tone(
     shaped = _gain(power, two, even, weight) > ENOUGH_FOR_SHAPE
     level = np.where(shaped, own + passed * through_tone / size, mean)
     rival = np.where(shaped[:, None], two, even)
-    return np.where(_gain(power, along, rival, near) > ENOUGH_FOR_LAW, law, level)
+    return scale * np.where(_gain(power, along, rival, near) > ENOUGH_FOR_LAW, law, level)
 
 
 def _power_law(
