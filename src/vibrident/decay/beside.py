@@ -96,7 +96,7 @@ def decay_deviations(
 
 
 def _other_motion(model: SensorModel, values: Mapping[str, float], time_s: FloatArray) -> FloatArray | None:
-    """Free motion of a model's further poles, shape (samples, n); None where it has none."""
+    """Free motion of a model's further poles, shape (samples, n); None if it has no further poles."""
     columns = []
     for addon in reversed(model.add_ons):
         if addon.corner:
@@ -109,5 +109,5 @@ def _other_motion(model: SensorModel, values: Mapping[str, float], time_s: Float
 
 @functools.lru_cache(maxsize=32)
 def _own(record: Record) -> DecayFit:
-    """A decay's own fit; asked for whenever the model is judged."""
+    """The separate fit of a decay, used to judge the model."""
     return weighed(free_stretch(record))

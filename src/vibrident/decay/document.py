@@ -46,11 +46,11 @@ def identify_decays(calibration: Calibration, model: str | None = None, *, infla
 
     Args:
         calibration: of decays alone.
-        model: name of the sensor model; None takes the calibration's.
+        model: name of the sensor model; None for that of the calibration.
         inflate: whether the misfit of a rejected model is in the uncertainties (Birge ratio).
 
     Raises:
-        InputError: no record can be used, or the model has further parameters that a decay would have to tell.
+        InputError: no record can be used, or the model has further parameters, which a decay does not determine.
     """
     begin = time.perf_counter()
     sensor = parse(model or calibration.model)
@@ -63,11 +63,11 @@ def require_plain(estimator: object, *, sampled: bool) -> None:
     """Refuse what is not made for decays alone.
 
     Args:
-        estimator: as asked for.
-        sampled: whether the posterior was asked for.
+        estimator: as requested.
+        sampled: whether the posterior was requested.
 
     Raises:
-        ModelError: another estimator than ``auto`` or ``ml``, or samples, are asked for.
+        ModelError: another estimator than ``auto`` or ``ml``, or samples, are requested.
     """
     if sampled or estimator not in ("auto", "ml"):
         raise ModelError(
@@ -178,7 +178,7 @@ def parameters(
 
 
 def _determined(damping_ratio: float, covariance: FloatArray) -> tuple[bool, bool]:
-    """Whether natural frequency and damping ratio are known; of two real poles, both or none."""
+    """Whether natural frequency and damping ratio are known; with two real poles, both or neither."""
     u_log, u_damping = np.sqrt(np.diag(covariance))
     frequency = bool(u_log <= WEAK)
     damping = bool(u_damping <= max(WEAK * damping_ratio, 1e-12))

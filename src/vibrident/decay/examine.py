@@ -27,7 +27,7 @@ MOST_PARTS, FEWEST_SAMPLES = 12, 8
 GONE = 0.3
 #: Rounds of noise and fit.
 ROUNDS = 2
-#: A motion that lasts for less than this part of the record leaves the rest of it to show tones.
+#: If the motion lasts for less than this part of the record, tones are estimated from the remainder.
 TAIL = 0.6
 #: A straight line is among the unknowns beyond so many standard deviations.
 DRIFTS = 8.0
@@ -133,7 +133,7 @@ def examine(records: Sequence[Record]) -> Decays:
 
 
 def weighed(found: DecayFit) -> DecayFit:
-    """One record's fit, with drift where there is one, weighed by the noise that a flexible fit leaves."""
+    """One record's fit, with drift if it is significant, weighted by the residual noise of a flexible fit."""
     for _ in range(ROUNDS):
         stretch = _weighed(found)
         found = fit([stretch], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
@@ -179,7 +179,7 @@ def _while_larger(found: DecayFit, level: float) -> Stretch:
 
 
 def resolution(values: FloatArray) -> float:
-    """Smallest step between values that occur: the quantisation, where there is one."""
+    """Smallest step between values that occur: the quantisation, if there is any."""
     steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
     return float(np.min(steps)) if steps.size else 0.0
 
@@ -190,7 +190,7 @@ def _without_tones(residual: FloatArray, stretch: Stretch) -> FloatArray:
 
 
 def _drifting(found: DecayFit) -> DecayFit | None:
-    """The fit with a straight line among the unknowns, where the noise does not make one; else None."""
+    """The fit with a straight line among the unknowns, if the line is significant; else None."""
     stretch = found.stretches[0]
     if stretch.drift:
         return None
@@ -231,9 +231,9 @@ def _pieces(stretch: Stretch, found: DecayFit) -> FloatArray:
 
 
 def flexible_residual(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -> FloatArray:
-    """What is left where every part of the motion may have an amplitude and a phase of its own, shape (samples,).
+    """Residual of a fit with a separate amplitude and phase for every part of the motion, shape (samples,).
 
-    Misfit of the oscillator is in none of it, nearly; so it shows the noise.
+    It holds almost no misfit of the oscillator, so it shows the noise.
     """
     at = replace(stretch, noise=Noise(WHITE.whitening, stretch.noise.tones_hz), scale=1.0, drift=True)
     found = fit_at(at, natural_frequency_hz, damping_ratio)
@@ -315,7 +315,7 @@ def _chance_of_bend(found: DecayFit) -> float:
 
 
 def _free(found: DecayFit) -> FloatArray:
-    """The motion of a fit's first stretch, without what stands beside it."""
+    """The motion of a fit's first part, without offset, drift and tones."""
     motion = free_motion(found.natural_frequency_hz, found.damping_ratio, found.stretches[0].time_s)
     return motion @ found.locals[0].linear[:2]
 

@@ -36,7 +36,7 @@ class Stretch:
         noise: what whitens it.
         scale: standard deviation of the whitened noise.
         drift: whether a straight line is among the unknowns.
-        more: further unknowns' columns, shape (samples, n); None where there are none.
+        more: further unknowns' columns, shape (samples, n); None for no further unknowns.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Stretch:
         return self.noise.applied(columns)[self.rows] / self.scale
 
     def beside(self) -> FloatArray:
-        """Offset, drift, tones and what else is linear, shape (samples, n)."""
+        """Offset, drift, tones and further linear unknowns, shape (samples, n)."""
         time = self.time_s
         parts = [np.ones((time.size, 1))]
         if self.drift:
@@ -83,7 +83,7 @@ class Local:
     Attributes:
         residual: whitened, with the linear unknowns at their best, shape (rows,).
         slopes: of the residual by (ln fn, δ), shape (rows, 2).
-        spanned: orthonormal basis of what the linear unknowns can make, shape (rows, n).
+        spanned: orthonormal basis of the linear unknowns' columns, shape (rows, n).
         linear: the linear unknowns: the two of the motion first.
     """
 

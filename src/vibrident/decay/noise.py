@@ -1,4 +1,4 @@
-"""The noise beside a decay: whitened by an autoregression, with the tones that stand out as unknowns.
+"""The noise beside a decay: whitened by an autoregression, with the significant tones as unknowns.
 
 An autoregressive filter whitens samples from their own past alone. It needs no window and no record that closes on
 itself, so a decay that is far from periodic is weighed exactly (Kay, Modern Spectral Estimation, 1988, ch. 6).
@@ -15,7 +15,7 @@ from vibrident.records import BoolArray, FloatArray
 
 #: Highest order of the autoregression; a part of the samples where records are short.
 MOST_ORDER, ORDER_SHARE = 64, 20
-#: A line is a tone above this multiple of the levels around it: chance makes e^-20 a line.
+#: A line is a tone above this multiple of the levels around it; the false-alarm probability per line is e^-20.
 TONE_POWER, AROUND_LINES, MOST_TONES = 20.0, 64, 8
 
 
@@ -25,7 +25,7 @@ class Noise:
 
     Attributes:
         whitening: coefficients of the prediction-error filter, the first of them one; shape (order + 1,).
-        tones_hz: tones that stand in the record beside the motion.
+        tones_hz: tones in the record beside the motion.
     """
 
     whitening: FloatArray
@@ -54,7 +54,7 @@ WHITE = Noise(np.ones(1))
 def tones_of(
     residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float], known_hz: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
-    """Tones that stand out of a residual, after those that are known.
+    """Significant tones of a residual, after the known ones.
 
     Args:
         residual: shape (samples,); zero where it is not known.
@@ -80,7 +80,7 @@ def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:
 
 
 def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) -> float | None:
-    """Frequency of a line that chance does not make, refined between the lines; None where there is none."""
+    """Frequency of a significant line, refined between the lines; None if no line is significant."""
     size = int(fft.next_fast_len(2 * residual.size, real=True) or 1)
     window = np.hanning(residual.size)
     power = np.abs(np.asarray(fft.rfft(residual * window, size))) ** 2

@@ -1,7 +1,7 @@
 """Where in a record the free motion begins, and about which one it is.
 
 A record may begin inside the motion, or long before it: at rest, held aside, or under the knock that starts it. What
-lies before the release is no free motion, so no window that reaches over it can be fitted by one.
+lies before the release is not free motion, so a window that includes it cannot be fitted by one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PEAKS, FREQUENCIES, MOST_POINTS, TRIED = 5, 40, 3000, 3
 LARGER, FEWEST = 3.0, 16
 #: A release is abrupt: a residual below this part of the motion may be the sensor's own bend.
 ABRUPT = 0.08
-#: Rms of a piece of residual over that of the rest, above what chance makes of a few samples.
+#: Significant ratio of the rms of a part of the residual to that of the remainder, even for a few samples.
 ONE_PIECE = 2.0
 #: First samples do not belong to the motion below this probability: where a few are left out, which costs little if
 #: chance did it, and where more are. So many lengths are tried.
@@ -54,7 +54,7 @@ def free_stretch(record: Record) -> DecayFit:
 
 
 def _onset(response: FloatArray) -> int:
-    """First sample that leaves the level at which the record begins."""
+    """First sample that differs significantly from the initial level of the record."""
     block = max(8, response.size // 50)
     level = float(np.median(response[:block]))
     spread = float(np.ptp(response[:block]))
@@ -62,7 +62,7 @@ def _onset(response: FloatArray) -> int:
 
 
 def _as_good(sooner: DecayFit, later: DecayFit) -> bool:
-    """Whether the motion before a later beginning is explained as well as the rest: a fast pole hides there."""
+    """Whether the motion before a later beginning is explained as well as the remainder: it may hold a fast pole."""
     ahead = later.stretches[0].first - sooner.stretches[0].first
     residual, level = sooner.locals[0].residual, _swing(later.locals[0].residual)
     if _swing(residual[ahead:]) > 1.1 * level:
@@ -160,7 +160,7 @@ def trimmed(found: DecayFit) -> DecayFit:
 
 
 def without_first(found: DecayFit) -> DecayFit:
-    """Without the first sample, within which the release may lie unseen."""
+    """Without the first sample, within which the release may lie."""
     if found.stretches[0].response.size < 4 * FEWEST:
         return found
     return fit([shortened(found.stretches[0], 1)], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))

@@ -6,7 +6,7 @@ z = e^{2πjm/N} of its discrete Fourier transform,
     Y(z) = (C (zI − Φ)⁻¹ Γ + D) U(z) + z C (zI − Φ)⁻¹ (x_0 − x_N),
 
 exactly, for any signal: z^N = 1, and what a record that is not periodic leaks is the n numbers x_0 − x_N, unknown as
-the initial state is. An offset stands in line 0 alone. By Parseval's theorem the sum of squares, its gradient and its
+the initial state is. An offset appears in line 0 alone. By Parseval's theorem the sum of squares, its gradient and its
 optimum are those of the network unrolled over the same samples (Pintelon & Schoukens 2012, sec. 6.3.2).
 """
 

@@ -152,7 +152,7 @@ def _of_batch(
         block.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], block.free)
         columns = _slopes(batch, slope, block, root)
         sums += _products(np.concatenate([columns, block.free], axis=1), columns[:, : p + 1])
-    # What initial states could imitate is taken out of the slopes; of the residual only rounding is left to take.
+    # The part that initial states could imitate is removed from the slopes; the residual holds only rounding of it.
     shared = sums[:, p + 1 :]
     freed = sums[:, : p + 1] - np.swapaxes(shared, -1, -2) @ inverse @ shared
     return freed[:, :p, :p], freed[:, :p, p], freed[:, p, p]
@@ -161,14 +161,14 @@ def _of_batch(
 def columns_of(
     batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Residual, (R, L), and slopes, (R, P, L), not weighted, with the states that ``root`` makes best.
+    """Residual, (R, L), and slopes, (R, P, L), not weighted, with the best states by ``root``.
 
     What other states could imitate is taken out of the slopes.
     """
     runs, lines = batch.response.shape
     n, p, one = len(transfer.denominator) - 1, len(slope.denominator), np.ones_like(root)
     parts = [slice(i, i + AT_ONCE) for i in range(0, lines, AT_ONCE)]
-    # Of a long run the blocks are made anew each time: together they would be most of the memory.
+    # The blocks of a long run are computed again each time, because together they need much memory.
     kept = [_forced(batch, transfer, one, part) for part in parts[:1]]
 
     def block_of(number: int) -> _Block:

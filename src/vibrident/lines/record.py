@@ -43,7 +43,7 @@ class RecordLines:
         free: columns of what is unknown beside z; None where they are too many to be looked at.
         response: the model's, H, at the lines for given z; None without a reference.
         z: where the network was evaluated, shape (p,).
-        floor: variance that no residual is believed to be below.
+        floor: lower limit of the residual's variance.
     """
 
     residual: ComplexArray
@@ -156,9 +156,9 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
 
 
 def counted(samples: int, highest: float) -> FloatArray:
-    """How often each line counts in a sum over all: none beyond ``highest``, a part of the sampling rate.
+    """Weight of each line in a sum over all: zero above ``highest``, a part of the sampling rate.
 
-    Nor does line 0, where the offset stands.
+    It is zero for line 0 too, which holds the offset.
     """
     twice = line_counts(samples)
     twice[:1] = 0.0

@@ -72,7 +72,7 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
         number: of the record.
         record: the record; the reference is valid all over the run.
         span: the run, in samples of the response.
-        step: what makes the inputs of its steps.
+        step: computes the inputs of its steps.
     """
     reference, _ = seen_by_network(record, centred=True)
     inputs = input_lines(reference, span, step)
@@ -102,7 +102,7 @@ def unbroken(usable: BoolArray) -> list[slice]:
 def transformable(span: slice) -> slice:
     """The run, of a long one without its last samples where a length close by transforms many times faster.
 
-    A length with a large prime factor takes fifteen times as long, and twice the memory. Less than a thousandth goes.
+    A length with a large prime factor takes fifteen times as long, and twice the memory. Less than 0.1 % is cut off.
     """
     samples = span.stop - span.start
     if samples <= MOST_KEPT:
@@ -128,7 +128,7 @@ def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> Comple
     taps = step.filters.shape[1]
     late = step.first + taps // 2  # the middle of the filters is brought to the run's own samples
     begin = span.start + late
-    before = taps // 2  # taps stand at −before … taps − before − 1 about ``begin``
+    before = taps // 2  # taps are at −before … taps − before − 1 relative to ``begin``
     own = np.asarray(fft.rfft(reference[begin : begin + samples]))
     # Samples behind the run less those at its begin, from ``before`` samples ahead of either.
     ahead, behind = begin - before, begin + samples - before

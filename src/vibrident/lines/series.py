@@ -1,6 +1,6 @@
 """A run's response and its slopes as signals in time, from the lines of the network.
 
-Needed where samples of the response are missing while the reference goes on: no transform of the response exists then,
+Needed if samples of the response are missing while the reference continues: no transform of the response exists then,
 but the network's does, and what is not used is left out of the sums over its samples.
 """
 
@@ -81,7 +81,7 @@ def _in_time(lines: ComplexArray, samples: int) -> FloatArray:
 
 
 def _least_squares(rows: FloatArray, right: FloatArray) -> FloatArray:
-    """Amounts of ``rows`` (m, N) that come nearest to the columns of ``right`` (N, k), shape (m, k)."""
+    """Least-squares coefficients of ``rows`` (m, N) for the columns of ``right`` (N, k), shape (m, k)."""
     size = np.maximum(np.sqrt(np.sum(rows**2, axis=1)), np.finfo(float).tiny)
     found = np.linalg.lstsq((rows / size[:, None]).T, right, rcond=LEAST_SHOWN)[0]
     return np.asarray(found / size[:, None])

@@ -2,7 +2,7 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 
 | kind | physical value of coordinate z | why |
 |---|---|---|
-| gain | z · start | linear; keeps its sign free |
+| gain | z · start | linear; any sign |
 | log | start · e^z | positive, and scale-free |
 | positive | \|z\| | reflected at zero: δ = 0 is reachable |
 | duration | start · e^z | positive, and scale-free |

@@ -1,4 +1,4 @@
-"""Records cut into lanes of equal length, as the unrolled network takes them."""
+"""Records cut into lanes of equal length, the input of the unrolled network."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def steps_of(
         method: the discretisation.
         terms: inputs a step.
         delay_s: at which the inputs are taken.
-        linear: a spring that is not linear needs to know where it rests: its reference loses the offset, not the mean
+        linear: a nonlinear spring depends on its rest position: its reference loses the offset, not the mean
             of a motion that ends within a period.
     """
     late = [delay_s * record.sampling_rate_hz for record in records]

@@ -30,7 +30,7 @@ class Evidence:
         records: records that passed the screening; empty for a table.
         tones: what the sine records say at their frequencies; ``record`` counts in ``records``. None without sines.
         bands: the same for other motion with a reference; None without.
-        findings: doubts about the data.
+        findings: warnings about the data.
         start: values of the parameters to begin with, where they are known; found in the response otherwise.
     """
 
@@ -47,7 +47,7 @@ class Evidence:
         """Screen the records and measure their nonparametric response.
 
         Raises:
-            InputError: no record can be used, or one that is said to be a sine is none.
+            InputError: no record can be used, or a record stated to be a sine is not a sine.
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())

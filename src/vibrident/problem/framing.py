@@ -1,4 +1,4 @@
-"""What a network needs to know before it meets the samples: how many states and inputs, and at which delay."""
+"""The frame of a network before it processes samples: number of states and inputs, and delay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibrident.measure.rounding import converter_step
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray, Quantity, Record
 
-#: Noise below this part of a record's response is not believed: rounding and interpolation lie there.
+#: Lower limit of the noise, relative to a record's response: errors of rounding and interpolation are of this size.
 LEAST_NOISE = 1e-7
 #: Part of a sample by which a delay may leave that of the interpolated inputs.
 DELAY_SETTLED = 1e-3
@@ -97,7 +97,7 @@ class Frame:
 
 
 def noise_floor(records: Sequence[Record]) -> FloatArray:
-    """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+    """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
     floor = [LEAST_NOISE * float(np.std(record.response[record.mask])) for record in records]
     steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in records]
     return np.maximum(np.maximum(floor, steps), np.finfo(float).tiny)

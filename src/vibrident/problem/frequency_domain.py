@@ -67,7 +67,7 @@ class FrequencyProblem:
 
     @classmethod
     def of_table(cls, table: ResponseTable, model: SensorModel, quantity: Quantity) -> FrequencyProblem:
-        """The problem of a table; where it states no uncertainty, 1 % and 0.01 rad stand for equal relative weights."""
+        """The problem of a table; without stated uncertainties, 1 % and 0.01 rad give equal relative weights."""
         magnitude_u = table.magnitude_uncertainty
         if magnitude_u is None:
             magnitude_u = 0.01 * table.magnitude
@@ -121,7 +121,7 @@ class FrequencyProblem:
 def response_residual(
     z: Any, coordinates: Coordinates, polar: bool, has_phase: bool, quantity: Quantity, data: Any
 ) -> Any:
-    """Weighted residual, shape (equations,); see the module's text."""
+    """Weighted residual, shape (equations,); see the module's docstring."""
     parameters = coordinates.physical(z)
     if polar:
         frequency, magnitude, phase, magnitude_u, phase_u = data

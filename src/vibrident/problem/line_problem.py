@@ -45,7 +45,7 @@ from vibrident.records import FloatArray, Quantity, Record
 
 #: Lines of runs that are taken side by side.
 AT_ONCE = 1 << 14
-#: Nepers by which a network may grow over a run: beyond, no signal in time could be told from it.
+#: Largest growth of a network over a run, in nepers: a larger one would exceed the range of numbers in time.
 MOST_GROWTH = 300.0
 
 
@@ -109,7 +109,7 @@ class LineProblem:
 
     @property
     def noise_floor(self) -> FloatArray:
-        """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
         return self._noise_floor
 
     @functools.cached_property
@@ -177,7 +177,7 @@ class LineProblem:
         return normals.weighed(noise[[run.record for run in self.runs]], coordinates.slopes(z))
 
     def _normals(self, values: dict[str, float]) -> RunNormals:
-        """Normal equations of each run; the last are kept, because other noise asks for the same once more."""
+        """Normal equations of each run; the last ones are kept, because another noise level needs the same again."""
         key = tuple(values.items())
         if key not in self._last:
             self._last.clear()
@@ -218,7 +218,7 @@ class LineProblem:
         return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
-        """Response of every record with the best initial states and offsets, NaN where the network gives none."""
+        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
         values = coordinates.values(z)
         found = [np.full(record.samples, np.nan) for record in self.records]
         made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
@@ -228,7 +228,7 @@ class LineProblem:
             if run.used is not None:
                 found[run.record][run.span] = series_of(run, transfer, nothing).predicted
                 continue
-            every = counted(run.samples, 0.5)  # all lines: an offset stands in line 0
+            every = counted(run.samples, 0.5)  # all lines: line 0 holds the offset
             residual, _ = columns_of(Batch.of([run], [0]), transfer, nothing, np.sqrt(every)[None, :])
             residual[:, 0] = 0.0
             own = self.records[run.record].response[run.span]

@@ -36,7 +36,7 @@ class NetworkProblem(Protocol):
 
     @property
     def noise_floor(self) -> FloatArray:
-        """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
         ...
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Any:
@@ -52,7 +52,7 @@ class NetworkProblem(Protocol):
         ...
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
-        """Response of every record with the best initial states and offsets, NaN where the network gives none."""
+        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
         ...
 
     def at_delay_of(self, values: Mapping[str, float]) -> NetworkProblem:
@@ -65,7 +65,7 @@ class NetworkProblem(Protocol):
 
 
 def network_objective(z: FloatArray, args: tuple[Coordinates, NetworkProblem, FloatArray]) -> Any:
-    """The residual in the form the optimisers take; args: coordinates, problem, noise of each record."""
+    """The residual in the form of the optimisers; args: coordinates, problem, noise of each record."""
     coordinates, problem, noise = args
     return problem.normal(np.asarray(z, dtype=float), coordinates, noise)
 

@@ -3,7 +3,7 @@
     r_k = (y_k − ŷ_k(θ; x0, b)) / σ_record
 
 with the initial state x0 and the offset b of every segment eliminated exactly. The derivative is the variable
-projection of Kaufman (1975): differentiate with x0 and b held, then take out what they could imitate. Its
+projection of Kaufman (1975): differentiate with x0 and b held, then remove the part that they could imitate. Its
 Gauss–Newton step is the joint step over all unknowns, and its gradient is the exact gradient.
 """
 
@@ -133,7 +133,7 @@ class TimeProblem:
 
     @property
     def noise_floor(self) -> FloatArray:
-        """Standard deviation that no record's residual is believed to be below, response unit, shape (records,)."""
+        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
         return self._noise_floor
 
     @functools.cached_property
@@ -197,7 +197,7 @@ class TimeProblem:
         return found
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:
-        """Predicted response of every record, NaN where the network gives none, with the best initial states."""
+        """Predicted response of every record, NaN where the network gives no value, with the best initial states."""
         return self.by_record(self.normal(z, coordinates, np.ones(len(self.records))).response)
 
     def by_record(self, lanes_values: Any) -> list[FloatArray]:
@@ -238,7 +238,7 @@ _compiled_weights = jax.jit(_weights, static_argnames=("layout",))
 
 
 def time_residual(weights: Weights, lanes: Lanes, noise: Any, segments: int) -> Any:
-    """Weighted residual of the network with these weights, shape (L·M,); see the module's text.
+    """Weighted residual of the network with these weights, shape (L·M,); see the module's docstring.
 
     Args:
         weights: one set a sampling interval (leading axis R); may be traced, tied to the physics or free.
@@ -293,5 +293,5 @@ def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tu
     return forced_normal(simulate, z, linear, lanes, noise, layout.segments)
 
 
-#: Compiled, and the one large program of the package: everything that looks at records in time goes through it.
+#: The one large compiled program of the package: all computations on records in time use it.
 evaluate = jax.jit(physical_normal, static_argnames=("layout",))

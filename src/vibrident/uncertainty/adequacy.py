@@ -86,9 +86,9 @@ def band_points(
 
     Args:
         records: the records.
-        predicted: predicted response of each, NaN where there is none.
+        predicted: predicted response of each, NaN where it is not defined.
         response: function from frequencies to the model's complex sensitivity.
-        reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel.
+        reference_noise: standard deviation of the noise of each record's reference channel itself.
         hum_hz: tones of each record's response that do not come from the motion.
     """
     points = []
@@ -115,7 +115,7 @@ def band_points(
 def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()) -> Adequacy:
     """Join points and free decays and judge.
 
-    Without points, or with no more of them than parameters, nothing speaks for the model.
+    Without points, or with no more of them than parameters, the model cannot be tested.
     """
     if not parts:
         return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
@@ -153,7 +153,7 @@ def looks_random(residual: FloatArray) -> bool:
     if n < 8 or power == 0.0:
         return True
     lagged = float(np.sum(residual[1:] * residual[:-1])) / power
-    # Of few points that correlation tells little; what a short polynomial takes of them tells more (an F test).
+    # With few points that correlation has little power; an F test with a short polynomial has more.
     terms = min(SMOOTH_TERMS, n // 4)
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
     smooth = float(np.sum((basis.T @ residual) ** 2))

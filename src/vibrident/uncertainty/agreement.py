@@ -29,7 +29,7 @@ def estimators_disagree(
     estimator: str,
     fitted: Callable[[], Estimate] | None,
 ) -> list[ResultWarning]:
-    """A warning where the maximum-likelihood estimate from the tones alone lies elsewhere.
+    """A warning if the maximum-likelihood estimate from the tones alone differs.
 
     Args:
         tones: the complex amplitudes of the sines, linearised at ``z``.
@@ -38,8 +38,8 @@ def estimators_disagree(
         covariance: of z, shape (p, p).
         units: of the parameters, by name.
         estimator: that made it.
-        fitted: the maximum-likelihood fit of the tones, which decides where the linearised tones say that it lies
-            elsewhere; None where there is none.
+        fitted: the maximum-likelihood fit of the tones, which decides if the linearised tones suggest a difference;
+            None if there is no such fit.
     """
     if len(tones.rest) < len(z) + 2:
         return []
@@ -69,7 +69,7 @@ def estimators_disagree(
 
 
 def _farthest(shift: FloatArray, variance: FloatArray) -> tuple[int | None, float]:
-    """The coordinate that differs most, in standard deviations; None where none does beyond doubt."""
+    """The coordinate that differs most, in standard deviations; None if no difference is significant."""
     size = np.abs(shift) / np.sqrt(np.maximum(variance, 1e-300))
     index = int(np.argmax(size))
     found = size[index] > SIGNIFICANT and abs(shift[index]) > IRRELEVANT

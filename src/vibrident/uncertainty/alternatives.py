@@ -20,7 +20,7 @@ from vibrident.naming import amount, in_words
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import ResultWarning
 
-#: Another optimum fits as well where its χ² is larger by less than this: it would be the right one once in 370 cases …
+#: Another optimum fits as well where its χ² is larger by less than this: it would be the true one in 1 of 370 cases …
 ALIKE = 9.0
 #: … and it is another one where a parameter differs by so many of its standard uncertainties, and by this part.
 FAR, DIFFERENT = 5.0, 0.01

@@ -17,8 +17,8 @@ from vibrident.uncertainty.linearised import Linearised
 
 #: It counts beyond this many standard deviations, above this relative size, where it explains this part of χ².
 SIGNIFICANT, LEAST, EXPLAINED = 4.5, 1e-3, 0.5
-#: What the parameters leave of the effect's shape must have so many times the squares that the noise of the amplitudes
-#: gives it; a sensor that is flat over the tones leaves nothing else, and noise explains itself.
+#: The part of the effect's shape that the parameters cannot follow must be so many times, in squares, the part that
+#: noise of the amplitudes makes. For a sensor that is flat over the tones only the latter is left.
 CLEAR = 10.0
 
 
@@ -38,7 +38,7 @@ class AmplitudeDependence:
 def amplitude_dependence(
     linear: Linearised, model: ComplexArray, response: ComplexArray, relative_deviation: FloatArray
 ) -> AmplitudeDependence | None:
-    """The effect, where it is beyond doubt.
+    """The effect, if it is significant.
 
     Args:
         linear: the tones, linearised at the estimate.

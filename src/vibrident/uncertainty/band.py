@@ -18,7 +18,7 @@ from vibrident.uncertainty.linearised import Linearised
 CUT = 1.0 / 3.0
 #: A shift counts beyond this many of its standard deviations …
 SIGNIFICANT = 4.5
-#: … of which none is believed to be below this part of the parameter's own.
+#: … each at least this part of the parameter's own.
 LEAST = 0.1
 #: Shifts of the coordinates (relative, nearly) below this are of no use to anybody.
 IRRELEVANT = 1e-4

@@ -41,7 +41,7 @@ class Row:
     """A row of the budget.
 
     Attributes:
-        source: where the contribution comes from.
+        source: of the contribution.
         kind: as in the module's table; ``data`` for the type A part.
         standard_uncertainty: of the effect, in ``unit``; None for the type A part.
         unit: of that.
@@ -91,7 +91,7 @@ def shift_of_effect(
 ) -> FloatArray:
     """What one standard uncertainty of the effect does to z, shape (p,); arguments as :func:`rows_of_effects`."""
     u = effect.standard_uncertainty
-    if effect.kind == "gain":  # exact, whatever the data determine of the rest
+    if effect.kind == "gain":  # exact, even if the data do not determine the other parameters
         return reference_direction(z, coordinates.model, u)
     change = pattern(effect, coordinates, z, quantity, linear.frequency_hz)
     part = np.where(linear.is_phase, np.imag(change), np.real(change))

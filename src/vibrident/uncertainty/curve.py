@@ -23,12 +23,12 @@ def frequencies(
     """Logarithmic grid over the band of the data; one point where the band is one frequency.
 
     The points nearest to the frequencies of a certificate (nominal one-third octaves, the reference) are moved there,
-    so that its values stand in the result; their number, and with it the compiled program, stays the same.
+    so that the result holds its values; their number, and with it the compiled program, stays the same.
 
     Args:
         band_hz: band of the data.
         measured_hz: frequencies at which there are data; they tell nominal from exact frequencies.
-        reference_hz: a reference frequency that was asked for.
+        reference_hz: the requested reference frequency.
     """
     low, high = band_hz
     if not high > low:

@@ -1,4 +1,4 @@
-"""Systematic effects in the data: what they add to each measured point, and what of the deviations they explain.
+"""Systematic effects in the data: their contribution to each measured point, and the deviations that they explain.
 
 An effect is common to all points: it changes log H along a known pattern d_k(f) with one unknown factor a_k, whose
 prior is N(0, 1) in units of its standard uncertainty. The deviations from the right model then have the covariance
@@ -6,7 +6,7 @@ prior is N(0, 1) in units of its standard uncertainty. The deviations from the r
 squares of the weighted deviations and of the a_k, over the parameters and the a_k (the two are the same, Woodbury),
 with the model as it is, so that an effect may be large beside the noise. A pattern that the parameters can follow
 explains nothing, and nothing changes. The a_k are judged by themselves too, as many points would hide one of six: with
-S = DᵀD of what the parameters cannot follow of the patterns, the covariance of the estimated a_k is S(1 + S)⁻¹.
+S = DᵀD of the part of the patterns that no parameter follows, the covariance of the estimated a_k is S(1 + S)⁻¹.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from vibrident.uncertainty.linearised import Linearised
 
 #: Weighted deviations, given z and a change of log H at each point.
 Weighted = Callable[[FloatArray, np.ndarray], FloatArray]
-#: An effect is in the data where they know a_k to better than its prior by this part of the variance.
+#: An effect is in the data if they reduce the prior variance of a_k by at least this part.
 SEEN = 1e-3
-#: The estimate may move by this many of the standard deviations that noise and the effects give it: another optimum is
-#: no effect.
+#: Largest shift of the estimate, in its standard deviations by noise and effects: a larger one is another optimum, not
+#: an effect.
 MOST_MOVED = 5.0
 
 
@@ -57,7 +57,7 @@ def patterns(
     quantity: Quantity,
     frequency_hz: FloatArray,
 ) -> np.ndarray:
-    """Change of log H that one standard uncertainty of each effect makes, complex, shape (n, K)."""
+    """Change of log H by one standard uncertainty of each effect, complex, shape (n, K)."""
     columns = [e.standard_uncertainty * pattern(e, coordinates, z, quantity, frequency_hz) for e in effects]
     return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
 
@@ -129,7 +129,7 @@ def deviation_uncertainty(linear: Linearised, shape: np.ndarray, scatter: float 
         scatter: standard deviation of the noise in units of the rows' weights.
 
     Returns:
-        Of log H, shape (m,): relative for magnitudes, rad for phases; NaN where a point is met whatever it is.
+        Of log H, shape (m,): relative for magnitudes, rad for phases; NaN for a point that any value would fit.
     """
     repeats = len(linear.frequency_hz) // max(len(shape), 1)
     rows = np.tile(shape, (repeats, 1))

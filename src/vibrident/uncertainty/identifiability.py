@@ -18,7 +18,7 @@ WEAK = 0.1
 TRADE = 5.0
 #: Beyond this a relative standard uncertainty (of a delay: in rad) is no number to state: nothing is known.
 NOTHING = 1e3
-#: A parameter nearer to the end of its range than this part of itself lies at the end.
+#: A parameter is at the end of its range if its relative distance from it is less than this.
 MARGIN = 1e-3
 
 
@@ -70,7 +70,7 @@ def doubts(
 
 
 def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
-    """Names of parameters at the end of the range searched: beyond it the data have no say, nor has any u."""
+    """Names of parameters at the end of the range searched: its value and u are then not determined by the data."""
     low, high = coordinates.edges
     within = (z > low + MARGIN) & (z < high - MARGIN)
     return {spec.name for spec, inside in zip(coordinates.model.parameters, within, strict=True) if not inside}

@@ -1,4 +1,4 @@
-"""The fit at the excited frequencies, linearised around an estimate: what a part of the data would say.
+"""The fit at the excited frequencies, linearised around an estimate: the estimate from a part of the data.
 
 With H the model and M the measured response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z. Solving for dz with all points,
 or some, shows where an estimate would move without fitting again.
@@ -80,7 +80,7 @@ class Linearised:
         )
 
     def solve(self, keep: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Shift dz that the rows ask for, shape (p,), and its covariance, shape (p, p)."""
+        """Least-squares shift dz of the rows, shape (p,), and its covariance, shape (p, p)."""
         matrix, rest = (self.matrix, self.rest) if keep is None else (self.matrix[keep], self.rest[keep])
         covariance = inverse_normal(matrix.T @ matrix)
         return covariance @ (matrix.T @ rest), covariance

@@ -61,7 +61,7 @@ def parameter_table(
         covariance: of z, shape (p, p).
         degrees_of_freedom: of the noise estimate.
         units: fields of the units' templates.
-        doubtful: names that the data do not determine.
+        doubtful: names of parameters that are not identifiable.
     """
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
@@ -157,7 +157,7 @@ def parameter_units(model: SensorModel, calibration: Calibration) -> dict[str, s
 
 
 def _unit(template: str, fields: Mapping[str, str]) -> str:
-    """A unit from its template; brackets around a single unit go: V/(A) is V/A."""
+    """A unit from its template; brackets around a single unit are removed: V/(A) is V/A."""
     return re.sub(r"\(([^()/*· ]+)\)", r"\1", template.format(**fields))
 
 
@@ -173,7 +173,7 @@ def fields_of_units(response: str, reference: str, *, drive: bool) -> dict[str, 
     Args:
         response: unit of the response.
         reference: of the drive, or of acceleration.
-        drive: whether the reference is a drive, whose integral has no unit of its own.
+        drive: whether the reference is a drive, whose integral has no separate unit.
     """
     return {
         "response": response,

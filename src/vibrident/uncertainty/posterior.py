@@ -5,7 +5,7 @@ degrees of freedom are those of the noise estimated beside the tone; normal for 
 priors are flat in the optimiser's coordinates (``problem.coordinates``) within the range that a fit searches, but for
 damping ratios (half-Cauchy of scale one) and the share of a second mode (Cauchy of scale one): they are proper in every
 direction that data may leave open. Sampled by the no-U-turn sampler (Hoffman & Gelman 2014) from NumPyro, the extra
-``bayes``. It moves in coordinates of its own, without bounds: a logarithm within its range goes through the logistic
+``bayes``. It uses separate coordinates without bounds: a logarithm within its range goes through the logistic
 function, and a core's damping is taken over the natural frequency, because that is what the phase below resonance shows
 when it shows neither. The linearised covariance makes them round.
 """
@@ -32,7 +32,7 @@ WIDEST = 3.0
 #: Chains agree where the largest R̂ is below this (Vehtari et al. 2021), and diverging steps are fewer than this part.
 AGREE, MOST_DIVERGING = 1.02, 0.01
 COVERAGE = 0.95
-#: A range ends a distribution where this part of the draws lies within that part of the range from one of its ends.
+#: A range truncates a distribution if this part of the draws lies within that part of the range from one of its ends.
 ENDED, NEAR = 0.01, 0.05
 PRIOR = (
     "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit searches; flat in gain "
@@ -142,7 +142,7 @@ class _Unbounded:
     Attributes:
         low: lowest z, shape (p,); −∞ where there is no bound.
         high: highest z, likewise.
-        damping: index of the core's damping ratio; −1 where it has none.
+        damping: index of the core's damping ratio; −1 if it has no damping ratio.
         frequency: index of its natural frequency.
         at: z of the natural frequency that damping is taken over.
     """

@@ -1,9 +1,9 @@
-"""What a converter's steps do to the points: an error that repeats with the motion.
+"""The effect of a converter's steps on the points: an error that repeats with the motion.
 
-Rounding errors of a motion that is no noise are no noise either (Widrow & Kollár 2008): part of them keeps time with
-the motion and acts as a gain. It depends on where the peaks lie between two steps, which nothing tells, and in records
+Rounding errors of a deterministic motion are deterministic too (Widrow & Kollár 2008): part of them is coherent with
+the motion and acts as a gain. It depends on the position of the peaks between two steps, which is unknown. In records
 of one motion it is always the same, so that more of them do not reduce it. The predicted response, and the reference
-without what lies above its band, are therefore rounded at several sizes within one step; what of the errors is coherent
+limited to its band, are therefore rounded at several sizes within one step. The part of the errors that is coherent
 with the motion at each point is taken as a systematic effect of unknown amount. Where noise is larger than the steps,
 their errors are noise, and nothing is added.
 """
@@ -23,9 +23,9 @@ from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.uncertainty.adequacy import Adequacy
 
-#: Sizes within one step that are tried.
+#: Number of sizes within one step.
 TRIALS = 6
-#: Noise of so many steps makes white noise of rounding.
+#: Noise of so many steps turns rounding errors into white noise.
 DITHERED = 0.6
 #: An effect counts from so many standard deviations of all points together.
 LEAST = 0.3
@@ -45,11 +45,11 @@ def effects_of_steps(
     response: Callable[[FloatArray], ComplexArray],
     points: Adequacy,
 ) -> list[SystematicEffect]:
-    """The effects that matter, none where noise hides the steps.
+    """The effects that are not negligible; empty if the noise exceeds the steps.
 
     Args:
         records: as they were fitted.
-        predicted: response of each by the model, NaN where there is none.
+        predicted: response of each by the model, NaN where it is not defined.
         response: function from frequencies to the model's complex sensitivity.
         points: where the fit is judged.
     """
@@ -125,7 +125,7 @@ def rounding_errors(values: FloatArray, used: BoolArray, step: float, origin: fl
 
 
 def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> FloatArray | None:
-    """The reference without what lies above its band, shape (samples,); None where that is noise larger than steps."""
+    """The reference limited to its band, shape (samples,); None if the noise above the band exceeds the steps."""
     assert record.reference is not None
     used, samples, rate = record.reference_mask, record.samples, record.sampling_rate_hz
     mean = float(np.mean(record.reference[used]))
