@@ -74,7 +74,7 @@ def _en(value: float | None) -> str:
     return NONE if value is None else f"{value:+.2f}".replace("-0.00", "+0.00")
 
 
-def chart(document: Document, width: int = 60) -> list[tuple[str, str]]:
+def chart(document: Document, width: int = 54) -> list[tuple[str, str]]:
     """The values as text, by date: the unshared part of U as a bar, and the prediction."""
     rows = [
         (row["date"], row["value"], K * (row["u_own"] or row["u"])) for row in document["calibrations"] if row["counts"]
