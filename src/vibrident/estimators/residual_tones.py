@@ -68,6 +68,8 @@ def residual_tones(
     if predicted is not None:
         predicted = [predicted[index] for index in plain.record]
     cleaned, rest = _cleaned(evidence, plain, predicted, values, poles)
+    if not coordinates.model.is_linear:
+        return cleaned  # only the network brings its tones to what the linear part answers
     samples = np.array([evidence.records[index].mask.sum() for index in plain.record])
     deviation = cleaned.error_deviation(at)
     loud = (rest > LOUD * deviation * np.sqrt(samples / 2.0)) | (deviation > NOISIER * plain.error_deviation(at))
