@@ -24,7 +24,7 @@ def choose(evidence: Evidence) -> tuple[Estimator, str]:
     """The estimator for these data, and the reason in words.
 
     Raises:
-        ModelError: none suits.
+        ModelError: no estimator suits.
     """
     for one in ranked():
         if reason := one.suits(evidence):

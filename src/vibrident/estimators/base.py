@@ -1,4 +1,4 @@
-"""What every estimator takes and gives."""
+"""Input and output of every estimator."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Estimate:
         problem: the network over the records, where the estimator made one.
         equations: number of residuals in the cost.
         begin: the way from the grid to the start values.
-        predicted: predicted response of every record at the optimum, NaN where there is none, where it is at hand.
+        predicted: predicted response of every record at the optimum, NaN where it is not defined; None if not computed.
         criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
             in frequency, or an ``other`` function.
         if_rejected: makes the estimate to take where the model does not explain the data, so that the residual is no
@@ -80,7 +80,7 @@ class Setting:
 
     Attributes:
         needs: name and value of another setting without which this one has no meaning.
-        default: of the setting, in words; empty where there is none.
+        default: of the setting, in words; empty if there is no default.
     """
 
     needs: tuple[str, str] | None = None
@@ -119,11 +119,11 @@ class Estimator(ABC):
         """
 
     def suits(self, evidence: Evidence) -> str:
-        """Why this estimator is the one to take for these data; empty: it is not chosen unasked."""
+        """Reason to choose this estimator for these data; empty: it is not chosen automatically."""
         return ""
 
     def for_noise_alone(self) -> Estimator:
-        """The estimator whose uncertainty covers the noise and nothing else, whatever the deviations are."""
+        """The estimator whose uncertainty covers the noise and nothing else, not the deviations."""
         return self
 
     def configured(self, **settings: Any) -> Estimator:

@@ -57,7 +57,7 @@ def in_one_form(estimate: Estimate) -> Estimate:
 def _turned(
     settings: Mapping[str, Any], turn: FloatArray, before: FloatArray, after: FloatArray, names: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Settings in which what is said of each parameter, in its standard uncertainties, is said of the new ones."""
+    """Settings whose statements on each parameter are converted to the new parameters."""
     found = dict(settings)
     if "reference_noise_doubt" in found:
         doubt = np.array([found["reference_noise_doubt"][name] for name in names])

@@ -5,7 +5,7 @@ With J the (weighted) Jacobian and S(f) the residual's spectrum, relative to whi
     cov = (JᵀJ)⁻¹ [Σ_f S(f) J(f) J(f)ᴴ] (JᵀJ)⁻¹                    (Ljung 1999, sec. 9.4; White's sandwich in frequency)
 
 S is the record's own periodogram, averaged over the lines around each line. White noise gives (JᵀJ)⁻¹ back, up to the
-spectrum's own scatter; hum, drift and 1/f noise are counted where they stand in the spectrum.
+spectrum's own scatter; hum, drift and 1/f noise count at their own frequencies.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Where the search for a cubic stiffness begins: at what the third harmonics of the sine records say.
 
 At the linear fit the network's derivative by the stiffness is known, sample by sample. Its part at three times the
-excitation belongs to the stiffness alone, whatever the linear parameters have made of the fundamental:
+excitation belongs to the stiffness alone, for any linear parameters:
 
     k3 = Re Σ J*(3f) r(3f) / Σ |J(3f)|²,   J = ∂y/∂k3, r the residual, summed over the sine records.
 """

@@ -34,7 +34,7 @@ def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Es
         name: of the estimator.
         weighting: ``plain`` or ``weighted``.
         evidence: tones or a table with phase.
-        progress: told of every step.
+        progress: called at every step.
 
     Raises:
         ModelError: there is no phase, a record is not a sine, or the model is nonlinear.

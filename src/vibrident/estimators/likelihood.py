@@ -1,10 +1,10 @@
 """Maximum likelihood on the complex responses, with noise on both channels.
 
 Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is
-taken from the spectral lines beside the tone with H at each line's own frequency, so noise that the sensor felt
-cancels and noise of either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the sensor's decaying
-start transient depend on the parameters and are refreshed between fits. Tables: weighted least squares in magnitude
-and phase.
+taken from the spectral lines beside the tone with H at each line's own frequency, so vibration noise
+(in both channels) cancels and noise of either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the
+sensor's decaying start transient depend on the parameters and are refreshed between fits. Tables: weighted least
+squares in magnitude and phase.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def fit(name: str, model_error: bool, evidence: Evidence, progress: Progress) ->
         name: of the estimator.
         model_error: whether a relative model error may join the noise.
         evidence: tones or a table.
-        progress: told of every step.
+        progress: called at every step.
 
     Raises:
         ModelError: a record is not a sine, or the model is nonlinear.

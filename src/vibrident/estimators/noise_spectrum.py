@@ -1,11 +1,11 @@
-"""The spectrum of a record's residual: how much noise stands at each line, and how much of it came by the reference.
+"""The spectrum of a record's residual: the noise at each line, and the part of it from the reference.
 
-White and 1/f noise of the response, and noise σx² of the reference that the sensor did not feel; it passes the model:
+White and 1/f noise of the response, and noise σx² of the reference channel itself; it passes the model:
 
     S(f) = a + c/f + σx² |H(f)|²
 
 by likelihood; what other shape there is comes on top as the mean of the residual's periodogram over the lines around,
-relative to this. Lines that stand far above it (mains hum) are taken as they are.
+relative to this. Lines far above it (mains hum) are used unchanged.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from vibrident.records import BoolArray, FloatArray
 BINS, HIGHEST = 160, 0.4
 #: Multiplicative updates of the three levels.
 ROUNDS = 150
-#: σx² is believed beyond this many standard deviations; the doubt left is this many.
+#: σx² is significant above this many standard deviations; its remaining uncertainty is this many.
 SIGNIFICANT, DOUBT = 4.0, 2.0
 #: A line is without motion where the prediction is less than so many times what noise makes there; so many must be.
 QUIET, FEWEST_QUIET = 4.0, 48
-#: So many lines tell a level.
+#: Fewest lines for a level.
 MANY = 16
 #: Lines count where the prediction is more than so many times the residual's level.
 FAINT = 2.0
-#: Levels below this part of the mean are not believed.
+#: Lower limit of levels, relative to the mean.
 LEAST_LEVEL = 1e-12
 #: Lines averaged on either side of each for the weights, a part of the spectrum and fewest; the nearest are left out.
 SHARE, FEWEST, NEAREST = 1 / 64, 24, 2
-#: Variance of a mean over powers of lines under Hann's window, over that of lines that know nothing of each other.
+#: Variance of a mean over powers of lines under Hann's window, over that of independent lines.
 ALIKE = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
 #: A line this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING = 20.0
@@ -54,12 +54,12 @@ class NoiseSpectrum:
 
     Attributes:
         level: shape (samples // 2 + 1,).
-        passed: σx², where it is believed, in squares of what the residual is measured in per |H|²; zero elsewhere.
+        passed: σx² if it is significant, in squares of the residual's unit per |H|²; else zero.
         passed_at: the same at each line: its share of the level there, shape (samples // 2 + 1,).
         doubt: σx² that may be left beside it (95 %) at each line, shape (samples // 2 + 1,).
-        excited: part of what a line says that is let count, shape (samples // 2 + 1,): none where the prediction is no
-            more than noise of the reference could make it.
-        tones: where a tone stands in the residual (mains hum), in lines and parts of one.
+        excited: weight of each line, shape (samples // 2 + 1,): zero where noise of the reference alone could explain
+            the prediction.
+        tones: places of tones in the residual (mains hum), in lines and fractions of one.
         free: whether the motion leaves lines free, in which noise of the reference would show.
     """
 
@@ -74,14 +74,14 @@ class NoiseSpectrum:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the model says of a record, for readings of the spectrum of what it leaves.
+    """The model's prediction of a record, for the analysis of the residual's spectrum.
 
     Attributes:
         count: number of samples that are used.
         through: |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
         alone: where the prediction has a line of its own: a remainder there is the model's and no hum.
-        own: power of the prediction as far as it is more than a line's chance, shape (samples // 2 + 1,).
-        moved: lines of the bins of the prediction under a window: the ends of a record leak motion to where is none.
+        own: power of the prediction, smoothed except at outstanding lines, shape (samples // 2 + 1,).
+        moved: lines of the bins of the prediction under a window: the ends of a record leak to other lines.
         typical: power of that around each line.
         columns: what residual and prediction may have in common there: noise of the reference, white and 1/f, and an
             error of the model, with a slope with f²; shape (4, lines).
@@ -125,7 +125,7 @@ def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSp
     Args:
         lines: the residual's real transform, shape (samples // 2 + 1,).
         motion: what the model says of the same record.
-        floor: level that no residual is believed to be below.
+        floor: lower limit of the residual's level.
     """
     power = _power(lines)
     power /= motion.count
@@ -187,12 +187,12 @@ def _around(lines: ComplexArray | FloatArray) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Unfelt:
-    """Noise of the reference as the lines say where there is little else.
+    """Noise of the reference, estimated mainly from lines without motion.
 
     Attributes:
         variance: mean of σx² over the lines.
         spread: its standard deviation.
-        passed: the variance, where it is believed; else zero.
+        passed: the variance if it is significant; else zero.
         doubt: σx² that may be left beside it (95 %) at each line, shape (lines,).
         at_lines: σx² at each line, shape (lines,).
         free: whether enough lines hold no motion.
@@ -209,9 +209,10 @@ class _Unfelt:
 def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) -> _Unfelt:
     """Noise of the reference by what residual and prediction have in common.
 
-    Noise n of the reference stands in the prediction as H n and in the residual as −H n, so −Re Ŷ* R has the mean
-    |H|² σx². Lines without excitation say it best, and each line is weighed by what the motion adds to its scatter. An
-    error of the model gives a share of |Ŷ|², which is let have a slope with f². White and 1/f noise are told apart.
+    Noise n of the reference appears in the prediction as H n and in the residual as −H n, so −Re Ŷ* R has the mean
+    |H|² σx². Lines without excitation determine it best, and each line is weighted by its scatter with motion. An
+    error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are
+    separated.
     """
     kept, moved, own = _windowed(rest)[1:last], motion.moved, motion.typical
     common = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
@@ -229,12 +230,12 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
     free = bool(np.sum(own < QUIET * left) >= FEWEST_QUIET)
     if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
-        spread = np.inf  # motion everywhere: what its error takes or leaves cannot be told from noise
+        spread = np.inf  # motion everywhere: an error of the model cannot be separated from noise
     sure = total > SIGNIFICANT * spread
     every = np.maximum(np.arange(len(through)), 1.0) / last
     flicker = order[0] / every
     at_lines = found[0] + found[1] * flicker
-    # Flicker noise that is not seen may be there.
+    # Flicker noise may be present even if it is not significant.
     around_it = whole[0, 0] + 2.0 * whole[0, 1] * flicker + whole[1, 1] * flicker**2
     doubt = DOUBT * np.sqrt(np.maximum(around_it, 0.0))
     if sure:
@@ -250,7 +251,7 @@ def _typical(values: FloatArray, around: int) -> FloatArray:
 def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weighted least squares, the covariance, and the normal matrix of all columns.
 
-    The first two are no amounts below zero; the second is left out where it is not seen beyond doubt.
+    The first two amounts are not negative; the second is left out if it is not significant.
     """
     weighted = columns * weight  # of a long record each copy counts
     scale = np.sqrt(np.maximum(np.einsum("ij,ij->i", weighted, columns), 1e-300))
@@ -276,7 +277,7 @@ def _windowed(lines: ComplexArray) -> ComplexArray:
 
 
 def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[float, ...]:
-    """Places of lines that stand out so far that their skirts hide others, the strongest first."""
+    """Places of lines so strong that their leakage hides others, the strongest first."""
     power = np.abs(_windowed(lines)) ** 2
     peak = np.zeros(power.shape, dtype=bool)
     peak[2:-2] = (power[2:-2] >= power[1:-3]) & (power[2:-2] > power[3:-1])

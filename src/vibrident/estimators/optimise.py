@@ -60,7 +60,7 @@ def silent(iteration: int, most: int, cost: float) -> None:
 
 @dataclass(frozen=True)
 class Trace:
-    """Where an optimiser went: cost and coordinates at each accepted iterate, and how it ended."""
+    """The course of an optimisation: cost and coordinates at each accepted iterate, and the reason for its end."""
 
     optimiser: str
     converged: bool
@@ -145,7 +145,7 @@ class _Point:
         return cls(z, float(local.cost) if finite else np.inf, gradient, matrix)
 
     def step(self, damping: float) -> FloatArray:
-        """Gauss–Newton step, damped; none along what the residual does not show."""
+        """Gauss–Newton step, damped; zero along directions without influence on the residual."""
         matrix = self.matrix + damping * np.eye(len(self.z))
         shown = np.diag(matrix)
         size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding makes zero influence negative

@@ -17,7 +17,7 @@ from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray, Quantity
 
-#: Rounds of refreshed weights, and the relative deviation below which none is believed.
+#: Rounds of refreshed weights, and the smallest relative deviation.
 ROUNDS, LEAST = 12, 1e-6
 
 
@@ -73,7 +73,7 @@ def fitted_poles(sought: Sought, order: int, zeros: int, coefficients: int) -> C
 
 
 def _series(model: SensorModel, known: dict[str, float], frequency_hz: FloatArray) -> ComplexArray:
-    """What stands behind the rational part: delay and average."""
+    """The factors in series with the rational part: delay and average."""
     s = 2j * np.pi * frequency_hz
     factor = np.exp(-s * float(model.delay_s(known))) if model.has_delay else np.ones(s.shape, dtype=complex)
     for addon in model.add_ons:

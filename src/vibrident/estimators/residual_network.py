@@ -2,9 +2,9 @@
 
 First the physics alone. Then small networks beside it (:mod:`vibrident.network.residual`), trained together with the
 physics on a part of the data and judged on the rest: one is kept only if it predicts data that it has not seen
-better than the physics alone, beyond doubt. Otherwise its share is zero and the estimate is that of the physics alone,
+significantly better than the physics alone. Otherwise its share is zero and the estimate is that of the physics alone,
 bit by bit. What is kept is trained once more on all data, physics and network together, so that the parameters'
-covariance counts what the two could take from each other.
+covariance includes their correlation.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class ResidualIpnn(Estimator):
     structures: tuple[tuple[str, ...], ...] = STRUCTURES
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
-        """Train the physics, then what may stand beside it.
+        """Train the physics, then the networks parallel to it.
 
         Raises:
             ModelError: the physics cannot have a network beside it, or there are no records with a reference.
@@ -122,7 +122,7 @@ class ResidualIpnn(Estimator):
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A network and where its training stands."""
+    """A network and the state of its training."""
 
     problem: TimeProblem
     coordinates: Coordinates

@@ -1,10 +1,10 @@
-"""The tones of the sine records, cleaned of all that the network already explains.
+"""The tones of the sine records, without the part that the network already explains.
 
-A sine fit of each channel alone is disturbed by motion beside the tone: noise that the sensor felt shows in both
+A sine fit of each channel alone is disturbed by motion beside the tone: vibration noise is in both
 channels, but its start and end in the record leave a transient in the response that no ratio of spectra takes out
-(Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), in which felt
-motion, initial state and start transient are gone, and the response's amplitude is put together again: Y = H(θ) X +
-E. To first order it does not depend on the θ used, and two rounds leave nothing of it.
+(Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), which holds
+no vibration, initial state or start transient. The response's amplitude is then Y = H(θ) X + E. To first order it
+does not depend on the θ used, and after two rounds the dependence is negligible.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def residual_tones(
 
     Args:
         evidence: with sine records.
-        problem: of all records; None where there is none.
+        problem: of all records; None if there is none.
         coordinates: the map from z to parameters.
         z: where the residual is taken, shape (p,).
-        predicted: the network's response to each record at ``z``, where it is at hand.
+        predicted: the network's response to each record at ``z``, if it is known.
     """
     plain = evidence.tones
     assert plain is not None
@@ -99,7 +99,7 @@ def _cleaned(
         if predicted is not None:
             used = record.mask & np.isfinite(predicted[place])
             # Where the network reaches too little, or interpolates by too few samples, the record keeps all its samples
-            # and its felt noise.
+            # and its vibration noise.
             fine = half_width_for(record.samples) >= FINE
             reached = bool(fine and used.sum() > 0.5 * record.mask.sum())
             if reached:

@@ -1,19 +1,19 @@
-"""The end of training: every line of the network's residual weighed by its own noise.
+"""The last step of training: every line of the network's residual is weighted by its own noise.
 
 Training weighs the samples of a record alike, which is right for white noise of the response. Under coloured noise, or
-noise of the reference that the sensor did not feel, that estimate scatters more than it must, and the latter draws it
-towards less gain. From there, steps in the metric of the noise lead to maximum likelihood (Pintelon & Schoukens 2012,
+noise of the reference channel itself, that estimate scatters more than necessary, and the latter biases the gain
+low. From there, steps in the metric of the noise lead to maximum likelihood (Pintelon & Schoukens 2012,
 ch. 9; one such step is efficient already, Le Cam 1956). At the lines f of the record's transform, with R the residual,
 S its spectrum (:mod:`vibrident.estimators.noise_spectrum`), ∂H the model's slopes and X the reference,
 
     Σ_f Re(∂H* X̂* R) / S = 0,    X̂ = X + σx² H* R / S,
 
-where X̂ is the reference as the response corrects it: its error has nothing in common with R, so noise of the reference
-leaves no bias. Information of the noise itself, ∂H* ∂H σx² σy² / S², is none and is taken away.
+where X̂ is the reference corrected by the response: its error is not correlated with R, so noise of the reference
+leaves no bias. The part of the information from the noise itself, ∂H* ∂H σx² σy² / S², is subtracted.
 
 Initial states, offset and drift of every segment, and tones of the mains, are unknowns beside the parameters. Where S
-is steep, what the slopes of initial states could imitate is taken out too: the edges of a record leak over all lines,
-and where there is next to no noise that would pass for knowledge.
+is steep, the part that the slopes of initial states could imitate is removed too: the edges of a record leak over all
+lines, and at lines with little noise that would count as information.
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
 FARTHEST = 3.0
 #: Information of a coordinate that is not identifiable.
 NOTHING_KNOWN = 1e-12
-#: A model that does not explain the data has no noise to weigh by: seen by a residual that grows to so many times its
-#: squares, or an estimate that moves further than equal weights would scatter, but for one case in so many.
+#: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor, or
+#: the shift of the estimate has a probability below this under equal weights.
 COSTLIER, DIFFERENT = 2.0, 1e-6
 #: Rounds of spectrum and step at one evaluation of the network.
 ROUNDS = 2
 #: Lines averaged for the covariance on either side of each: a part of the spectrum, within these numbers.
 SHARE, FEWEST, MOST = 1 / 128, 12, 200
-#: Fewest samples whose spectrum says anything.
+#: Fewest samples for a spectrum.
 SHORTEST = 256
 #: A spectrum is steep where its least is below this part of its mean.
 STEEP = 1e-2
 #: Lines that a sum over lines copies at once.
 AT_ONCE = 2**13
-#: Noise's own information is taken away down to this part of the whole.
+#: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
 LEAST_INFORMATION = 0.2
 
 
@@ -74,11 +74,11 @@ class Reweighted:
 
     Attributes:
         z: the optimum, shape (p,).
-        covariance: of z, what is not known of noise of the reference included, shape (p, p).
+        covariance: of z, including the uncertainty of noise of the reference, shape (p, p).
         degrees_of_freedom: behind the noise spectra.
         normal: the network at ``z``.
-        reference_noise: standard deviation of the noise of each record's reference that the sensor did not feel, SI
-            unit of the reference; zero where it is not seen, shape (records,).
+        reference_noise: standard deviation of the noise of each record's reference channel itself, SI unit of the
+            reference; zero if it is not significant, shape (records,).
         doubt: part of z's standard deviation for such noise where motion leaves no line free, 0 … 1, shape (p,).
         hum_hz: tones in each record's response that do not come from the motion.
     """
@@ -93,7 +93,7 @@ class Reweighted:
 
 @dataclass(frozen=True, eq=False)
 class _Share:
-    """What one record says.
+    """The contribution of one record.
 
     Attributes:
         information: of the lines about z, shape (p, p).
@@ -246,7 +246,7 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
 
 
 def _motion(record: RecordLines) -> Motion | None:
-    """What the model says of the record; None where its lines are too few to be told from noise."""
+    """The model's prediction of the record; None if it has too few lines above the noise."""
     if record.count < SHORTEST or record.free is None:
         return None
     through = record.through
@@ -254,7 +254,7 @@ def _motion(record: RecordLines) -> Motion | None:
 
 
 def _spectrum(record: RecordLines, residual: ComplexArray, motion: Motion | None) -> NoiseSpectrum:
-    """The spectrum of a residual; ``motion``: as :func:`_motion` gives it, where it is at hand."""
+    """The spectrum of a residual; ``motion``: as :func:`_motion` gives it, if it is known."""
     motion = motion or _motion(record)
     if motion is not None:
         return noise_spectrum(residual, motion, record.floor)

@@ -4,7 +4,7 @@ The search works on the response at a few hundred points at most, in coordinates
 positive (frequencies, damping ratios, durations, the gain's size), and the delay in radians at the highest frequency.
 Three residuals follow one another. The logarithm of the magnitude does not know delay and sign, and hardly any
 dead ends: off a sharp resonance it still says which way the resonance lies. The complex logarithm joins the phase.
-Last the weighted difference decides, which is what the estimators make small.
+Finally the weighted difference is used, which the estimators minimise.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class Chart:
 
 
 def magnitudes(sought: Sought, least: float) -> Residual:
-    """Logarithms of the magnitudes; no relative deviation below ``least`` is believed."""
+    """Logarithms of the magnitudes; relative deviations are at least ``least``."""
     goal, weight = np.log(np.abs(sought.response)), 1.0 / np.maximum(sought.deviation, least)
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -147,7 +147,7 @@ def magnitudes(sought: Sought, least: float) -> Residual:
 
 
 def logarithms(sought: Sought, least: float) -> Residual:
-    """Complex logarithms, phases within half a turn; no deviation below ``least`` is believed."""
+    """Complex logarithms, phases within half a turn; deviations are at least ``least``."""
     radial, turning = (1.0 / np.maximum(d, least) for d in (sought.deviation, sought.phase_deviation))
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -161,7 +161,7 @@ def logarithms(sought: Sought, least: float) -> Residual:
 
 
 def differences(sought: Sought) -> Residual:
-    """The weighted residual that the estimators make small."""
+    """The weighted residual that the estimators minimise."""
     if sought.polar:
         return _polar_differences(sought)
     scale = 1.0 / (np.abs(sought.response) * sought.deviation)

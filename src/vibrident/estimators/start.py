@@ -74,8 +74,8 @@ def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, flo
 def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     """The best fit of the nonparametric response from all candidates.
 
-    What makes a model nonlinear has no part in the response to small signals, and starts at zero. A start that the
-    problem knows is taken as it is.
+    Nonlinear parameters have no influence on the response to small signals, and start at zero. A start value stated in
+    the problem is used unchanged.
 
     Raises:
         NotConverged: no candidate leads to a finite fit.

@@ -1,8 +1,8 @@
-"""The network, trained end to end on excitation and response in time: the paper's method, with its weak points mended.
+"""The network, trained end to end on excitation and response in time: the paper's method, with improvements.
 
 Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
 each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
-is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood whatever the
+is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood for any
 noise (:mod:`vibrident.estimators.reweighting`).
 """
 
@@ -40,7 +40,7 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
     """Train the network.
 
     Raises:
-        ModelError: there are no records, or none with a reference.
+        ModelError: there are no records, or no record has a reference.
         InputError: no record is long enough.
     """
     if not evidence.records or evidence.first_look is None:
@@ -189,8 +189,8 @@ class _Trained:
         return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
 
     def in_the_noise_found(self) -> Estimate:
-        """The end of training: every line of the residual weighed by its own noise, where there are lines."""
-        if not isinstance(self.problem, LineProblem):  # a bent response has no lines of its own
+        """The last step of training: every line of the residual weighted by its own noise, for linear models."""
+        if not isinstance(self.problem, LineProblem):  # a nonlinear model has no residual line by line
             return self.with_equal_weights()
         end = reweighted(self.problem, self.coordinates, self.z, self.noise)
         if end is None:

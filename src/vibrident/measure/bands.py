@@ -25,7 +25,7 @@ INDEPENDENT, BY_CHANCE = 0.5, 0.1
 #: Fewer lines do not tell the noise of a band beside its response.
 FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
-#: Of a wider band every second, third … line tells its noise: they are plenty, and all would be most of the memory.
+#: The noise of a wider band is estimated from every second, third … line, to save memory.
 MOST_LINES = 4096
 #: Stretches of time, half of each the next one's too, and groups of their lines, that tell how noise changes.
 STRETCHES, GROUPS = 15, 16
@@ -39,7 +39,7 @@ LEAST_COHERENCE, FEWEST_BANDS = 0.4, 6
 #: from others, residual and prediction alike: both begin and end in the middle of a motion. A step that could leak less
 #: than so much is none.
 OWN_POWER, TAPER, LEAKED = 0.5, 1.0 / 64.0, 0.1
-#: A band of which noise of the reference makes up more than this part of the prediction says nothing of the model.
+#: A band is not used if noise of the reference makes up more than this part of the prediction.
 MOST_SHARED = 0.3
 #: A response that comes so many samples late turns its phase within a band, and is moved back first. Frequencies below
 #: this part of the largest power hardly count in the impulse response, of whose peaks of about one height the first is
@@ -51,7 +51,7 @@ DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
 
 
 def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration") -> MeasuredResponse | None:
-    """Banded response of records with a reference of this quantity; None where no band holds excitation."""
+    """Banded response of records with a reference of this quantity; None if no band holds excitation."""
     times = DIFFERENCES.get(quantity, 0)
     parts = [part for index, r in enumerate(records) if (part := _measure(index, r, times)) is not None]
     return MeasuredResponse.join(parts) if parts else None
@@ -162,7 +162,7 @@ def bulk_delay(record: Record, differences: int = 0) -> int:
 
 
 def _aligned(record: Record, late: int) -> Record:
-    """The record with its response moved back by so many samples; what then has no counterpart is cut off."""
+    """The record with its response moved back by so many samples; samples without a counterpart are cut off."""
     if late == 0:
         return record
     assert record.reference is not None
@@ -227,11 +227,11 @@ def coherent_remainder(
 
     Args:
         record: measured response.
-        predicted: shape (samples,), NaN where there is none.
-        through: variance, a sample, of noise of the reference that the sensor did not feel, after the model's |H|², at
+        predicted: shape (samples,), NaN where it is not defined.
+        through: variance, a sample, of noise of the reference channel itself, after the model's |H|², at
             the spectral lines of the record, shape (samples // 2 + 1,). Such noise is in E and in Ŷ, with opposite
             signs; it is allowed for, and bands that hold little else are left out.
-        hum_hz: tones that are known not to come from the motion; taken out of the residual.
+        hum_hz: tones that are known not to come from the motion; they are removed from the residual.
         least: variance, a sample, that no noise is believed to be below, at the lines as ``through``.
 
     Returns:

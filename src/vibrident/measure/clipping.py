@@ -84,7 +84,7 @@ def _step(values: FloatArray) -> float:
 
 
 def _rail(values: FloatArray, valid: BoolArray) -> float | None:
-    """Lowest value that counts as at the upper rail; None where there is none."""
+    """Lowest value that counts as at the upper rail; None if there is no rail."""
     used = values[valid]
     span = float(np.ptp(used))
     top = np.sort(used)[::-1]
@@ -121,7 +121,7 @@ def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same
     begins = np.concatenate([[0], 1 + np.flatnonzero(-np.diff(top) > same)])[: BELOW + 2]
     counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
     if counts.size <= BELOW:
-        return None  # a few levels: nothing is said of how the signal moves between them
+        return None  # with a few levels the motion between them is not known
     limit = float(top[0]) - same
     inside = valid & (values >= limit)
     if np.max(counts[1:]) == 1.0:

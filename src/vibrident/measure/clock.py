@@ -1,4 +1,4 @@
-"""Is the sampling rate right? By the file's own times, and by the frequencies at which tones are said to lie."""
+"""Test of the sampling rate by the file's own times, and by the stated frequencies of tones."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _by_times(records: Sequence[Record]) -> list[Finding]:
 
 
 def _common_ratio(records: Sequence[Record]) -> float | None:
-    """The ratio of found to stated frequency that all sine records share; None where it is one, or there is none."""
+    """The ratio of found to stated frequency that all sine records share; None if it is one or not shared."""
     ratios, allowed = [], []
     for record in records:
         if record.excitation == "sine" and record.frequency_hz is not None and record.reference is not None:

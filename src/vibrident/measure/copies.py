@@ -1,4 +1,4 @@
-"""The same samples under two names would count twice: as much noise again is not there to be averaged."""
+"""Find the same samples under two names: they would count twice, although their noise is not independent."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def without_drift(
 
     Args:
         records: the records.
-        predicted: response that a model predicts for each, shape (samples,), NaN where there is none.
+        predicted: response that a model predicts for each, shape (samples,), NaN where it is not defined.
         unit: of the responses, for the messages.
     """
     kept, findings = [], []
@@ -62,7 +62,7 @@ def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
     """Slope by weighted least squares, 1/s, and its standard deviation for noise as strong as the slowest lines.
 
     The weights fade towards both ends: without them a slope draws noise of all frequencies, and noise of a displacement
-    that the sensor did not feel grows with their cube.
+    channel grows with their cube.
 
     Args:
         residual: shape (used,); overwritten, as a long record has no memory to spare.

@@ -21,7 +21,7 @@ JUMP, OTHERS = 4.0, 0.02
 REST = 0.25
 #: Samples left out beside a stretch.
 GUARD = 1
-#: Values closer than this part of the channel's range are the same: what rounding leaves of a rest is rest.
+#: Values closer than this part of the channel's range are taken as equal, because of rounding.
 SAME = 1e-12
 
 

@@ -16,7 +16,7 @@ from vibrident.records import BoolArray, FloatArray, Record
 STANDS_OUT, AROUND, NEAREST = 40.0, 40, 4
 #: So many lines from a line of the motion it is another.
 APART = 0.4
-#: Hum is a few tones; more that stand out are a misfit.
+#: Largest number of hum tones; more significant tones are a misfit.
 MOST_TONES = 6
 #: Fewest samples.
 SHORTEST = 256
@@ -28,8 +28,8 @@ def without_hum(records: Sequence[Record], predicted: Sequence[FloatArray]) -> t
     """The records with hum taken out of their response, and how many had any.
 
     Args:
-        records: the records; sines are left as they are, their tones are told from hum by frequency.
-        predicted: response that a model predicts for each, shape (samples,), NaN where there is none.
+        records: the records; sines are not changed, their tones differ from hum in frequency.
+        predicted: response that a model predicts for each, shape (samples,), NaN where it is not defined.
     """
     kept, count = [], 0
     for record, series in zip(records, predicted, strict=True):
@@ -51,7 +51,7 @@ def without_hum(records: Sequence[Record], predicted: Sequence[FloatArray]) -> t
 
 
 def _tones(residual: FloatArray, motion: FloatArray, used: BoolArray) -> FloatArray:
-    """Places of the tones, in lines and parts of one; none where there are more than hum has."""
+    """Places of the tones, in lines and parts of one; empty if there are more than hum has."""
     moving = np.abs(np.asarray(fft.rfft(motion * hann(motion.size)))) ** 2
     places = np.zeros(0)
     left = residual

@@ -2,8 +2,8 @@
 
 A line of Gaussian noise has an exponentially distributed power. Three descriptions of its mean compete by likelihood:
 the same at all lines; a power of the frequency (1/f noise, the foot of mains hum); and, where the sensor's response is
-known, a + b |H|²: noise of the response channel beside noise of the reference that the sensor did not feel, which
-reaches Y − H X through H. The simplest wins unless another is better beyond doubt.
+known, a + b |H|²: noise of the response channel beside noise of the reference channel itself, which
+reaches Y − H X through H. The simplest is used unless another is significantly better.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def level_at_tone(
         power: |line|², shape (n, K).
         ratio: frequency of each line over the tone's, shape (n, K).
         weight: one for a line, zero for padding, shape (n, K).
-        through: |H|² at the lines, shape (n, K); None where no model is at hand.
+        through: |H|² at the lines, shape (n, K); None without a model.
         through_tone: |H|² at the tones, shape (n,).
     """
     near = weight * np.exp(-0.5 * (np.log(np.maximum(ratio, 1e-6)) / NEAR) ** 2)
@@ -66,7 +66,7 @@ def level_at_tone(
 def _power_law(
     power: FloatArray, ratio: FloatArray, weight: FloatArray, near: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Level at the tone and slope of the power law through the lines near it, and whether it is beyond doubt."""
+    """Level at the tone and slope of the power law through the lines near it, and whether it is significant."""
     x = np.log(np.maximum(ratio, 1e-6))
     p = np.log(np.maximum(power, 1e-300))
     total = np.maximum(np.sum(near, axis=1), 1e-300)

@@ -1,4 +1,4 @@
-"""The kind of motion in a record: a proposal if none is stated, a contradiction if the stated one is wrong."""
+"""The kind of motion in a record: a proposal if no kind is stated, a contradiction if the stated one is wrong."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def kind_of_motion(motion: FloatArray) -> Excitation:
     """The excitation that a reference looks like: sine, multisine, sweep, random or shock.
 
     Args:
-        motion: evenly sampled, shape (n,); samples that are no numbers are taken for none.
+        motion: evenly sampled, shape (n,); samples that are not numbers count as zero motion.
     """
     series = np.asarray(motion, dtype=float)
     series = series[np.isfinite(series)]

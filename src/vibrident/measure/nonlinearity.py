@@ -43,7 +43,7 @@ MEDIAN_LINES, MEDIAN_SHARE, MEAN_LINES = 12, 1 / 6, 4
 MEDIAN_OF_POWER = float(np.log(2.0))
 #: What is left of a shape in a band must be this part of it, or the parameters can imitate it.
 LEFT = 1e-4
-#: Lines of the residual that stand out so far, at one frequency in several records, are no harmonics.
+#: Lines of the residual with this ratio to those around, at one frequency in several records, are not harmonics.
 STANDS_OUT = 15.0
 #: A line this near to a harmonic, in lines, is the harmonic; a residual with more lines that stand out has no hum.
 NEAR, MOST_LOUD = 4.0, 60
@@ -124,7 +124,7 @@ def distortion(
     tones_hz: Sequence[float | None],
     over_gain: Callable[[FloatArray], ComplexArray] | None = None,
 ) -> Distortion | None:
-    """The strongest nonlinearity that noise does not explain; None where there is none.
+    """The strongest significant nonlinearity; None if none is significant.
 
     Args:
         records: with a reference.
@@ -138,7 +138,7 @@ def distortion(
     each = [_sums(one, kinds, over_gain) for one in series]
     for kind in kinds:
         sums = [one[kind] for one in each]
-        # A harmonic of one sine does not tell a spring from another bend: that takes several.
+        # A harmonic of one sine does not distinguish a spring from another nonlinearity: that needs several.
         alone = [[s] for s in sums] if kind != SPRING and len(sums) > 1 else []
         for own in [sums, *alone]:
             found = _judged(kind, own, max(len(series), 1) * len(kinds)) if own else None
@@ -201,7 +201,7 @@ def heard_motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> F
 
 
 def _loud(one: _Series, tone: float | None) -> FloatArray:
-    """Frequencies that stand out of a residual and are no harmonics of the record's own tone: hum, for one."""
+    """Frequencies of significant lines of a residual that are not harmonics of the record's own tone, such as hum."""
     lines = line_frequencies(one.record.samples, one.record.sampling_rate_hz)
     power = np.abs(np.asarray(fft.rfft(one.residual * hann(one.residual.size)))) ** 2
     loud = lines[power > STANDS_OUT * median_level(power)]
@@ -279,7 +279,7 @@ def _sums(
 
 
 def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
-    """What these records say together, where it is beyond doubt by prediction and by measured response alike."""
+    """The common test of these records, if it is significant by prediction and by measured response."""
     products = [sum(s.product[i] for s in sums) for i in range(2)]
     powers = [sum(s.power[i] for s in sums) for i in range(2)]
     if min(powers) <= 0.0:
@@ -335,7 +335,7 @@ def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tupl
 def _strength(
     error: ComplexArray, left: ComplexArray, kept: np.ndarray, least: FloatArray, one: _Series
 ) -> tuple[complex, float, float]:
-    """The sums for one shape; ``least`` is the noise power that no line is believed to be below."""
+    """The sums for one shape; ``least`` is the lower limit of a line's noise power."""
     kept = kept & one.quiet[1 : 1 + error.size]
     counts = np.full(error.size, 2.0 * MEAN_LINES + 1.0)
     counts[:MEAN_LINES] = counts[::-1][:MEAN_LINES] = np.arange(MEAN_LINES + 1.0, 2.0 * MEAN_LINES + 1.0)
@@ -366,7 +366,7 @@ def median_level(power: FloatArray) -> FloatArray:
 
 
 def _median(values: FloatArray) -> float:
-    """As ``np.median``, which takes longer to look at its arguments than for so few numbers."""
+    """As ``np.median``, without its checks, which take longer than the median of so few numbers."""
     middle = values.size // 2
     if values.size % 2:
         return float(np.partition(values, middle)[middle])

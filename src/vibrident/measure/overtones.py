@@ -1,4 +1,4 @@
-"""Harmonics that the sensor adds: what a linear sensor's prediction leaves at the multiples of a tone.
+"""Harmonics that the sensor adds: the residual of a linear sensor's prediction at the multiples of a tone.
 
 The shaker's own distortion is in the reference, passes through the model and is gone from the residual.
 """
@@ -21,7 +21,7 @@ HIGHEST = 5
 #: Harmonics count above this part of the fundamental, and where noise alone would be as strong less often than this in
 #: all records together.
 LEAST, CHANCE = 3e-3, 1e-4
-#: Spectral lines on either side of a harmonic that tell its noise: from the first to the last of these.
+#: Spectral lines on either side of a harmonic for its noise level: from the first to the last of these.
 NOISE_LINES = (3, 12)
 #: A harmonic that the sensor adds is in the response by this part of what the prediction leaves.
 OWN = 0.5
@@ -47,7 +47,7 @@ class Overtone:
 
 
 def audible(found: Sequence[Overtone]) -> tuple[Overtone, ...]:
-    """Those that are beyond doubt and large enough to matter, the strongest first."""
+    """Those that are significant and not negligible, the strongest first."""
     least = CHANCE / max(len(found), 1)
     kept = [tone for tone in found if tone.ratio > LEAST and tone.probability < least]
     return tuple(sorted(kept, key=lambda tone: -tone.ratio))
@@ -59,7 +59,7 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
     Args:
         records: all records; ``tones.record`` counts in them.
         tones: of the sine records.
-        predicted: response predicted for each record, NaN where there is none.
+        predicted: response predicted for each record, NaN where it is not defined.
     """
     found = []
     for index, frequency, response in zip(tones.record, tones.frequency_hz, tones.response, strict=True):
@@ -87,7 +87,7 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
 def _of_reference_steps(record: Record, used: np.ndarray, frequency: float, residual: np.ndarray) -> np.ndarray:
     """Which harmonics, from the second on, the reference's converter made: below its step, and not in the response.
 
-    A sensor of acceleration beside a displacement makes much of them.
+    An acceleration sensor with a displacement reference amplifies them.
     """
     highest, step = len(residual), 0.0
     if record.reference is not None:
@@ -134,7 +134,7 @@ def _harmonics(
         lines = round(h * frequency * n / rate) + offsets
         lines = lines[(lines > 0) & (lines < power.shape[0])]
         variance[h - 1] = np.mean(power[lines]) if lines.size else np.inf
-    if not used.all():  # samples left out make harmonics look alike
+    if not used.all():  # omitted samples make harmonics correlated
         inverse = np.diag(np.linalg.pinv(rows @ rows.T, rcond=1e-12, hermitian=True))[: 2 * highest]
         variance *= np.maximum(np.max(inverse.reshape(2, highest), axis=0) * used.sum() / 2.0, 1.0)
     return amplitude, np.maximum(variance, 1e-300)

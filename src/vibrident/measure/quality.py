@@ -25,17 +25,17 @@ FEWEST_PERIODS = 2.0
 REACH, LEAST_WHOLE, FEWEST_WHOLE = 40, 0.05, 128
 #: Wild samples of both channels that are so many samples apart, or fewer, are one event.
 TOGETHER = 2
-#: Motions that go on evenly; others may break off by themselves.
+#: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
-#: A tone is heard above this many standard deviations of its amplitude.
+#: A tone is significant above this many standard deviations of its amplitude.
 SILENT_SIGMA = 5.0
-#: A sine may come with this much other motion that the sensor answers, over the power of its tone: noise that it feels.
+#: Largest power of other motion (vibration noise) beside a sine, over the power of its tone.
 MOST_STRAY = 5.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One doubt about the data."""
+    """One finding about the data."""
 
     code: WarningCode
     message: str
@@ -73,7 +73,7 @@ def screen(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding
 
 
 def _dead(record: Record) -> str:
-    """Why the record holds no signal at all; empty where it does."""
+    """The reason why the record holds no signal; empty if it holds one."""
     for label, values, _ in _channels(record):
         values = values[record.mask]
         if values.size == 0 or np.ptp(values) == 0.0:

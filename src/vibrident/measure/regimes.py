@@ -1,6 +1,6 @@
-"""Did the sensor change within a record, or between records?
+"""Test for a change of the sensor within a record, or between records.
 
-What a fit leaves of a record is compared, block by block, with the prediction and its slope: θ = (gain, time shift) of
+The residual of a record is compared, block by block, with the prediction and its slope: θ = (gain, time shift) of
 the block. Without a change the θ of all blocks agree but for noise, whose own scatter from block to block is the
 measure, so that its colour does not matter: the F test of one step among the blocks, its place sought (Chow 1960;
 Andrews 1993), or of an even change over all of them.
@@ -27,24 +27,24 @@ CHANCE, PLACES = 1e-4, 8.0
 ROBUST = 1e-4
 #: Blocks, fewest samples in one, and blocks on either side of a step.
 MOST_BLOCKS, FEWEST_BLOCKS, FEWEST_SAMPLES, BESIDE = 32, 8, 24, 2
-#: Part of the motion that must lie on either side of a step: a sensor at rest has no gain.
+#: Part of the motion that must lie on either side of a step: at rest the gain is not defined.
 MOVING = 0.02
 #: Noise of the reference stands at each line in prediction and residual alike: so many times the latter is none of it.
 OWN = 2.0
-#: Lines on either side that tell the residual's spectrum, and the part of its mean below which none is believed.
+#: Lines averaged on either side for the residual's spectrum, and its lower limit as a part of its mean.
 SMOOTHED, LEAST_LEVEL = 4, 1e-9
 #: A change is nearly all of the residual where this part of its power is left.
 REST = 0.15
 KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
-#: Neighbours that a block may be like.
+#: Number of neighbours with which a block may be correlated.
 LAGS = 4
-#: Mains, and the power over that of white noise at which it is heard.
+#: Mains frequencies, and the power over that of white noise at which hum is significant.
 MAINS_HZ, HEARD = (50.0, 60.0), 12.0
 #: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
 ODD = 0.9
 #: Fewest records among which one may be odd.
 FEWEST_RECORDS = 4
-#: Changes that are told one by one.
+#: Largest number of changes that are listed one by one.
 MOST_NAMED = 3
 
 
@@ -70,11 +70,11 @@ class Change:
 def changes(
     records: Sequence[Record], predicted: Sequence[FloatArray], frequency_hz: Sequence[float | None]
 ) -> list[Change]:
-    """Changes within records, beyond doubt.
+    """Significant changes within records.
 
     Args:
         records: the records.
-        predicted: response that a model predicts for each, shape (samples,), NaN where there is none.
+        predicted: response that a model predicts for each, shape (samples,), NaN where it is not defined.
         frequency_hz: of a sine; None for other motion.
     """
     found = []
@@ -124,7 +124,7 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
 def _whitening(power: FloatArray, *, tones: bool) -> FloatArray:
     """Gain at each line that makes noise of this power white, shape (lines,); ``tones``: the motion is of tones.
 
-    Beside a tone a change stands in a few lines, which tell no noise.
+    Beside a tone a change appears in a few lines, which do not give the noise.
     """
     power = power + np.finfo(float).tiny + LEAST_LEVEL * float(np.mean(power))
     logarithm = np.log(median_level(power) if tones else power)
@@ -207,7 +207,7 @@ def _best(blocks: _Blocks) -> _Fit:
 
 
 def _hum(residual: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Mains frequencies and their harmonics that stand out of a residual; beside a tone they beat with it."""
+    """Mains frequencies and their harmonics that are significant in a residual; beside a tone they beat with it."""
     rate = 1.0 / float(np.median(np.diff(times_s)))
     heard, least = set(), HEARD * float(residual @ residual)
     for mains in MAINS_HZ:
@@ -266,7 +266,7 @@ def _beyond_doubt(
 
 
 def _fewer(left: FloatArray, powers: FloatArray) -> float:
-    """How many blocks say as much as one that knows nothing of its neighbours (Newey & West 1987), at least one.
+    """Number of blocks that hold the information of one independent block (Newey & West 1987), at least one.
 
     Noise beside a tone, or through a sharp resonance, is alike from block to block.
     """
@@ -277,7 +277,7 @@ def _fewer(left: FloatArray, powers: FloatArray) -> float:
     for lag in range(1, LAGS + 1):
         alike = float(np.sum(scores[lag:] * scores[:-lag])) / total + 1.0 / len(
             left
-        )  # a fit leaves them a little unlike
+        )  # a fit leaves small differences between them
         found += 2.0 * (1.0 - lag / (LAGS + 1.0)) * alike
     return float(np.clip(found, 1.0, 50.0))
 
@@ -340,7 +340,7 @@ def _left(matrix: FloatArray, rest: FloatArray) -> float:
 
 
 def findings(within: Sequence[Change], odd: OddRecord | None) -> list[Finding]:
-    """What a person is told of changes within records, the largest first, and of a record of another sensor."""
+    """The messages on changes within records, the largest first, and on a record of another sensor."""
     found = []
     for change in sorted(within, key=lambda one: -abs(one.gain))[:MOST_NAMED]:
         later = "later" if change.later_s > 0.0 else "earlier"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vibrident.measure.level import level_at_tone
 from vibrident.records import FloatArray
 
-#: No deviation below this part of the amplitude is believed: interpolation between samples is no better than that.
+#: Smallest deviation, relative to the amplitude: interpolation between samples is not better.
 LEAST_DEVIATION = 1e-7
 
 ComplexArray = NDArray[np.complex128]
@@ -19,11 +19,11 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class MeasuredResponse:
-    """What n excited frequencies say, each beside K neighbouring spectral lines that hold only noise.
+    """The response at n excited frequencies, each with K neighbouring spectral lines that hold only noise.
 
     The lines are scaled so that the mean of |line|² is the variance of the real (and of the imaginary) part of the
     amplitude beside it. Kept for both channels and at their own frequencies, they give the variance of Y − H X for
-    any model H, whether the noise was felt by the sensor (it then cancels) or belongs to one channel (it does not).
+    any model H, whether the noise is vibration of the sensor (it then cancels) or of one channel (it does not).
 
     Attributes:
         frequency_hz: shape (n,).

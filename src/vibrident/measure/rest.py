@@ -1,7 +1,7 @@
-"""Where the reference stands when nothing moves: its offset, told from the motion.
+"""The value of the reference at rest: its offset, separated from the motion.
 
-A recorder's offset is no acceleration. A linear sensor does not care; a spring that is not linear would take it for a
-static load and answer from another place of its curve. What cannot be told from the offset of a recorder is not taken
+A recorder's offset is not an acceleration. It has no effect with a linear sensor; with a nonlinear spring it would act
+as a static load and shift the operating point. What cannot be separated from the offset of a recorder is not taken
 for acceleration: the sensor at rest, as it is mounted, is the middle of its spring.
 """
 

@@ -3,7 +3,7 @@
 Rounding to steps q moves a sample by up to q/2. While the signal runs over many steps this is white noise of variance
 q²/12 and shows in the residual. In a record that is nearly still it is no noise: sample after sample is rounded the
 same way, slow tails are lost, and the residual looks quieter than the data are (Widrow & Kollár 2008). So no residual
-of a rounded channel is believed to be below q²/12.
+of a rounded channel is taken to be below q²/12.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
 
 
 def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) -> FloatArray | None:
-    """Variance a sample that rounding makes in measured less predicted response; None where no steps are seen.
+    """Variance a sample that rounding makes in measured less predicted response; None if the channel has no steps.
 
     Args:
         record: with a reference or without.
-        gain_squares: makes |H|² of the model at the spectral lines, shape (lines,).
+        gain_squares: returns |H|² of the model at the spectral lines, shape (lines,).
 
     Returns:
         Shape (lines,), squares of the response unit.

@@ -1,7 +1,7 @@
 """Single wild samples (bit errors, contacts that fail, discharges), and places where time was lost.
 
-A sample is told by its neighbours on both sides as well as the record's own noise and band allow: the interpolation
-x[n] ≈ c + Σ a_k (x[n−k] + x[n+k]) is fitted by least squares to the record itself, without the samples that it tells
+A sample is predicted from its neighbours on both sides as well as the record's noise and band allow: the interpolation
+x[n] ≈ c + Σ a_k (x[n−k] + x[n+k]) is fitted by least squares to the record itself, without the samples that it predicts
 worst (Vaseghi 2008, ch. 13). Where noise and motion are the same throughout, its error is the best linear test for a
 single wild sample, which leaves an error of one known shape, and nothing once it is taken out. Where motion is faster
 than the interpolation (the edge of a shock), the errors of several samples in a row are large, and no single one
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vibrident.records import BoolArray, FloatArray
 
-#: Neighbours on either side; samples that the interpolation tells worst, as a part of all, are left out of its fit.
+#: Neighbours on either side; samples that the interpolation predicts worst, as a part of all, are left out of its fit.
 REACH, WORST = 8, 0.015
 #: Rounds of fit and leaving out, and the most rows of one.
 ROUNDS, MOST_ROWS = 4, 4_000
@@ -29,13 +29,13 @@ BEFORE = 2
 PICKS = 24
 #: A wild sample stands out by so many standard deviations of the errors, here and in the whole record …
 STANDS_OUT = 9.0
-#: Noise alone seldom stands out by so many; wild samples disturb the first fit, but not so much that they stand so low.
+#: Noise alone seldom exceeds so many standard deviations; wild samples exceed them even if they disturb the first fit.
 NOISE = 5.0
 #: … by more than so many steps of the converter, and this part of the channel's range: rounding.
 STEPS, ROUNDING = 4.0, 1e-9
 #: With it taken out, the errors around it are at most this part of it.
 ISOLATED = 0.3
-#: So many within reach of each other may be wild, and this part of a record.
+#: Largest number of wild samples within reach of each other, and their largest part of a record.
 IN_A_ROW, MOST = 2, 0.01
 #: A corner of the motion looks like a wild sample of at most half the slope beside it; a wild one is so many times it.
 CORNER = 0.75
@@ -88,7 +88,7 @@ class Channel:
     Attributes:
         series: about its median, over its largest size, zero where not valid; shape (samples,).
         valid: samples to look at, shape (samples,); neighbours of others are not judged.
-        judged: samples with all their neighbours, shape (samples,); none where there are too few.
+        judged: samples with all their neighbours, shape (samples,); all False if there are too few.
     """
 
     series: FloatArray
@@ -119,7 +119,7 @@ class Channel:
 
     @functools.cached_property
     def clean(self) -> BoolArray:
-        """Samples that are told well, shape (samples,)."""
+        """Samples that are predicted well, shape (samples,)."""
         return self.judged if self.alike else _told_well(self.series, self.judged)
 
     @functools.cached_property
@@ -147,9 +147,9 @@ def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
 
 
 def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
-    """Samples at which both channels of a steady motion break off and go on elsewhere: time was lost between them.
+    """Samples at which both channels of a stationary motion jump: time was lost between them.
 
-    There a few errors in a row stand out of both, and nothing else does. A motion that only begins or ends is none.
+    There a few errors in a row stand out of both, and nothing else does. A motion that begins or ends is not a break.
     """
     channels = (first, second)
     if not all(channel.judged.any() for channel in channels):
@@ -170,7 +170,7 @@ def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
 
 
 def _far_off(channel: Channel) -> FloatArray:
-    """Error of each sample in its usual standard deviation, shape (samples,); zero where it does not stand out."""
+    """Error of each sample in its usual standard deviation, shape (samples,); zero where it is not significant."""
     long, series = channel.long, channel.series
     error = long.errors(series, channel.judged)
     least = max(channel.least, LEAST_BREAK * float(np.std(series)))
@@ -218,7 +218,7 @@ def _in_the_middle(series: FloatArray, judged: BoolArray, long: _Interpolation, 
 
 
 def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, least: float) -> FloatArray:
-    """Size of each wild sample among the first, told by those after it, shape (samples,)."""
+    """Size of each wild sample among the first, predicted from those after it, shape (samples,)."""
     sizes, first = np.zeros(series.shape), 2 * REACH
     if not valid[: 6 * REACH].all():
         return sizes
@@ -235,7 +235,7 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
             told[place] -= errors[place]
             sizes[place] = errors[place]
     places = np.flatnonzero(sizes)
-    # A motion that settles is told worse and worse towards its beginning.
+    # The prediction of a motion that settles becomes worse towards its beginning.
     if places.size == 0 or places.size > IN_A_ROW or places[0] < BEFORE:
         return np.zeros(series.shape)
     before = float(np.max(np.abs(errors[: places[0]])))
@@ -279,7 +279,7 @@ def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
 
 
 def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
-    """Fitted to the samples that are told well."""
+    """Fitted to the samples that are predicted well."""
     rows = np.flatnonzero(clean)
     rows = rows[:: max(1, rows.size // MOST_ROWS)]
     sums = [series[REACH - k : len(series) - REACH - k] + series[REACH + k :][: len(series) - 2 * REACH] for k in _EACH]
@@ -326,7 +326,7 @@ def _sizes(series: FloatArray, judged: BoolArray, long: _Interpolation, least: f
 
 
 def _few_in_a_row(places: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Those that stand alone, or are few in a row."""
+    """Those that are single, or few in a row."""
     if places.size == 0:
         return places
     rows = np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1)

@@ -204,7 +204,7 @@ def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
         if h + 1 < highest:
             turned *= wave
     rows[-2] = 1.0
-    # A trend looks like part of a sine that is seen for a period or two only.
+    # A trend resembles part of a sine of only one or two periods.
     rows[-1] = (times / times[-1] - 0.5) if frequency * times[-1] >= 3.0 else 0.0
     return rows
 
@@ -212,11 +212,11 @@ def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
 def _told_apart(
     rows: NDArray[np.int_], whole: FloatArray, gram: FloatArray, channels: FloatArray, count: float
 ) -> NDArray[np.int_]:
-    """The rows of the tone's design without harmonics that samples left out make one with the tone.
+    """The rows of the tone's design without harmonics that omitted samples make inseparable from the tone.
 
     Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times
-    a factor, which grows with the harmonics. Those that are heard in either channel stay whatever they cost: without
-    them the tone would be wrong.
+    a factor, which grows with the harmonics. Those that are significant in either channel always stay: without
+    them the tone would be biased.
     """
     offset = rows[-2:]
     alone = np.concatenate([rows[:2], offset])
@@ -240,7 +240,7 @@ def _told_apart(
 def _cost(gram: FloatArray, count: float) -> float:
     """Variance of the tone's amplitude over what as many samples of a long record would give, at the worst phase.
 
-    Gaps, few periods, and a free response of nearly its frequency make a tone hard to tell from what is fitted along.
+    Gaps, few periods, and a free response of nearly its frequency make it hard to separate from other terms.
 
     Args:
         gram: products of the rows of the design over the samples used, the tone's own two first.
@@ -251,7 +251,7 @@ def _cost(gram: FloatArray, count: float) -> float:
 
 
 def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -> FloatArray | None:
-    """Real basis of the free response of stable poles that last longer than a few samples; None where none do."""
+    """Real basis of the free response of stable poles that last longer than a few samples; None if there is none."""
     if poles is None:
         return None
     rows = []

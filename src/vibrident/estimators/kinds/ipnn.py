@@ -1,4 +1,4 @@
-"""The estimator ``ipnn``: the paper's network, with its weak points mended (:mod:`vibrident.estimators.training`)."""
+"""The estimator ``ipnn``: the paper's network, with improvements (:mod:`vibrident.estimators.training`)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Ipnn(NetworkSettings, Estimator):
         """Train the network.
 
         Raises:
-            ModelError: there are no records, or none with a reference.
+            ModelError: there are no records, or no record has a reference.
             InputError: no record is long enough.
         """
         from vibrident.estimators import training
