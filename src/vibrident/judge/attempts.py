@@ -77,12 +77,12 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     for start, cost in begin.others[:MORE_STARTS]:
         if cost > COMPARABLE * begin.costs[-1] or best[1].adequacy.adequate:
             break
-        with contextlib.suppress(NotConverged):
+        with contextlib.suppress(NotConverged, InputError):
             other = _once(replace(evidence, start=start), estimator, progress)
             best = _better(best, other)
     start = _back_inside(best[0], evidence)
     if start is not None and not best[1].adequacy.adequate:
-        with contextlib.suppress(NotConverged):
+        with contextlib.suppress(NotConverged, InputError):
             best = _better(best, _once(replace(evidence, start=start), estimator, progress))
     return best
 
