@@ -147,7 +147,7 @@ def test_a_worker_that_is_killed_is_told_of_with_the_number_that_the_log_has(vis
     alert = page.get_by_role("alert")
     alert.wait_for(timeout=WAIT_MS)
     picture(page, "killed")
-    number = re.search(r"tells of it under ([0-9a-f]{8})", alert.inner_text())
+    number = re.search(r"number ([0-9a-f]{8})", alert.inner_text())
     assert number
     assert f"something went wrong, {number.group(1)}" in server.log.read_text()
     page.locator("#start").click()  # and the page goes on
