@@ -152,7 +152,7 @@ def test_a_single_calibration_tells_no_drift():
     assert found.drift is None
     told = due(found, Tolerance(0.01), 2.0, datetime.date(2010, 2, 1))
     assert (told.date, told.by_interval) == (None, datetime.date(2012, 1, 1))
-    assert "single" in told.why
+    assert "alone" in told.why
 
 
 def test_a_sensor_is_due_when_its_risk_reaches_5_percent():
