@@ -314,7 +314,7 @@ def test_importing_the_package_loads_no_heavy_library(library):
 
 
 @pytest.mark.skipif("vibrident.cli" not in modules(), reason="there is no vibrident.cli yet")
-@pytest.mark.parametrize("library", ["jax", "matplotlib", "sqlalchemy"])
+@pytest.mark.parametrize("library", ["jax", "matplotlib", "sqlalchemy", "numpy"])
 def test_help_loads_no_heavy_library(library):
     printed = run_python(
         "import sys\n"

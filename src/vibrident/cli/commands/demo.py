@@ -6,7 +6,6 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from vibrident.cli.console import out, printable
@@ -82,6 +81,8 @@ def _steps(place: Path, folder: Path) -> None:
 
 def _beside(results: list[Result]) -> Shown:
     """Parameters, curve and weights of the estimators and the truth."""
+    import numpy as np
+
     from vibrident.models import parse
     from vibrident.present import methods
     from vibrident.present.terminal import shown
