@@ -1,8 +1,7 @@
-"""Fit and judge; where that explains nothing, once more from elsewhere."""
+"""Fit and judge; if the model is rejected, fit again from other starts."""
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -21,10 +20,13 @@ from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.uncertainty.linearised import Linearised
 
-#: Other starts tried where the fit explains nothing, of those whose cost was at most so many times the best's; a fit
-#: from there is taken where its χ² is this part of the first one's, or less.
-MORE_STARTS, COMPARABLE, CLEARLY_LESS = 2, 10.0, 0.8
-#: Searches in the response that the last fit left.
+#: Number of other starts tried if the model is rejected.
+MORE_STARTS = 2
+#: Their cost is at most so many times that of the best start.
+COMPARABLE = 10.0
+#: Another fit is taken if its χ² is less than this part of the first one's.
+CLEARLY_LESS = 0.8
+#: Largest number of searches in the response that the network's residual shows.
 SEARCHES = 3
 #: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
 OUTSIDE = 3.0
@@ -77,14 +79,30 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     for start, cost in begin.others[:MORE_STARTS]:
         if cost > COMPARABLE * begin.costs[-1] or best[1].adequacy.adequate:
             break
-        with contextlib.suppress(NotConverged, InputError):
-            other = _once(replace(evidence, start=start), estimator, progress)
-            best = _better(best, other)
+        best = _tried(start, evidence, estimator, best, progress)
     start = _back_inside(best[0], evidence)
     if start is not None and not best[1].adequacy.adequate:
-        with contextlib.suppress(NotConverged, InputError):
-            best = _better(best, _once(replace(evidence, start=start), estimator, progress))
+        best = _tried(start, evidence, estimator, best, progress)
     return best
+
+
+def _tried(
+    start: Mapping[str, float],
+    evidence: Evidence,
+    estimator: Estimator,
+    best: tuple[Estimate, Judgement],
+    progress: Progress,
+) -> tuple[Estimate, Judgement]:
+    """The fit from another start if it is better, else the best so far.
+
+    A start may lead to no fit: a delay beyond the record, for one.
+    """
+    try:
+        other = _once(replace(evidence, start=dict(start)), estimator, progress)
+    except (NotConverged, InputError):
+        return best
+    less = (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0)
+    return other if less else best
 
 
 def _searched_again(
@@ -102,21 +120,18 @@ def _searched_again(
         size = np.abs(points.measured)
         data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
         problem = FrequencyProblem(model, evidence.quantity, False, True, data)
-        with contextlib.suppress(NotConverged, InputError):  # such as a delay beyond the record
+        try:
             begin = find_start(problem, model)
-            here = response_residual(best[0].z, best[0].coordinates, False, True, evidence.quantity, data)
-            if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):
-                break
-            other = _better(best, _once(replace(evidence, start=begin.values), estimator, progress))
-            if other is best:
-                break
-            best = other
+        except (NotConverged, InputError):
+            break
+        here = response_residual(best[0].z, best[0].coordinates, False, True, evidence.quantity, data)
+        if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):
+            break
+        other = _tried(begin.values, evidence, estimator, best, progress)
+        if other is best:
+            break
+        best = other
     return best
-
-
-def _better(best: tuple[Estimate, Judgement], other: tuple[Estimate, Judgement]) -> tuple[Estimate, Judgement]:
-    less = (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0)
-    return other if less else best
 
 
 def _back_inside(estimate: Estimate, evidence: Evidence) -> dict[str, float] | None:
