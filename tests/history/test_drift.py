@@ -132,11 +132,11 @@ def test_steps_that_nobody_told_of_are_rarely_found_where_there_are_none(rng):
 
 def test_calibrations_that_do_not_count_are_left_out_with_the_reason():
     made = entries([1.0, 1.1, 1.0, 1.0, 1.0, 1.0])
-    made[1] = replace(made[1], standing="recalled")
-    made[2] = replace(made[2], u=None)
-    made[3] = replace(made[3], data_files='["same"]', standing="approved")
-    made[4] = replace(made[4], data_files='["same", "more"]')
-    made[0] = replace(made[0], unit="C")
+    made[1] = made[1]._replace(standing="recalled")
+    made[2] = made[2]._replace(u=None)
+    made[3] = made[3]._replace(data_files='["same"]', standing="approved")
+    made[4] = made[4]._replace(data_files='["same", "more"]')
+    made[0] = made[0]._replace(unit="C")
     found = life(made, [])
     assert [entry.id for entry in found.entries] == [4, 6]
     assert [reason for _, reason in found.left_out] == [

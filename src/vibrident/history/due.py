@@ -18,7 +18,8 @@ FARTHEST_YEARS = 20.0
 _LOOKS = 24
 #: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is extended, else reduced.
 STAIRCASE_PART = 0.8
-STAIRCASE_LONGER, STAIRCASE_SHORTER = 1.25, 0.7
+STAIRCASE_LONGER = 1.25
+STAIRCASE_SHORTER = 0.7
 
 
 @dataclass(frozen=True)

@@ -74,12 +74,9 @@ class Store:
         Raises:
             InputError: there is no store, its schema is another version's, or the database fails.
         """
-        with self._explained():
-            if self.is_sqlite and not self._file().exists():
-                raise self._absent()
-            with self._engine.connect() as connection:
-                self._require_revision(connection)
-                yield connection
+        with self._connected() as connection:
+            self._require_revision(connection)
+            yield connection
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[sa.Connection]:
@@ -88,11 +85,16 @@ class Store:
         Raises:
             InputError: there is no store, its schema is another version's, or the database fails.
         """
+        with self._connected(writes=True) as connection, connection.begin():
+            self._require_revision(connection)
+            yield connection
+
+    @contextlib.contextmanager
+    def _connected(self, **options: Any) -> Iterator[sa.Connection]:
         with self._explained():
             if self.is_sqlite and not self._file().exists():
                 raise self._absent()
-            with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
-                self._require_revision(connection)
+            with self._engine.connect().execution_options(**options) as connection:
                 yield connection
 
     def insert(self, table: sa.Table) -> Any:
