@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 _ROOT = Path(__file__).parent
+#: In place of an estimator's name: the one that suits the data.
+AUTO = "auto"
 _log = logging.getLogger("vibrident.plugins")
 
 T = TypeVar("T")

@@ -6,13 +6,10 @@ from typing import TYPE_CHECKING
 
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimator
-from vibrident.registry import ESTIMATORS
+from vibrident.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.problem import Evidence
-
-#: In place of an estimator's name: the one that suits.
-AUTO = "auto"
 
 
 def ranked() -> tuple[Estimator, ...]:

@@ -6,13 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from vibrident.errors import InputError, did_you_mean
-from vibrident.registry import ESTIMATORS
+from vibrident.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.estimators import Estimator
-
-#: In place of an estimator's name: the one that suits the data. As ``vibrident.estimators.AUTO``, which loads SciPy.
-AUTO = "auto"
 
 
 def estimator_names() -> tuple[str, ...]:
