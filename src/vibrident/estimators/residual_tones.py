@@ -24,10 +24,11 @@ from vibrident.records import FloatArray
 
 #: Interpolation by so many samples on either side is good to 1e-5.
 FINE = 32
-#: Noise of the reference passes the network, which may make it so many times louder elsewhere than beside the tone, and
-#: a fit of samples is drawn by all of it: there a plain sine, with the free motion, is fitted, unless that is so many
-#: times less certain.
-LOUD, NOISIER = 3.0, 1.5
+#: Noise of the reference passes the network. Where it is this factor above the noise beside the tone, a plain sine with
+#: the free motion is fitted instead.
+LOUD = 3.0
+#: A plain sine is not fitted where its standard deviation is larger by this factor.
+NOISIER = 1.5
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:

@@ -21,8 +21,10 @@ from vibrident.measure.response import ComplexArray
 from vibrident.measure.rest import offset_of_reference
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: Transforms of filters are kept for runs of up to so many samples; longer ones may lose less than this part.
-MOST_KEPT, LEAST_LOST = 1 << 16, 1e-3
+#: Transforms of filters are kept for runs of up to so many samples.
+MOST_KEPT = 1 << 16
+#: Longer runs may lose less than this part of their samples.
+LEAST_LOST = 1e-3
 #: Lengths of these prime factors transform fast.
 FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)
 

@@ -19,9 +19,10 @@ from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredRe
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 
 LINES_IN_BAND = 6
-#: Part of the lines under a window that know nothing of each other, and the chance above which a record's response and
-#: reference have nothing in common: of a record that holds the motion it is none at all.
-INDEPENDENT, BY_CHANCE = 0.5, 0.1
+#: Part of the lines under a window that are independent.
+INDEPENDENT = 0.5
+#: Above this probability under independence, the response and the reference of a record have nothing in common.
+BY_CHANCE = 0.1
 #: Fewer lines do not tell the noise of a band beside its response.
 FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12

@@ -14,9 +14,10 @@ from vibrident.records import FloatArray, Record
 
 #: Slow lines that tell how far noise alone may wander.
 LINES = 8
-#: A drift counts beyond this many standard deviations of what those lines allow, and above this part of the
-#: response's standard deviation.
-SIGNIFICANT, LEAST = 8.0, 0.02
+#: A drift counts beyond this many standard deviations of the noise of those lines …
+SIGNIFICANT = 8.0
+#: … and above this part of the response's standard deviation.
+LEAST = 0.02
 #: Samples of the shortest record that is looked at.
 FEWEST = 64
 

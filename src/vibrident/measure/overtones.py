@@ -18,9 +18,10 @@ from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
 HIGHEST = 5
-#: Harmonics count above this part of the fundamental, and where noise alone would be as strong less often than this in
-#: all records together.
-LEAST, CHANCE = 3e-3, 1e-4
+#: Harmonics count above this part of the fundamental …
+LEAST = 3e-3
+#: … if noise alone is as strong with less than this probability in all records together.
+CHANCE = 1e-4
 #: Spectral lines on either side of a harmonic for its noise level: from the first to the last of these.
 NOISE_LINES = (3, 12)
 #: A harmonic that the sensor adds is in the response by this part of what the prediction leaves.

@@ -21,25 +21,37 @@ from vibrident.measure.response import LEAST_DEVIATION
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 
-#: Chance of a finding in a calibration without a change; a step may be at about so many places that are independent.
-CHANCE, PLACES = 1e-4, 8.0
+#: Probability of a finding in a calibration without a change.
+CHANCE = 1e-4
+#: Number of independent places of a step.
+PLACES = 8.0
 #: Chance by the robust test, which has fewer degrees of freedom.
 ROBUST = 1e-4
-#: Blocks, fewest samples in one, and blocks on either side of a step.
-MOST_BLOCKS, FEWEST_BLOCKS, FEWEST_SAMPLES, BESIDE = 32, 8, 24, 2
+#: Largest number of blocks of a record.
+MOST_BLOCKS = 32
+#: Smallest number of blocks of a record.
+FEWEST_BLOCKS = 8
+#: Fewest samples of a block.
+FEWEST_SAMPLES = 24
+#: Fewest blocks on either side of a step.
+BESIDE = 2
 #: Part of the motion that must lie on either side of a step: at rest the gain is not defined.
 MOVING = 0.02
 #: Noise of the reference stands at each line in prediction and residual alike: so many times the latter is none of it.
 OWN = 2.0
-#: Lines averaged on either side for the residual's spectrum, and its lower limit as a part of its mean.
-SMOOTHED, LEAST_LEVEL = 4, 1e-9
+#: Lines averaged on either side for the residual's spectrum.
+SMOOTHED = 4
+#: Lower limit of this spectrum, relative to its mean.
+LEAST_LEVEL = 1e-9
 #: A change is nearly all of the residual where this part of its power is left.
 REST = 0.15
 KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
 #: Number of neighbours with which a block may be correlated.
 LAGS = 4
-#: Mains frequencies, and the power over that of white noise at which hum is significant.
-MAINS_HZ, HEARD = (50.0, 60.0), 12.0
+#: Mains frequencies.
+MAINS_HZ = (50.0, 60.0)
+#: Hum is significant at this power over that of white noise.
+HEARD = 12.0
 #: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
 ODD = 0.9
 #: Fewest records among which one may be odd.

@@ -16,9 +16,14 @@ from vibrident.records import BoolArray, FloatArray, Record
 
 #: Samples looked at.
 SOME = 20_000
-#: Values closer than this part of the range are the same; all lie on the grid to this part of a step, and fewer than so
-#: many different ones may do so by chance. The least difference of two may be so many steps.
-SAME, ON_GRID, FEWEST, STEPS_APART = 1e-12, 0.05, 3, 4
+#: Values closer than this part of the range are equal.
+SAME = 1e-12
+#: All values lie on the grid to this part of a step.
+ON_GRID = 0.05
+#: Fewest different values; fewer may lie on a grid by chance.
+FEWEST = 3
+#: Largest number of steps in the smallest difference of two values.
+STEPS_APART = 4
 
 
 def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:

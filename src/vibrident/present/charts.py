@@ -19,8 +19,14 @@ Chart = dict[str, Any]
 MOST_POINTS = 800
 #: Samples of all records together that are drawn where one of them is chosen.
 MOST_SAMPLES = 12_000
-#: Pixels of an inch of a panel, between panels, above and below all of them.
-_INCH, _BETWEEN, _ABOVE, _BELOW = 125.0, 16.0, 40.0, 56.0
+#: Pixels of an inch of a panel.
+_INCH = 125.0
+#: Pixels between panels.
+_BETWEEN = 16.0
+#: Pixels above all panels.
+_ABOVE = 40.0
+#: Pixels below all panels.
+_BELOW = 56.0
 _BAND = "rgba(86, 180, 233, 0.40)"
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
 _MARKERS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "x": "x-thin-open"}

@@ -15,8 +15,12 @@ from vibrident.present.views import BLACK, BLUE, LINES, VERMILION, Figure, Float
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.result import Curve
 
-#: Most records in a picture, and in one of raw light; points of an ellipse.
-MOST, MOST_LIGHT, ROUND = 6, 4, 361
+#: Most records in a picture.
+MOST = 6
+#: Most records in a picture of raw light.
+MOST_LIGHT = 4
+#: Points of an ellipse.
+ROUND = 361
 
 
 def inspection(calibration: Calibration) -> Figure:

@@ -57,8 +57,14 @@ _DASHES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
 PANELS = 6
 #: Widths in inches of a picture of one or two, and of three stacks beside each other.
 WIDTHS = (6.7, 6.7, 8.6)
-# Points (1/72 inch): of a line of small print, a tick's label, an axis' label, a title; a digit, a small letter.
-_SMALL, _TICK, _LABEL, _TITLE, _DIGIT, _LETTER = 10.0, 10.0, 12.0, 15.0, 5.1, 4.2
+# Heights in points (1/72 inch) of a line of small print, a tick's label, an axis' label and a title.
+_SMALL = 10.0
+_TICK = 10.0
+_LABEL = 12.0
+_TITLE = 15.0
+# Widths in points of a digit and of a small letter.
+_DIGIT = 5.1
+_LETTER = 4.2
 
 _LOCK = threading.RLock()  # matplotlib's settings belong to the whole process
 

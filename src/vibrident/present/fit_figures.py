@@ -44,8 +44,10 @@ from vibrident.present.views import (
 )
 from vibrident.result import Result, Signal, Training
 
-#: Periods of a sine that show its shape, and records that can be chosen from.
-PERIODS, MOST_RECORDS = 6.0, 60
+#: Periods of a sine that show its shape.
+PERIODS = 6.0
+#: Most records to choose from.
+MOST_RECORDS = 60
 
 
 def signals(result: Result) -> Figure | None:

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 _COLOURS = {"fine": "green", "doubt": "bold red", "note": "dim", "plain": ""}
-#: Longest word that is not broken, and least width of a column of words.
-_WORD, _LEAST = 10, 6
+#: Longest word that is not broken.
+_WORD = 10
+#: Smallest width of a column of words.
+_LEAST = 6
 
 
 @dataclass(frozen=True)

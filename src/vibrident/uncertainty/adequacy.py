@@ -24,8 +24,10 @@ from vibrident.records import FloatArray, Record
 #: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
 #: show.
 RANDOM_ENOUGH = 4.0
-#: Terms of the polynomial that such residuals must not follow, and the chance that random ones do.
-SMOOTH_TERMS, PATTERN = 6, 1e-5
+#: Terms of the polynomial that such residuals must not follow.
+SMOOTH_TERMS = 6
+#: Probability that random residuals are taken to follow it.
+PATTERN = 1e-5
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,12 +29,20 @@ TRIALS = 6
 DITHERED = 0.6
 #: An effect counts from so many standard deviations of all points together.
 LEAST = 0.3
-#: Motion stands so many times above the power of rounding errors when this part of the record is faded at either end;
-#: its band ends so many lines behind the last such line, a sine's at so many times its frequency; beyond this part of
-#: the rate nothing is left to tell noise by.
-STANDS_OUT, FADED, BEHIND, SINE_BAND, HIGHEST = 30.0, 16, 3, 1.5, 0.45
-#: Lines beyond the band that tell noise, by the part of them that hold least: the others may hold a motion's skirts.
-FEWEST_BEYOND, QUIET = 10, 0.1
+#: A line holds motion if its power exceeds that of rounding errors by this factor.
+STANDS_OUT = 30.0
+#: The record is faded at either end over one part in so many.
+FADED = 16
+#: The band of the motion ends so many lines behind the last line that holds motion.
+BEHIND = 3
+#: The band of a sine ends at so many times its frequency.
+SINE_BAND = 1.5
+#: Noise is estimated up to this part of the sampling rate.
+HIGHEST = 0.45
+#: Fewest lines beyond the band from which noise is estimated.
+FEWEST_BEYOND = 10
+#: Quantile of the power of these lines; the stronger lines may hold leakage of the motion.
+QUIET = 0.1
 
 SOURCE = "steps of the converters"
 
