@@ -50,6 +50,7 @@ def large(request, tmp_path_factory):
     return url
 
 
+@pytest.mark.slow  # on a busy machine two processes share a core, and computing time grows with it
 def test_every_query_of_ten_thousand_calibrations_takes_less_than_100_ms(large):
     with Store(large) as store:
         sensor = query.find(store, "00500")
