@@ -26,7 +26,7 @@ def measure(options: Options) -> Section:
     figures = []
     recordings = RECORDINGS[:3] if options.quick else RECORDINGS
     for rate_hz, samples in steps("accuracy", recordings):
-        evidence = Evidence.gather(paper_truth(rate_hz, samples).calibration, model())
+        evidence = Evidence.gather(paper_truth(rate_hz, samples)[0], model())
         figures += [_figure(evidence, name, rate_hz, samples) for name in DISCRETISATIONS]
     remarks = (
         f"16 000 samples at 1 MHz last 16 ms: 0.16 period of 10 Hz and less than one period of eight of the 21 tones. "

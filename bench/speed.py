@@ -34,7 +34,7 @@ MANY = 12
 
 def noisy(samples: int = SAMPLES) -> Calibration:
     """The calibration with 1 % response noise."""
-    truth = paper_truth(RATE_HZ, samples).calibration
+    truth = paper_truth(RATE_HZ, samples)[0]
     return with_noise(truth, response_noise=RESPONSE_NOISE, seed=1)
 
 
@@ -83,7 +83,7 @@ def broad(kind: str) -> Calibration:
 
 def _many(samples: int, pairs: int) -> Figure:
     """Sensors in turn in one process, over the same by ``identify_many`` in two; starting them included."""
-    sensors = [with_noise(paper_truth(RATE_HZ, samples).calibration, response_noise=0.01, seed=s) for s in range(MANY)]
+    sensors = [with_noise(paper_truth(RATE_HZ, samples)[0], response_noise=0.01, seed=s) for s in range(MANY)]
 
     def alone() -> None:
         for one in sensors:

@@ -1,8 +1,7 @@
 """A study of many seeded runs in cells: stopped and resumed at will, its page written from what was kept.
 
 Runs are kept a line a block, so that a study goes on where it was stopped. A line belongs to the commit that the
-package and the cells were last changed by. Runs of another commit count where they are asked for (``--with``) and what
-both commits have run, in that cell, gave the same.
+package and the cells were last changed by; a page is made of the lines of one commit.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
 from joblib import Parallel, delayed
 
 from bench.progress import STDERR, steps
@@ -24,8 +22,6 @@ from bench.progress import STDERR, steps
 ROOT = Path(__file__).resolve().parents[1]
 #: Runs in a block: what is lost at most where a study is stopped.
 BLOCK = 10
-#: Numbers of repeated runs agree to this part of the largest of them.
-ALIKE = 1e-3
 
 
 class Cell(Protocol):
@@ -64,12 +60,8 @@ class Study:
     def main(self, arguments: list[str] | None = None) -> int:
         """Run what is missing, then write the page of all there is."""
         given = self._parser().parse_args(arguments)
-        shown = commit = given.of or self._commit()
+        commit = given.of or self._commit()
         kept = [] if given.trial else list(self._kept(commit))
-        if given.also and not given.trial:
-            more, cells = _taken_over(kept, list(self._kept(given.also)))
-            kept += more
-            shown = f"{commit} (in {cells} cells also of {given.also}: what both had run gave the same)"
         done = {(line["cell"], line["first"]) for line in kept}
         wanted = [
             (cell.name, first, min(BLOCK, cell.runs(given.runs) - first))
@@ -83,7 +75,7 @@ class Study:
             kept.append(line)
             if not given.trial:
                 self._keep(line)
-        page = self.table(kept, shown)
+        page = self.table(kept, commit)
         if given.trial:
             sys.stdout.write(page)
         else:
@@ -99,9 +91,6 @@ class Study:
         parser.add_argument("--only", default="", metavar="TEXT", help="cells whose name holds this")
         parser.add_argument("--trial", action="store_true", help="print the page; keep nothing, publish nothing")
         parser.add_argument("--of", default="", metavar="COMMIT", help="run nothing; publish what was kept of it")
-        parser.add_argument(
-            "--with", dest="also", default="", metavar="COMMIT", help="count its runs, too, where repeated ones agree"
-        )
         return parser
 
     def _blocks(self, wanted: list[tuple[str, int, int]], jobs: int) -> Iterable[Any]:
@@ -133,36 +122,3 @@ class Study:
         command = ["git", "log", "-1", "--format=%h", "--", "src", cells]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         return done.stdout.strip() or "unknown"
-
-
-def _taken_over(kept: list[dict[str, Any]], others: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], int]:
-    """Lines of another commit that may stand beside those kept, and in how many cells there are any."""
-    known = {(line["cell"], line["first"]): line for line in kept}
-    agrees: dict[str, bool] = {}
-    for line in others:
-        twin = known.get((line["cell"], line["first"]))
-        if twin is not None:
-            agrees[line["cell"]] = agrees.get(line["cell"], True) and _same(line, twin)
-    more = [one for one in others if agrees.get(one["cell"]) and (one["cell"], one["first"]) not in known]
-    return more, len({one["cell"] for one in more})
-
-
-def _same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two lines hold the same runs with the same outcome, numbers to a thousandth of their size."""
-    for key in one.keys() - {"commit"}:
-        first, second = (
-            np.array(line[key], dtype=float) if _numeric(line[key]) else line[key] for line in (one, other)
-        )
-        if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
-            size = ALIKE * float(np.max(np.abs(second), initial=0.0))
-            if first.shape != second.shape or not np.allclose(first, second, rtol=ALIKE, atol=size):
-                return False
-        elif first != second:
-            return False
-    return True
-
-
-def _numeric(value: Any) -> bool:
-    return np.asarray(value, dtype=object).size > 0 and all(
-        isinstance(number, (int, float)) for number in np.ravel(np.asarray(value, dtype=object))
-    )
