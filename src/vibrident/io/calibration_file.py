@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from vibrident.effects import StatedKind, SystematicEffect
 from vibrident.errors import InputError
@@ -17,14 +17,9 @@ from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.columns import unreadable
 from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
+from vibrident.io.section import Column, NotNegative, Number, Positive, Section, Text
 from vibrident.io.toml_text import MOST_BYTES, refuse_costly
 from vibrident.records import USUAL_MODEL, Excitation, Quantity
-
-
-def _column(value: int | str) -> int | str:
-    if value == "" or (isinstance(value, int) and value < 1):
-        raise ValueError("not a column")
-    return value
 
 
 def _scale(value: float) -> float:
@@ -33,90 +28,80 @@ def _scale(value: float) -> float:
     return value
 
 
-# A field's description is the "expected" of its error message.
-_Column = Annotated[int | str, AfterValidator(_column), Field(description="a column number from 1, or a header name")]
 _Scale = Annotated[
     float, AfterValidator(_scale), Field(allow_inf_nan=False, description="a finite number other than 0")
 ]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
-_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
-_Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
-_Text = Annotated[str, Field(min_length=1, description="text in quotes, not empty")]
 _File = Annotated[str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class SensorSection(BaseModel):
+class SensorSection(Section):
     """[sensor]: the model, and free text for reports."""
 
-    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
-    model: _Text = USUAL_MODEL
+    model_config = ConfigDict(extra="allow")
+    model: Text = USUAL_MODEL
 
 
-class ReferenceSection(_Section):
+class ReferenceSection(Section):
     """[reference]: the channel of the interferometer, reference transducer or drive."""
 
-    column: _Column | None = None
+    column: Column | None = None
     quantity: Quantity = "acceleration"
     scale: _Scale = 1.0
     unit: str = Field(default="", description="text in quotes")
-    standard_uncertainty: _NotNegative = 0.0
-    full_scale: _Positive | None = None
+    standard_uncertainty: NotNegative = 0.0
+    full_scale: Positive | None = None
 
 
-class ResponseSection(_Section):
+class ResponseSection(Section):
     """[response]: the channel of the sensor under test."""
 
-    column: _Column | None = None
+    column: Column | None = None
     scale: _Scale = 1.0
-    unit: _Text = "V"
-    full_scale: _Positive | None = None
+    unit: Text = "V"
+    full_scale: Positive | None = None
 
 
-class SamplingSection(_Section):
+class SamplingSection(Section):
     """[sampling]: a rate, or the column that holds the times."""
 
-    rate_hz: _Positive | None = None
-    time_column: _Column | None = None
+    rate_hz: Positive | None = None
+    time_column: Column | None = None
 
 
-class RecordsEntry(_Section):
+class RecordsEntry(Section):
     """One [[records]] entry: a file or a glob, and its excitation."""
 
     file: _File
     excitation: Excitation
-    frequency_hz: _Positive | None = None
-    start_s: _NotNegative | None = None
-    stop_s: _Positive | None = None
-    name: _Text | None = None
+    frequency_hz: Positive | None = None
+    start_s: NotNegative | None = None
+    stop_s: Positive | None = None
+    name: Text | None = None
     reference_file: _File | None = None
-    rate_hz: _Positive | None = None
-    start_time_s: _Number | None = None
+    rate_hz: Positive | None = None
+    start_time_s: Number | None = None
 
 
-class TableSection(_Section):
+class TableSection(Section):
     """[table]: a tabulated response instead of records."""
 
     file: _File
-    frequency: _Column
-    magnitude: _Column
-    phase: _Column | None = None
-    magnitude_uncertainty: _Column | None = None
-    phase_uncertainty: _Column | None = None
+    frequency: Column
+    magnitude: Column
+    phase: Column | None = None
+    magnitude_uncertainty: Column | None = None
+    phase_uncertainty: Column | None = None
     phase_unit: Literal["deg", "rad"] = "deg"
 
 
-class UncertaintyEntry(_Section):
+class UncertaintyEntry(Section):
     """One [[uncertainty]] entry: a systematic contribution, common to all points."""
 
-    source: _Text
+    source: Text
     kind: StatedKind
-    standard_uncertainty: _NotNegative
-    frequency_hz: _Positive | None = None
-    degrees_of_freedom: _Positive | None = None
+    standard_uncertainty: NotNegative
+    frequency_hz: Positive | None = None
+    degrees_of_freedom: Positive | None = None
 
     @property
     def effect(self) -> SystematicEffect:
@@ -125,7 +110,7 @@ class UncertaintyEntry(_Section):
         return SystematicEffect(self.source, self.kind, self.standard_uncertainty, self.frequency_hz, freedom)
 
 
-class CalibrationFile(_Section):
+class CalibrationFile(Section):
     """A calibration file, checked; see the documentation for each key."""
 
     sensor: SensorSection = SensorSection()

@@ -6,7 +6,9 @@ import datetime
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
+
+from vibrident.io.section import NotNegative, Number, Positive, Section
 
 
 def _text(value: Any) -> Any:
@@ -39,16 +41,12 @@ _Lines = Annotated[
     BeforeValidator(_lines),
     Field(min_length=1, description="text in quotes, or a list of such"),
 ]
-_Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
-_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
 _Percent = Annotated[float, Field(ge=0, le=100, description="a number from 0 to 100")]
 
 
-class InstrumentSection(BaseModel):
+class InstrumentSection(Section):
     """One of the instruments used, and where its own traceability is stated."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     name: _Text
     manufacturer: _Text | None = None
     type: _Text | None = None
@@ -60,10 +58,9 @@ class InstrumentSection(BaseModel):
 _Instrument = Annotated[InstrumentSection, BeforeValidator(_named)]
 
 
-class CertificateSection(BaseModel):
+class CertificateSection(Section):
     """[certificate]; see docs/report.md for the meaning of each key."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     number: _Text | None = None
     laboratory: _Text | None = None
     laboratory_address: _Text | None = None
@@ -80,16 +77,16 @@ class CertificateSection(BaseModel):
     direction: _Text | None = None
     amplitude: _Text | None = None
     conditioning: _Text | None = None
-    temperature_c: _Number | None = None
-    temperature_uncertainty_c: _NotNegative | None = None
+    temperature_c: Number | None = None
+    temperature_uncertainty_c: NotNegative | None = None
     relative_humidity_percent: _Percent | None = None
-    relative_humidity_uncertainty_percent: _NotNegative | None = None
-    air_pressure_hpa: _Positive | None = None
-    air_pressure_uncertainty_hpa: _NotNegative | None = None
+    relative_humidity_uncertainty_percent: NotNegative | None = None
+    air_pressure_hpa: Positive | None = None
+    air_pressure_uncertainty_hpa: NotNegative | None = None
     procedure: _Text | None = None
     traceability: _Text | None = None
-    instruments: Annotated[list[_Instrument], Field(description="a list of names, or [[certificate.instruments]]")] = []
-    reference_frequency_hz: _Positive | None = None
+    instruments: list[_Instrument] = Field(default=[], description="a list of names, or [[certificate.instruments]]")
+    reference_frequency_hz: Positive | None = None
     operator: _Text | None = None
     approved_by: _Text | None = None
     remarks: _Lines | None = None

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vibrident import extras
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_few
 from vibrident.io.columns import Clock, ColumnFile
@@ -33,7 +34,13 @@ class Channel:
 
 
 class ChannelFile(ColumnFile):
-    """A file of channels; subclasses read them. Numbers count the channels of real numbers."""
+    """A file of channels; subclasses read them. Numbers count the channels of real numbers.
+
+    Attributes:
+        word: what the format calls a channel.
+    """
+
+    word = "channel"
 
     def __init__(self, path: Path, channels: Sequence[Channel], refused: dict[str, str]) -> None:
         """Take the usable channels, and the refused ones: name → reason.
@@ -44,15 +51,15 @@ class ChannelFile(ColumnFile):
         self._path = path
         self._channels = tuple(channels)
         self._refused = refused
-        require_few(path, self._channels, "channels")
+        require_few(path, self._channels, f"{self.word}s")
         if not self._channels:
             reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
             raise InputError(
-                "The file holds no channel of numbers.",
-                expected="one channel of real numbers or more",
-                found=reasons or "no channels",
+                f"The file holds no {self.word} of numbers.",
+                expected=f"one {self.word} of real numbers or more",
+                found=reasons or f"no {self.word}s",
                 where=str(path),
-                remedy="check that the file is whole and holds time signals",
+                remedy="check that the file is whole and holds time signals as plain numbers",
             )
 
     @property
@@ -80,19 +87,20 @@ class ChannelFile(ColumnFile):
 
     def position_of(self, column: int | str, key: str) -> int:
         """Return the position of a channel; see ColumnFile. The error states why one was refused."""
-        if isinstance(column, str) and column.strip() in self._refused and column.strip() not in self.names:
+        name = self._plain_name(str(column))
+        if name in self._refused and name not in self.names:
             raise InputError(
-                f"The channel {column!r} cannot be used.",
-                expected="a channel of real numbers over time",
-                found=self._refused[column.strip()],
+                f"The {self.word} {column!r} cannot be used.",
+                expected=f"a {self.word} of real numbers over time",
+                found=self._refused[name],
                 where=f"{self.file}, asked for by {key}",
-                remedy="choose another channel, or store the signal as plain numbers",
+                remedy=f"choose another {self.word}, or store the signal as plain numbers",
             )
         return super().position_of(column, key)
 
     def locate(self, position: int, row: int) -> str:
         """File, channel and sample of a value."""
-        return f"{self.file}, channel {self.names[position]!r}, sample {row + 1}"
+        return f"{self.file}, {self.word} {self.names[position]!r}, sample {row + 1}"
 
 
 def real_numbers(values: Any) -> FloatArray:
@@ -111,10 +119,10 @@ def real_numbers(values: Any) -> FloatArray:
     return np.array(array, dtype=np.float64)
 
 
-def require_readable(path: Path) -> None:
-    """Open and close: the system's error is clearer than a format library's.
+def library(name: str, extra: str, path: Path) -> Any:
+    """Import a format's library, ``name``, which the extra ``extra`` of this package installs.
 
     Raises:
-        OSError: the system refuses to open it.
+        InputError: it is not installed; ``path`` needs it.
     """
-    path.open("rb").close()
+    return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -103,6 +105,29 @@ class ColumnFile(ABC):
     def locate(self, position: int, row: int) -> str:
         """Place of a value for messages: file, line or sample, column. ``row`` counts samples from 0."""
 
+    def require_finite(self, position: int, values: FloatArray, first_row: int, remedy: str) -> None:
+        """Refuse a value that is missing, NaN or infinite.
+
+        Args:
+            position: the column's position.
+            values: of it, shape (samples,).
+            first_row: row of the first value in the file, from 0.
+            remedy: what the user can do.
+
+        Raises:
+            InputError: a value is not finite; the message states which, and its place.
+        """
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            value = values[bad[0]]
+            raise InputError(
+                "A value that is needed is not a number.",
+                expected="finite numbers",
+                found=f"{'an empty cell or NaN' if np.isnan(value) else value}; {bad.size} such in this column",
+                where=self.locate(position, first_row + int(bad[0])),
+                remedy=remedy,
+            )
+
     def position_of(self, column: int | str, key: str) -> int:
         """Return the position of a column named in the calibration file.
 
@@ -168,6 +193,24 @@ class ColumnFile(ABC):
         listed = ", ".join(repr(name[:_LONGEST_NAME]) for name in named[:_NAMES_IN_MESSAGE])
         more = len(named) - _NAMES_IN_MESSAGE
         return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
+
+
+@contextmanager
+def reading(path: Path, expected: str) -> Iterator[None]:
+    """Around the calls of a format's library: damaged files make them raise anything.
+
+    The file is opened and closed first, because the system's error is clearer than a library's.
+
+    Raises:
+        InputError: the system or the library refuses the file.
+    """
+    try:
+        path.open("rb").close()
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise unreadable(str(path), error, expected) from error
 
 
 def unreadable(file: str, error: BaseException, expected: str) -> InputError:

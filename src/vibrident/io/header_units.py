@@ -12,7 +12,7 @@ import re
 
 from vibrident.errors import InputError
 from vibrident.io.columns import ColumnFile
-from vibrident.io.units import quantity_of, si_scale
+from vibrident.io.units import PLAIN, quantity_of, si_scale
 from vibrident.records import STANDARD_GRAVITY, Quantity
 
 _SECONDS = {
@@ -34,7 +34,6 @@ _RADIANS = {
 }  # fmt: skip
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _COUNTED = frozenset({"samples", "sample", "ticks", "tick", "counts", "count", "points", "point", "index", "smp", "#"})
-_PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None})
 _BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
 _AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
 _AFTER_WORD = re.compile(r"\b(?:in|en)\s+(\S+)$", re.IGNORECASE)
@@ -163,7 +162,7 @@ def require_magnitude_unit(
     """
     name = header(source, position)
     found = unit_in_name(name) or (name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else "")
-    plain = found.translate(_PLAIN).lower()
+    plain = found.translate(PLAIN).lower()
     if plain.startswith("db"):
         remedy = "make it linear: 10^(dB/20), times what 0 dB stands for; and correct the header"
         raise _contradiction(source, position, f"[table] {key}", "a linear magnitude", found, remedy)
@@ -198,17 +197,17 @@ def _own_unit(
 def _spelling(name: str, known: dict[str, float]) -> str:
     """The unit in a name, in plain lower case; "" if it is absent or not a unit."""
     name = _short(name)
-    found = unit_in_name(name).translate(_PLAIN)
+    found = unit_in_name(name).translate(PLAIN)
     plain = found.strip("[]()").lower()
     if plain == "mhz" and found.startswith("M"):
         return "MHz"
     if plain in known or plain in _COUNTED or (found and _known_elsewhere(found)):
         return plain
-    whole = name.strip().translate(_PLAIN).lower()
+    whole = name.strip().translate(PLAIN).lower()
     if whole in known and len(whole) > 1:
         return whole
     suffix = _RUN_ON.match(name.strip()) or _SUFFIX.match(name.strip())
-    plain = suffix.group(1).translate(_PLAIN).lower() if suffix else ""
+    plain = suffix.group(1).translate(PLAIN).lower() if suffix else ""
     return plain if plain in known else ""
 
 
@@ -225,7 +224,7 @@ def _known_elsewhere(found: str) -> bool:
 
 def _factor(found: str, unit: str) -> float | None:
     """The found unit in terms of the stated one; None if they are not multiples of one unit."""
-    found, unit = (text.translate(_PLAIN).strip("()") for text in (found, unit))
+    found, unit = (text.translate(PLAIN).strip("()") for text in (found, unit))
     for base in ("V", "A", "C", "m/s^2", "m/s", "m"):
         multiples = {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}
         if found in multiples and unit in multiples:

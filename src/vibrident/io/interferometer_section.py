@@ -5,43 +5,29 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from vibrident.errors import InputError
 from vibrident.interferometer.setting import Interferometer
+from vibrident.io.section import Column, NotNegative, Number, Positive, Section
 
 #: Keys of [reference] that are not allowed beside [interferometer].
 _TAKEN = ("column", "quantity", "scale", "unit", "full_scale")
 
 
-def _column(value: int | str) -> int | str:
-    if value == "" or (isinstance(value, int) and value < 1):
-        raise ValueError("not a column")
-    return value
-
-
-_Column = Annotated[int | str, AfterValidator(_column), Field(description="a column number from 1, or a header name")]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
-_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
-_Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
-
-
-class InterferometerSection(BaseModel):
+class InterferometerSection(Section):
     """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     kind: Literal["quadrature", "heterodyne"]
-    columns: Annotated[
-        list[_Column], Field(min_length=1, max_length=2, description="a list of column numbers or names")
-    ]
-    wavelength_m: _Positive
-    wavelength_relative_uncertainty: _NotNegative = 0.0
+    columns: Annotated[list[Column], Field(min_length=1, max_length=2, description="a list of column numbers or names")]
+    wavelength_m: Positive
+    wavelength_relative_uncertainty: NotNegative = 0.0
     passes: Annotated[int, Field(ge=1, le=1000, description="a whole number, 1 or above")] = 1
-    carrier_hz: _Positive | None = None
+    carrier_hz: Positive | None = None
     direction: Annotated[Literal[1, -1] | None, Field(description="1 or -1: the sign of x for growing phase")] = None
-    delay_s: _Number = 0.0
-    delay_standard_uncertainty_s: _NotNegative = 0.0
-    rate_hz: _Positive | None = None
+    delay_s: Number = 0.0
+    delay_standard_uncertainty_s: NotNegative = 0.0
+    rate_hz: Positive | None = None
 
     @property
     def setting(self) -> Interferometer:

@@ -19,13 +19,11 @@ from vibrident.interferometer.rough import highest_frequency, rough_frequency
 from vibrident.interferometer.setting import FloatArray, Interferometer, Signals
 from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
-from vibrident.io.checksum import sha256
 from vibrident.io.clocks import SAME_RATE, agreed_rate
 from vibrident.io.columns import ColumnFile
-from vibrident.io.finite import require_finite
 from vibrident.io.header_units import seconds_per_unit
 from vibrident.io.interferometer_section import InterferometerSection
-from vibrident.io.readers import open_columns
+from vibrident.io.readers import open_columns, sha256
 from vibrident.io.record_files import Part, named_parts, read_record, stated_rate
 from vibrident.io.sampling import Sampling, cut, sampling_from_times
 from vibrident.records import Calibration, Provenance, Record
@@ -57,7 +55,7 @@ class FileSignals:
         values = self.source.block(self.positions, first, self.kept.start + stop)
         if not np.isfinite(np.sum(values)):
             for position, column in zip(self.positions, values, strict=True):
-                require_finite(self.source, position, column, first, _REPAIR)
+                self.source.require_finite(position, column, first, _REPAIR)
         return values
 
 
@@ -173,7 +171,7 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
     if column is not None and entry.rate_hz is None:
         place = main.position_of(column, "[sampling] time_column")
         (times,) = main.load([place])
-        require_finite(main, place, times, 0, "repair the time column, or give rate_hz")
+        main.require_finite(place, times, 0, "repair the time column, or give rate_hz")
         found, seconds = sampling_from_times(times, lambda row: main.locate(place, row)), seconds_per_unit(main, place)
         return Sampling(found.rate_hz / seconds, found.start_time_s * seconds)
     agreed = stated_rate(part, calibration, [(main, at)])

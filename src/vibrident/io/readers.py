@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from vibrident import registry
 from vibrident.errors import InputError
-from vibrident.io.columns import ColumnFile
+from vibrident.io.columns import ColumnFile, unreadable
 from vibrident.io.reader import Reader
 
 
@@ -56,6 +57,19 @@ def open_columns(path: Path) -> ColumnFile:
             remedy="write its data into a file first",
         )
     return reader.open(path)
+
+
+def sha256(path: Path) -> str:
+    """Return the hex digest of the bytes of a data file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise unreadable(str(path), error, "a data file") from error
 
 
 def unknown_format(suffix: str, where: str) -> InputError:

@@ -12,13 +12,11 @@ from pathlib import Path
 
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
-from vibrident.io.checksum import sha256
 from vibrident.io.clocks import SAME_RATE, Clock, agreed_rate, contradicting_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.file_order import natural
-from vibrident.io.finite import require_finite
 from vibrident.io.header_units import require_channel_unit, seconds_per_unit
-from vibrident.io.readers import open_columns
+from vibrident.io.readers import open_columns, sha256
 from vibrident.io.sampling import Sampling, cut, sampling_from_times
 from vibrident.records import FloatArray, Provenance, Record
 
@@ -162,7 +160,7 @@ class _Channel:
     def physical(self, kept: slice, scale: float) -> FloatArray:
         """Return the kept values, all finite, in physical units."""
         values = self.values[kept]
-        require_finite(self.source, self.position, values, kept.start, _REPAIR)
+        self.source.require_finite(self.position, values, kept.start, _REPAIR)
         return values * scale
 
     def step(self, channel: str, scale: float, unit: str) -> str:
@@ -243,7 +241,7 @@ def _sampling(part: Part, calibration: CalibrationFile, channels: dict[str, _Cha
     time = channels.get("time")
     if time is None:
         return _stated_sampling(part, calibration, [*channels.values()])
-    require_finite(time.source, time.position, time.values, 0, "repair the time column, or give rate_hz")
+    time.source.require_finite(time.position, time.values, 0, "repair the time column, or give rate_hz")
     seconds = seconds_per_unit(time.source, time.position)
     sampling = sampling_from_times(time.values, lambda row: time.source.locate(time.position, row))
     if seconds == 1.0:

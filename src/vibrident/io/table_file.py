@@ -8,11 +8,9 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile
-from vibrident.io.checksum import sha256
 from vibrident.io.columns import ColumnFile
-from vibrident.io.finite import require_finite
 from vibrident.io.header_units import hertz_per_unit, require_magnitude_unit, require_phase_unit
-from vibrident.io.readers import open_columns
+from vibrident.io.readers import open_columns, sha256
 from vibrident.records import FloatArray, Provenance, ResponseTable
 
 _KEYS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
@@ -105,7 +103,7 @@ def _times(values: FloatArray | None, factor: float) -> FloatArray | None:
 
 
 def _check(key: str, values: FloatArray, source: ColumnFile, position: int) -> None:
-    require_finite(source, position, values, 0, "repair or remove that row")
+    source.require_finite(position, values, 0, "repair or remove that row")
     bad = np.flatnonzero(values <= 0) if key in _POSITIVE else np.zeros(0, dtype=int)
     if bad.size:
         raise InputError(

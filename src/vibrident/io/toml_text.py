@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import datetime
-import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
+
+import tomli_w
 
 from vibrident.errors import InputError
 
@@ -14,7 +14,6 @@ from vibrident.errors import InputError
 MOST_BYTES = 1_000_000
 #: A long chain of dotted keys; the parser's time and memory grow as the square of their number.
 _JOINED = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){32}""")
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def refuse_costly(text: str, where: str) -> None:
@@ -33,40 +32,15 @@ def refuse_costly(text: str, where: str) -> None:
         )
 
 
-def toml_section(header: str, values: Mapping[str, Any]) -> str:
-    """Return a section: its header ("[sensor]", "[[records]]") and a line a key; None values are left out."""
-    lines = [f"{toml_key(key)} = {toml_value(value)}" for key, value in values.items() if value is not None]
-    return "\n".join((header, *lines)) + "\n"
+def toml_section(name: str, values: Mapping[str, Any]) -> str:
+    """Return the section ``[name]``, a line a key; None values are left out."""
+    return tomli_w.dumps({name: _stated(values)})
 
 
-def toml_key(key: str) -> str:
-    """Return the key, quoted where it must be."""
-    return key if _BARE_KEY.fullmatch(key) else _quoted(key)
+def toml_entry(name: str, values: Mapping[str, Any]) -> str:
+    """Return one entry ``[[name]]`` of plain values, likewise."""
+    return f"[[{name}]]\n" + tomli_w.dumps(_stated(values))
 
 
-def toml_value(value: Any) -> str:
-    """Return a value; floats round-trip exactly, mappings become inline tables.
-
-    Raises:
-        TypeError: TOML has no such type.
-    """
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _quoted(value)
-    if isinstance(value, int):
-        return repr(int(value))
-    if isinstance(value, float):
-        return repr(float(value))  # a NumPy float is a float with another repr
-    if isinstance(value, datetime.datetime | datetime.date | datetime.time):
-        return value.isoformat()
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{toml_key(str(k))} = {toml_value(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(toml_value(item) for item in value) + "]"
-    raise TypeError(f"no TOML form for {type(value).__name__}")
-
-
-def _quoted(text: str) -> str:
-    # JSON's escapes are TOML's, but for DEL, which TOML does not allow unescaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}

@@ -17,7 +17,7 @@ _IN_SI = {
     "velocity": {"mm/s": 1e-3, "um/s": 1e-6, "nm/s": 1e-9, "cm/s": 1e-2, "in/s": 0.0254, "km/s": 1e3},
     "displacement": {"mm": 1e-3, "um": 1e-6, "nm": 1e-9, "cm": 1e-2, "in": 0.0254, "km": 1e3},
 }  # fmt: skip
-_PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None})
+PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None})
 
 
 def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
@@ -67,4 +67,4 @@ def si_scale(quantity: str, unit: str) -> float | None:
 
 
 def _plain(unit: str) -> str:
-    return unit.translate(_PLAIN).replace("**", "^")
+    return unit.translate(PLAIN).replace("**", "^")

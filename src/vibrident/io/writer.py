@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.errors import InputError
-from vibrident.io.toml_text import toml_section
+from vibrident.io.toml_text import toml_entry, toml_section
 from vibrident.records import Calibration, FloatArray, Record, ResponseTable, SystematicEffect
 
 CALIBRATION_FILE = "calibration.toml"
@@ -143,15 +143,15 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
         "standard_uncertainty": calibration.reference_standard_uncertainty,
     }
     response: dict[str, Any] = {"scale": 1.0, "unit": calibration.response_unit}
-    sections = [toml_section("[sensor]", {**calibration.sensor, "model": calibration.model})]
+    sections = [toml_section("sensor", {**calibration.sensor, "model": calibration.model})]
     if calibration.table is not None:
-        sections += [toml_section("[reference]", reference), toml_section("[response]", response)]
+        sections += [toml_section("reference", reference), toml_section("response", response)]
         sections.append(_table_section(calibration.table, files[0]))
     else:
         sections += _record_sections(calibration, files, reference, response)
-    sections += [toml_section("[[uncertainty]]", _effect(effect)) for effect in calibration.effects]
+    sections += [toml_entry("uncertainty", _effect(effect)) for effect in calibration.effects]
     if calibration.certificate:
-        sections.append(toml_section("[certificate]", calibration.certificate))
+        sections.append(toml_section("certificate", calibration.certificate))
     return "\n".join(sections)
 
 
@@ -178,7 +178,7 @@ def _table_section(table: ResponseTable, file: str) -> str:
     }
     written = _table_columns(table)
     columns = {key: column for key, column in keys.items() if column in written}
-    return toml_section("[table]", {"file": file, **columns, "phase_unit": "rad"})
+    return toml_section("table", {"file": file, **columns, "phase_unit": "rad"})
 
 
 def _record_sections(
@@ -194,10 +194,10 @@ def _record_sections(
     response["full_scale"] = _common([r.response_full_scale for r in records], "response_full_scale")
     rate = records[0].sampling_rate_hz
     return [
-        toml_section("[reference]", reference),
-        toml_section("[response]", response),
-        toml_section("[sampling]", {"rate_hz": float(rate)}),
-        *(toml_section("[[records]]", _entry(r, f, rate)) for r, f in zip(records, files, strict=True)),
+        toml_section("reference", reference),
+        toml_section("response", response),
+        toml_section("sampling", {"rate_hz": float(rate)}),
+        *(toml_entry("records", _entry(r, f, rate)) for r, f in zip(records, files, strict=True)),
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.io.toml_text import toml_section
+from vibrident.io.toml_text import toml_entry, toml_section
 from vibrident.records import Calibration
 from vibrident.simulation.calibration import simulate
 from vibrident.simulation.motion import Motion
@@ -142,10 +142,10 @@ def _toml(truth: Calibration, optics: Optics, entries: list[dict[str, Any]], tak
         "rate_hz": optics.rate_hz,
     }
     parts = [
-        toml_section("[sensor]", {**truth.sensor, "model": truth.model}),
-        toml_section("[interferometer]", section),
-        toml_section("[response]", {"column": "response", "scale": 1.0, "unit": truth.response_unit}),
-        toml_section("[sampling]", {"rate_hz": float(take.sampling_rate_hz)}),
-        *(toml_section("[[records]]", entry) for entry in entries),
+        toml_section("sensor", {**truth.sensor, "model": truth.model}),
+        toml_section("interferometer", section),
+        toml_section("response", {"column": "response", "scale": 1.0, "unit": truth.response_unit}),
+        toml_section("sampling", {"rate_hz": float(take.sampling_rate_hz)}),
+        *(toml_entry("records", entry) for entry in entries),
     ]
     return "\n".join(parts)

@@ -8,7 +8,7 @@ from typing import Any
 
 from vibrident.errors import InputError
 from vibrident.io.guess import Columns
-from vibrident.io.toml_text import toml_section
+from vibrident.io.toml_text import toml_entry, toml_section
 from vibrident.models import ADD_ONS
 from vibrident.records import USUAL_MODEL
 
@@ -81,17 +81,17 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
         "scale": given.response_scale,
         "unit": given.response_unit,
     }
-    sections = [toml_section("[sensor]", sensor), toml_section("[reference]", _floats(reference))]
-    sections.append(toml_section("[response]", _floats(response)))
+    sections = [toml_section("sensor", sensor), toml_section("reference", _floats(reference))]
+    sections.append(toml_section("response", _floats(response)))
     if given.table:
         names = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
         columns = {name: getattr(given, name) for name in names}
         unit = given.phase_unit if given.phase is not None else None
-        return "\n".join((*sections, toml_section("[table]", {"file": files[0], **columns, "phase_unit": unit})))
+        return "\n".join((*sections, toml_section("table", {"file": files[0], **columns, "phase_unit": unit})))
     if given.time is not None or given.rate_hz is not None:
         sampling = {"time_column": given.time, "rate_hz": None if given.time is not None else given.rate_hz}
-        sections.append(toml_section("[sampling]", _floats(sampling)))
-    entries = [toml_section("[[records]]", {"file": file, "excitation": given.excitation}) for file in files]
+        sections.append(toml_section("sampling", _floats(sampling)))
+    entries = [toml_entry("records", {"file": file, "excitation": given.excitation}) for file in files]
     return "\n".join((*sections, *entries))
 
 

@@ -15,15 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
 from vibrident.io.allowance import MOST_COLUMNS, require_few, require_room
-from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.channels import Channel, ChannelFile
+from vibrident.io.columns import reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "an HDF5 file with datasets of real numbers"
-#: What h5py raises on damaged files.
-_DAMAGE = (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, OverflowError)
 #: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset; LZF comes with h5py.
 _FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
 
@@ -68,60 +66,24 @@ def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
     return tuple(ArrayColumn(name, column, columns > rows) for column in range(min(shape)))
 
 
-class ArrayFile(ColumnFile):
+class ArrayFile(ChannelFile):
     """A file of named arrays; subclasses read them."""
 
     names_are_paths = True
 
+    word = "array"
+
     def __init__(self, path: Path, columns: Sequence[ArrayColumn], refused: dict[str, str]) -> None:
         """Take the usable columns, and the refused arrays: name → reason."""
-        self._path = path
-        self._columns = tuple(columns)
-        self._refused = refused
-        require_few(path, self._columns)
-        if not self._columns:
-            reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
-            raise InputError(
-                "The file holds no columns of numbers.",
-                expected="arrays of real numbers with one or two dimensions",
-                found=reasons or "no arrays",
-                where=str(path),
-                remedy="store the signals as plain numeric arrays",
-            )
-
-    @property
-    def file(self) -> str:
-        """Name of the file in messages."""
-        return str(self._path)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each column: "array", or "array:2" for column 2 of a two-dimensional array."""
-        return tuple(column.name for column in self._columns)
+        super().__init__(path, [Channel(column.name, column) for column in columns], refused)
 
     @property
     def numbered(self) -> tuple[int, ...]:
         """The columns of the only two-dimensional array, or of the only array."""
-        tables = {column.array for column in self._columns if column.column is not None}
-        if len(tables) == 1:
-            return tuple(i for i, column in enumerate(self._columns) if column.column is not None)
-        return (0,) if len(self._columns) == 1 else ()
-
-    def position_of(self, column: int | str, key: str) -> int:
-        """Return the position of a column; see ColumnFile. The error states why an array was refused."""
-        if isinstance(column, str) and self._plain_name(column) in self._refused:
-            raise InputError(
-                f"The array {column!r} cannot be used.",
-                expected="an array of real numbers with one or two dimensions",
-                found=self._refused[self._plain_name(column)],
-                where=f"{self.file}, asked for by {key}",
-                remedy="store the signal as a plain numeric array",
-            )
-        return super().position_of(column, key)
-
-    def locate(self, position: int, row: int) -> str:
-        """File, array and sample of a value."""
-        return f"{self.file}, array {self.names[position]!r}, sample {row + 1}"
+        columns: list[ArrayColumn] = [channel.handle for channel in self._channels]
+        if len({column.array for column in columns if column.column is not None}) == 1:
+            return tuple(i for i, column in enumerate(columns) if column.column is not None)
+        return (0,) if len(columns) == 1 else ()
 
     def _plain_name(self, name: str) -> str:
         return name.strip().strip("/")
@@ -154,11 +116,8 @@ class Hdf5File(ArrayFile):
                 refused[name] = reason or f"of shape {item.shape}"
             require_few(path, [*columns, *refused], "datasets")
 
-        try:
-            with h5py.File(path, "r") as file:
-                file.visititems(visit)
-        except _DAMAGE as error:
-            raise unreadable(str(path), error, _EXPECTED) from error
+        with reading(path, _EXPECTED), h5py.File(path, "r") as file:
+            file.visititems(visit)
         super().__init__(path, columns, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -169,31 +128,25 @@ class Hdf5File(ArrayFile):
         """
         import h5py
 
-        try:
-            with h5py.File(self._path, "r") as file:
-                columns = [self._columns[position] for position in positions]
-                require_room(self._path, *_cost([file[column.array] for column in columns]))
-                return tuple(np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns)
-        except _DAMAGE as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
+        with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
+            columns = [self._channels[position].handle for position in positions]
+            require_room(self._path, *_cost([file[column.array] for column in columns]))
+            return tuple(np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns)
 
     def length(self, position: int) -> int:
         """Number of samples of a column; nothing is read."""
-        return int(max(self._opened()[self._columns[position].array].shape))
+        return int(max(self._opened()[self._channels[position].handle.array].shape))
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
-        columns = [self._columns[position] for position in positions]
-        arrays = list(dict.fromkeys(column.array for column in columns))
-        try:
+        columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
+        with reading(self._path, _EXPECTED):
             require_room(self._path, len(columns) * (stop - start))
-            part = {name: _slice(self._array(name), start, stop) for name in arrays}
+            part = {name: _slice(self._array(name), start, stop) for name in {column.array for column in columns}}
             found = np.empty((len(columns), stop - start))
             for row, column in zip(found, columns, strict=True):
                 row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
             return found
-        except _DAMAGE as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
 
     def _array(self, name: str) -> Any:
         """A dataset, looked up once."""
@@ -205,12 +158,10 @@ class Hdf5File(ArrayFile):
         """The file, kept open from the first block on."""
         import h5py
 
-        try:
-            if self._file is None:
+        if self._file is None:
+            with reading(self._path, _EXPECTED):
                 self._file = h5py.File(self._path, "r")
-            return self._file
-        except _DAMAGE as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
+        return self._file
 
 
 def _slice(dataset: Any, start: int, stop: int) -> Any:

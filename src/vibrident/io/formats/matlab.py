@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.columns import ColumnFile, reading
 from vibrident.io.formats.hdf5 import ArrayColumn, ArrayFile, Hdf5File, columns_of
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
@@ -43,10 +43,8 @@ class MatlabFile(ArrayFile):
         """
         import scipy.io
 
-        try:
+        with reading(path, _EXPECTED):
             variables = scipy.io.whosmat(path, appendmat=False)
-        except Exception as error:  # damaged files raise anything, from OSError to zlib.error
-            raise unreadable(str(path), error, _EXPECTED) from error
         columns: list[ArrayColumn] = []
         refused: dict[str, str] = {}
         for name, shape, kind in variables:
@@ -65,16 +63,14 @@ class MatlabFile(ArrayFile):
         """
         import scipy.io
 
-        columns = [self._columns[position] for position in positions]
+        columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
         require_room(self._path, sum(self._numbers[name] for name in {column.array for column in columns}))
-        try:
+        with reading(self._path, _EXPECTED):
             arrays = scipy.io.loadmat(self._path, appendmat=False, variable_names=[c.array for c in columns])
             complex_names = [c.name for c in columns if np.iscomplexobj(arrays[c.array])]
             if complex_names:
                 raise ValueError(f"{complex_names[0]!r} is complex and not real")
             return tuple(np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns)
-        except Exception as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
 
 
 MATLAB = Reader(name="matlab", title="MATLAB, every version", endings=(".mat",), open=open_matlab_file)

@@ -6,6 +6,10 @@ are allowed, checked before any value is read.
 
 from __future__ import annotations
 
+import gc
+import sys
+import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +19,9 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, real_numbers
+from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
 from vibrident.io.clocks import clock_from_times
-from vibrident.io.columns import Clock, unreadable
-from vibrident.io.extra import drop_failed, library
+from vibrident.io.columns import Clock, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -38,23 +41,16 @@ class MdfFile(ChannelFile):
         Raises:
             InputError: asammdf is not installed, or the file is not an MDF file.
         """
-        self._path = path
-        self._mdf = library("asammdf", "mdf", path).MDF
+        self._path, self._mdf = path, library("asammdf", "mdf", path).MDF
         self._clocks: dict[int, Clock | None] = {}
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        try:
-            with self._opened() as file:
-                for group, index, name in _listed(file):
-                    if reason := _reason_against(file, group, index):
-                        refused[name] = reason
-                    else:
-                        channels.append(Channel(name, (group, index)))
-        except InputError:
-            raise
-        except Exception as error:  # damaged files raise anything, from struct.error to MdfException
-            drop_failed(error)
-            raise unreadable(str(path), error, _EXPECTED) from error
+        with self._opened() as file:
+            for group, index, name in _listed(file):
+                if reason := _reason_against(file, group, index):
+                    refused[name] = reason
+                else:
+                    channels.append(Channel(name, (group, index)))
         super().__init__(path, channels, refused)
 
     def clock(self, position: int) -> Clock | None:
@@ -65,14 +61,8 @@ class MdfFile(ChannelFile):
         """
         group, _ = self._channels[position].handle
         if group not in self._clocks:
-            try:
-                with self._opened() as file:
-                    times_s = real_numbers(file.get_master(group))
-            except InputError:
-                raise
-            except Exception as error:
-                drop_failed(error)
-                raise unreadable(self.file, error, _EXPECTED) from error
+            with self._opened() as file:
+                times_s = real_numbers(file.get_master(group))
             self._clocks[group] = clock_from_times(times_s, lambda row: f"time stamp of {self.locate(position, row)}")
         return self._clocks[group]
 
@@ -82,23 +72,38 @@ class MdfFile(ChannelFile):
         Raises:
             InputError: the file is damaged.
         """
-        try:
-            with self._opened() as file:
-                handles = [self._channels[position].handle for position in positions]
-                require_room(self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles))
-                return tuple(_signal(file, *handle) for handle in handles)
-        except InputError:
-            raise
-        except Exception as error:
-            drop_failed(error)
-            raise unreadable(self.file, error, _EXPECTED) from error
+        with self._opened() as file:
+            handles = [self._channels[position].handle for position in positions]
+            require_room(self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles))
+            return tuple(_signal(file, *handle) for handle in handles)
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
         """The file, its time stamps checked; logged bus traffic, whose databases are code, is ignored."""
-        with self._path.open("rb") as stream, self._mdf(stream, process_bus_logging=False) as file:
-            _refuse_formulas_of_time(file, self.file)
-            yield file
+        with reading(self._path, _EXPECTED):
+            try:
+                with self._path.open("rb") as stream, self._mdf(stream, process_bus_logging=False) as file:
+                    _refuse_formulas_of_time(file, self.file)
+                    yield file
+            except Exception as error:
+                _collect_failed(error)
+                raise
+
+
+def _collect_failed(error: BaseException) -> None:
+    """Collect half-made objects of the library, whose destructors raise warnings."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            cause: BaseException | None = error
+            while cause is not None:
+                traceback.clear_frames(cause.__traceback__)
+                cause = cause.__context__
+            gc.collect()  # some are reference cycles
+    finally:
+        sys.unraisablehook = hook
 
 
 def _listed(file: Any) -> list[tuple[int, int, str]]:

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
-from vibrident.io.columns import Clock, unreadable
-from vibrident.io.extra import library
+from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
+from vibrident.io.columns import Clock, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -34,8 +32,7 @@ class MiniSeedFile(ChannelFile):
         """
         self._obspy = library("obspy", "seismic", path)
         traces: dict[str, list[Any]] = {}
-        try:
-            require_readable(path)
+        with reading(path, _MINISEED):
             for trace in self._traces(path, headonly=True):
                 traces.setdefault(trace.id, []).append(trace)
             refused = {name: reason for name, parts in traces.items() if (reason := _gap(parts))}
@@ -44,8 +41,6 @@ class MiniSeedFile(ChannelFile):
                 for name, parts in traces.items()
                 if name not in refused
             ]
-        except Exception as error:  # libmseed's wrapper raises anything
-            raise unreadable(str(path), error, _MINISEED) from error
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -54,7 +49,7 @@ class MiniSeedFile(ChannelFile):
         Raises:
             InputError: the file is damaged.
         """
-        try:
+        with reading(self._path, _MINISEED):
             stated = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
             require_room(self._path, stated)
             traces = self._traces(self._path, headonly=False)
@@ -62,10 +57,6 @@ class MiniSeedFile(ChannelFile):
             return tuple(
                 np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name]) for name in wanted
             )
-        except InputError:
-            raise
-        except Exception as error:
-            raise unreadable(self.file, error, _MINISEED) from error
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
         """Traces in the order of the file; obspy's warnings mean damage."""

@@ -9,9 +9,8 @@ from typing import Any
 
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
-from vibrident.io.columns import Clock, unreadable
-from vibrident.io.extra import library
+from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
+from vibrident.io.columns import Clock, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -31,12 +30,8 @@ class ParquetFile(ChannelFile):
         """
         self._parquet = library("pyarrow.parquet", "parquet", path)
         types = library("pyarrow.types", "parquet", path)
-        try:
-            require_readable(path)
-            with self._parquet.ParquetFile(path) as file:
-                schema = file.schema_arrow
-        except Exception as error:  # pyarrow's errors share no base
-            raise unreadable(str(path), error, _EXPECTED) from error
+        with reading(path, _EXPECTED), self._parquet.ParquetFile(path) as file:
+            schema = file.schema_arrow
         channels: list[Channel] = []
         refused: dict[str, str] = {}
         of_the_file = (schema.metadata or {}).get(_RATE_KEY)
@@ -57,15 +52,11 @@ class ParquetFile(ChannelFile):
             InputError: the file is damaged.
         """
         names = [self._channels[position].handle for position in positions]
-        try:
+        with reading(self._path, _EXPECTED):
             with self._parquet.ParquetFile(self._path) as file:
                 require_room(self._path, _numbers(file.metadata, set(names)))
                 table = file.read(columns=[*dict.fromkeys(names)])
             return tuple(real_numbers(table.column(name).to_numpy()) for name in names)
-        except InputError:
-            raise
-        except Exception as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
 
 
 def _numbers(metadata: Any, names: set[str]) -> int:

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, real_numbers
+from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
 from vibrident.io.clocks import plainest_clock
-from vibrident.io.columns import unreadable
-from vibrident.io.extra import library
+from vibrident.io.columns import reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -31,7 +29,7 @@ class SacFile(ChannelFile):
             InputError: obspy is not installed, or the file is not an evenly sampled SAC file.
         """
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
-        try:
+        with reading(path, _SAC):
             header = self._trace(path, headonly=True)
             if not 0 < 4 * int(header.npts) < path.stat().st_size:
                 raise ValueError(f"{header.npts} samples in a file of {path.stat().st_size} bytes")
@@ -43,8 +41,6 @@ class SacFile(ChannelFile):
             name = ".".join(str(code or "") for code in (header.knetwk, header.kstnm, header.khole, header.kcmpnm))
             clock = plainest_clock(float(delta), float(np.spacing(delta)) / 2, start)
             channel = Channel(name if name.strip(".") else "channel 1", int(header.npts), clock)
-        except Exception as error:  # obspy raises anything on damaged headers
-            raise unreadable(str(path), error, _SAC) from error
         super().__init__(path, [channel], {})
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -53,16 +49,12 @@ class SacFile(ChannelFile):
         Raises:
             InputError: the file is damaged.
         """
-        try:
+        with reading(self._path, _SAC):
             require_room(self._path, self._channels[0].handle * len(positions))
             values = real_numbers(self._trace(self._path, headonly=False).data)
             if values.size != self._channels[0].handle:
                 raise ValueError(f"{values.size} samples of {self._channels[0].handle}")
             return tuple(values.copy() for _ in positions)
-        except InputError:
-            raise
-        except Exception as error:
-            raise unreadable(self.file, error, _SAC) from error
 
     def _trace(self, path: Path, *, headonly: bool) -> Any:
         with path.open("rb") as stream, warnings.catch_warnings():

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, real_numbers
-from vibrident.io.columns import Clock, unreadable
-from vibrident.io.extra import library
+from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
+from vibrident.io.columns import Clock, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -31,23 +30,19 @@ class TdmsFile(ChannelFile):
         Raises:
             InputError: npTDMS is not installed, or the file is not a whole TDMS file.
         """
-        self._nptdms = library("nptdms", "tdms", path)
+        self._path, self._library = path, library("nptdms", "tdms", path).TdmsFile
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        try:
-            with path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
-                if file.file_status.incomplete_final_segment:
-                    raise ValueError("the last segment is cut short")
-                for found in (channel for group in file.groups() for channel in group.channels()):
-                    name = f"{found.group_name}/{found.name}"
-                    reason = _reason_against(found)
-                    if reason:
-                        refused[name] = reason
-                    else:
-                        handle, timed = (found.group_name, found.name), found.dtype.kind == "M"
-                        channels.append(Channel(name, handle, _clock(found.properties), timed))
-        except Exception as error:  # damaged files raise anything, from struct.error to KeyError
-            raise unreadable(str(path), error, _EXPECTED) from error
+        with self._opened() as file:
+            if file.file_status.incomplete_final_segment:
+                raise ValueError("the last segment is cut short")
+            for found in (channel for group in file.groups() for channel in group.channels()):
+                name = f"{found.group_name}/{found.name}"
+                if reason := _reason_against(found):
+                    refused[name] = reason
+                else:
+                    handle, timed = (found.group_name, found.name), found.dtype.kind == "M"
+                    channels.append(Channel(name, handle, _clock(found.properties), timed))
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -56,15 +51,15 @@ class TdmsFile(ChannelFile):
         Raises:
             InputError: the file is damaged.
         """
-        try:
-            with self._path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
-                handles = [self._channels[position].handle for position in positions]
-                require_room(self._path, sum(len(file[group][name]) for group, name in handles))
-                return tuple(real_numbers(file[group][name][:]) for group, name in handles)
-        except InputError:
-            raise
-        except Exception as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
+        with self._opened() as file:
+            handles = [self._channels[position].handle for position in positions]
+            require_room(self._path, sum(len(file[group][name]) for group, name in handles))
+            return tuple(real_numbers(file[group][name][:]) for group, name in handles)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        with reading(self._path, _EXPECTED), self._path.open("rb") as stream, self._library.open(stream) as file:
+            yield file
 
 
 def _reason_against(channel: Any) -> str:

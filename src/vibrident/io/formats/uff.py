@@ -8,12 +8,10 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, real_numbers, require_readable
+from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
 from vibrident.io.clocks import clock_from_times, plainest_clock
-from vibrident.io.columns import Clock, unreadable
-from vibrident.io.extra import library
+from vibrident.io.columns import Clock, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -43,8 +41,7 @@ class UffFile(ChannelFile):
         self._pyuff = library("pyuff", "uff", path)
         refused: dict[str, str] = {}
         usable: list[tuple[int, dict[str, Any]]] = []
-        try:
-            require_readable(path)
+        with reading(path, _EXPECTED):
             file = self._pyuff.UFF(str(path))
             for place in (place for place, kind in enumerate(file.get_set_types()) if kind == 58):
                 header = file.read_sets(place, header_only=True)
@@ -62,10 +59,6 @@ class UffFile(ChannelFile):
                 )
                 for place, header in usable
             ]
-        except InputError:
-            raise
-        except Exception as error:  # pyuff raises bare Exception
-            raise unreadable(str(path), error, _EXPECTED) from error
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -74,14 +67,10 @@ class UffFile(ChannelFile):
         Raises:
             InputError: the file is damaged.
         """
-        try:
+        with reading(self._path, _EXPECTED):
             file = self._pyuff.UFF(str(self._path))
             require_room(self._path, sum(self._channels[position].handle[1] for position in positions))
             return tuple(self._signal(file, *self._channels[position].handle) for position in positions)
-        except InputError:
-            raise
-        except Exception as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
 
     def _refuse_more_than_there_is(self, header: dict[str, Any]) -> None:
         """Refuse a false length: pyuff makes as many abscissas as the header states."""

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.columns import Clock, ColumnFile, unreadable
+from vibrident.io.channels import Channel, ChannelFile
+from vibrident.io.columns import Clock, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -18,8 +19,8 @@ _CONTAINERS = ("WAV", "WAVEX", "RF64", "W64")
 _SAMPLES = ("PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
 
 
-class WavFile(ColumnFile):
-    """A WAV file. Integer samples become float64 in [−1, 1); float samples stay as they are."""
+class WavFile(ChannelFile):
+    """A WAV file of "channel 1", "channel 2" and so on. Integer samples become float64 in [−1, 1); float ones stay."""
 
     def __init__(self, path: Path) -> None:
         """Read the header.
@@ -29,36 +30,13 @@ class WavFile(ColumnFile):
         """
         import soundfile
 
-        self._path = path
-        try:
-            path.open("rb").close()  # the system's error is clearer than libsndfile's
+        with reading(path, _EXPECTED):
             header = soundfile.info(str(path))
             if header.format not in _CONTAINERS or header.subtype not in _SAMPLES:
                 raise ValueError(f"{header.format} with samples of type {header.subtype}")
-        except (OSError, RuntimeError, ValueError, TypeError) as error:
-            raise unreadable(str(path), error, _EXPECTED) from error
-        self._channels = int(header.channels)
-        self._rate_hz = float(header.samplerate)
-        self._frames = int(header.frames)
-
-    @property
-    def file(self) -> str:
-        """Name of the file in messages."""
-        return str(self._path)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names are "channel 1", "channel 2" and so on."""
-        return tuple(f"channel {number}" for number in range(1, self._channels + 1))
-
-    @property
-    def numbered(self) -> tuple[int, ...]:
-        """All channels."""
-        return tuple(range(self._channels))
-
-    def clock(self, position: int) -> Clock:
-        """Samples per second, from the file's header."""
-        return Clock(self._rate_hz)
+        clock, self._frames = Clock(float(header.samplerate)), int(header.frames)
+        numbers = range(1, int(header.channels) + 1)
+        super().__init__(path, [Channel(f"channel {number}", number - 1, clock) for number in numbers], {})
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,).
@@ -66,14 +44,8 @@ class WavFile(ColumnFile):
         Raises:
             InputError: the file is damaged.
         """
-        import soundfile
-
-        require_room(self._path, self._frames * self._channels)
-        try:
-            samples, _ = soundfile.read(str(self._path), dtype="float64", always_2d=True)
-        except (OSError, RuntimeError, ValueError, TypeError) as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
-        return tuple(np.array(samples[:, position], dtype=np.float64) for position in positions)
+        require_room(self._path, self._frames * len(self._channels))
+        return tuple(channel.copy() for channel in self.block(positions, 0, self._frames))
 
     def length(self, position: int) -> int:
         """Number of samples, from the file's header."""
@@ -83,10 +55,8 @@ class WavFile(ColumnFile):
         """Samples of channels from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
         import soundfile
 
-        try:
+        with reading(self._path, _EXPECTED):
             samples, _ = soundfile.read(str(self._path), start=start, stop=stop, dtype="float64", always_2d=True)
-        except (OSError, RuntimeError, ValueError, TypeError) as error:
-            raise unreadable(self.file, error, _EXPECTED) from error
         return np.ascontiguousarray(samples[:, list(positions)].T, dtype=np.float64)
 
     def locate(self, position: int, row: int) -> str:
