@@ -65,11 +65,6 @@ def xml_text(text: object) -> str:
     return one_line(text)
 
 
-def svg(text: object) -> str:
-    """For a text element of an SVG that is written by hand."""
-    return escape(one_line(text))
-
-
 def html(text: object) -> str:
     """For text or an attribute of HTML."""
     return escape(one_line(text))

@@ -1,148 +1,69 @@
-"""The figures of a fleet's page, as SVG text: their size does not depend on the number of sensors."""
+"""The pictures of a fleet's page: their size does not depend on the number of sensors."""
 
 from __future__ import annotations
-
-import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.escaping import svg as escaped
+from vibrident.fleet.limits import Limit
 from vibrident.fleet.statistics import Distribution, Histogram
 from vibrident.naming import parameter_name, scaled
-from vibrident.present.views import BLACK, BLUE, GREY, VERMILION
+from vibrident.present import axes
+from vibrident.present.views import BLACK, SKY, VERMILION, Axis, Figure, Look, Panel, Series, Stack
 
-WIDTH, HEIGHT = 360.0, 190.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 38.0, 12.0, 15.0, 36.0
-_FONT = 'font-family="system-ui, sans-serif" font-size="11"'
+_BARS, _OUTSIDE = Look(SKY), Look("#fbeee6", width=0.0)
+#: Beside the bars, as a part of their range: half of a tick's label.
+_ROOM = 0.03
+_LIMIT, _NOMINAL = Look(VERMILION, width=1.6), Look(BLACK, "dashed", 1.4)
 
 
-def distribution(found: Distribution) -> str:
-    """A histogram of a parameter, with its limits."""
+def distribution(found: Distribution) -> Figure:
+    """A histogram of a parameter, with its limits and its nominal value."""
     scale = scaled(found.unit, max(abs(found.least), abs(found.greatest)))
     name = parameter_name(found.parameter).words
-    limit = found.limit
-    marks = [] if limit is None else [(limit.lower, "least"), (limit.upper, "greatest")]
     label = f"{name} in {scale.unit}" if scale.unit != "1" else name
-    nominal = None if limit is None else limit.nominal
-    return histogram(found.histogram, label, scale.factor, marks=marks, middle=nominal)
+    return histogram(found.histogram, label, scale.factor, found.limit)
 
 
-def histogram(
-    found: Histogram,
-    label: str,
-    factor: float = 1.0,
-    *,
-    marks: Sequence[tuple[float, str]] = (),
-    middle: float | None = None,
-) -> str:
+def over_time(seconds: NDArray[np.float64], label: str) -> Figure:
+    """Calibrations finished in each interval of time; shape (calibrations,), seconds since the beginning."""
+    longest = float(seconds.max(initial=0.0))
+    unit, factor = ("h", 1 / 3600) if longest > 10_000 else ("min", 1 / 60) if longest > 300 else ("s", 1.0)
+    counts, edges = np.histogram(seconds, 30, (0.0, max(longest, 1e-3)))
+    return histogram(Histogram(edges, counts, 0, 0), f"{label}, in {unit} since the beginning", factor)
+
+
+def histogram(found: Histogram, label: str, factor: float = 1.0, limit: Limit | None = None) -> Figure:
     """Bars over an axis.
 
     Args:
         found: counts.
         label: under the axis.
         factor: from the values to the numbers on the axis.
-        marks: lower and upper limit, each with its label.
-        middle: nominal value.
+        limit: for the values.
     """
-    low, high = float(found.edges[0]), float(found.edges[-1])
-    tallest = max(int(found.counts.max()), 1)
-    bottom, right = HEIGHT - _BOTTOM, WIDTH - _RIGHT
-
-    def x(value: float) -> float:
-        return _LEFT + (right - _LEFT) * (value - low) / (high - low)
-
-    def y(count: float) -> float:
-        return bottom - (bottom - _TOP) * count / tallest
-
-    parts = [
-        f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escaped(label)}" {_FONT}>',
-        *_beyond(marks, low, high, x, bottom),
-    ]
-    for tick, text in _ticks(0, tallest, 4, whole=True):
-        parts.append(_line(_LEFT, y(tick), right, y(tick), "#e4e4e4"))
-        parts.append(_text(_LEFT - 5, y(tick) + 4, text, "end"))
-    for left, end, count in zip(found.edges, found.edges[1:], found.counts, strict=False):
-        if count:
-            top, said = y(int(count)), f"{left * factor:.6g} … {end * factor:.6g}: {int(count)}"
-            width = max(x(end) - x(left) - 0.8, 0.6)
-            parts.append(
-                f'<rect x="{x(left):.2f}" y="{top:.2f}" width="{width:.2f}" height="{bottom - top:.2f}" '
-                f'fill="{BLUE}"><title>{escaped(said)}</title></rect>'
-            )
-    if middle is not None and low <= middle <= high:
-        parts.append(_line(x(middle), _TOP, x(middle), bottom, BLACK, width=1.4, dashes="5 4", title="nominal"))
-    for value, what in marks:
-        if low <= value <= high:
-            title = f"{what} that conforms: {value * factor:.6g}"
-            parts.append(_line(x(value), _TOP, x(value), bottom, VERMILION, width=1.6, title=title))
-    parts.append(_line(_LEFT, bottom, right, bottom, "#444444"))
-    for tick, text in _ticks(low * factor, high * factor, 4):
-        parts.append(_line(x(tick / factor), bottom, x(tick / factor), bottom + 4, "#444444"))
-        parts.append(_text(x(tick / factor), bottom + 16, text, "middle"))
-    parts.append(_text((_LEFT + right) / 2, HEIGHT - 4, label, "middle"))
-    if found.below:
-        parts.append(_text(_LEFT + 2, _TOP - 2, f"◂ {found.below}", "start", GREY))
-    if found.above:
-        parts.append(_text(right, _TOP - 2, f"{found.above} ▸", "end", GREY))
-    return "\n".join([*parts, "</svg>"])
+    edges, tallest = found.edges * factor, float(max(found.counts.max(), 1))
+    low, high = float(edges[0]), float(edges[-1])
+    bars = Series((edges[1:] + edges[:-1]) / 2, found.counts.astype(float), "", _BARS, "columns", np.diff(edges) / 2)
+    series = [bars] if limit is None else [*_outside(limit, factor, low, high, tallest), bars]
+    if limit is not None:
+        for value, look in ((limit.nominal, _NOMINAL), (limit.lower, _LIMIT), (limit.upper, _LIMIT)):
+            if low <= value * factor <= high:
+                series.append(Series(np.full(2, value * factor), np.array([0.0, tallest]), "", look))
+    room = _ROOM * (high - low)
+    x = Axis(label, low - room, high + room, axes.linear_ticks(low, high, 4))
+    y = Axis("", 0.0, tallest, axes.linear_ticks(0.0, tallest, 4, whole=True))
+    beyond = (f"◂ {found.below}" if found.below else "", f"{found.above} ▸" if found.above else "")
+    panel = Panel(x, y, tuple(series), 1.2, " · ".join(filter(None, beyond)))
+    return Figure("histogram", label, (Stack((panel,)),), width_in=3.4)
 
 
-def over_time(seconds: NDArray[np.float64], label: str) -> str:
-    """Calibrations finished in each interval of time; shape (calibrations,), seconds since the beginning."""
-    longest = float(seconds.max()) if seconds.size else 0.0
-    unit, factor = ("h", 1 / 3600) if longest > 10_000 else ("min", 1 / 60) if longest > 300 else ("s", 1.0)
-    counts, edges = np.histogram(seconds, 30, (0.0, max(longest, 1e-3)))
-    return histogram(Histogram(edges, counts, 0, 0), f"{label}, in {unit} since the beginning", factor)
-
-
-def share_bar(share: float, colour: str = BLUE) -> str:
-    """A bar for a share of the whole, for a cell of a table."""
-    width = 100 * min(max(share, 0.0), 1.0)
-    return (
-        f'<svg viewBox="0 0 100 8" width="110" height="9" preserveAspectRatio="none" aria-hidden="true">'
-        f'<rect width="100" height="8" fill="#ececec"/><rect width="{width:.2f}" height="8" fill="{colour}"/></svg>'
-    )
-
-
-def _beyond(
-    marks: Sequence[tuple[float, str]], low: float, high: float, x: Callable[[float], float], bottom: float
-) -> list[str]:
+def _outside(limit: Limit, factor: float, low: float, high: float, top: float) -> list[Series]:
     """Shade the values that do not conform."""
-    if len(marks) != 2:
-        return []
-    (lower, _), (upper, _) = marks
-    stretches = [(low, min(lower, high)), (max(upper, low), high)]
-    return [
-        f'<rect x="{x(start):.2f}" y="{_TOP:g}" width="{x(stop) - x(start):.2f}" height="{bottom - _TOP:.2f}" '
-        'fill="#d55e00" fill-opacity="0.09"/>'
-        for start, stop in stretches
-        if stop > start
-    ]
+    stretches = ((low, min(limit.lower * factor, high)), (max(limit.upper * factor, low), high))
+    return [_shaded(*ends, top) for ends in stretches if ends[1] > ends[0]]
 
 
-def _ticks(low: float, high: float, most: int, *, whole: bool = False) -> list[tuple[float, str]]:
-    span = (high - low) / most
-    power = math.floor(math.log10(span)) if span > 0 else 0
-    step = next(m * 10.0**power for m in (1, 2, 2.5, 5, 10) if m * 10.0**power >= span * (1 - 1e-9))
-    step = max(math.ceil(step), 1) if whole else step
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    digits = max(0, -math.floor(math.log10(step)) + (1 if f"{step:.1e}".startswith("2.5") else 0))
-    shown = [n * step for n in range(first, last + 1)]
-    return [(one, f"{one:.{digits}f}" if digits < 6 and abs(one) < 1e6 else f"{one:.4g}") for one in shown]
-
-
-def _line(
-    x1: float, y1: float, x2: float, y2: float, colour: str, *, width: float = 0.8, dashes: str = "", title: str = ""
-) -> str:
-    dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
-    inner = f"<title>{escaped(title)}</title>" if title else ""
-    return (
-        f'<line x1="{x1:.2f}" y1="{y1:.2f}" x2="{x2:.2f}" y2="{y2:.2f}" stroke="{colour}" '
-        f'stroke-width="{width:g}"{dashed}>{inner}</line>'
-    )
-
-
-def _text(x: float, y: float, text: str, anchor: str, colour: str = "#333333") -> str:
-    return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}" fill="{colour}">{escaped(text)}</text>'
+def _shaded(start: float, stop: float, top: float) -> Series:
+    centre, half = np.array([(start + stop) / 2]), np.array([(stop - start) / 2])
+    return Series(centre, np.array([top]), "", _OUTSIDE, "columns", half)

@@ -12,7 +12,7 @@ import numpy as np
 from vibrident.escaping import plotly
 from vibrident.present.curves import spread
 from vibrident.present.formulas import in_a_line
-from vibrident.present.views import Axis, Figure, FloatArray, Look, Panel, Series, Stack
+from vibrident.present.views import BLUE, Axis, Figure, FloatArray, Look, Panel, Series, Stack
 
 Chart = dict[str, Any]
 #: Measured points drawn of a series; more are thinned evenly, and the caption says so.
@@ -215,7 +215,7 @@ def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
     place = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
     if series.kind == "columns":
         assert series.half is not None
-        look = {"color": _BAND, "line": {"color": "#0072B2", "width": 1}}
+        look = {"color": _BAND, "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
         bars = {"type": "bar", "x": listed(series.x), "y": listed(series.y), "width": listed(2 * series.half)}
         return [{**place, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}]
     if series.kind == "line":

@@ -13,6 +13,7 @@ import textwrap
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ import numpy as np
 
 from vibrident.present.curves import envelope, spread
 from vibrident.present.formulas import in_a_line
-from vibrident.present.views import BLACK, CROWD, GREY, SKY, Axis, Figure, Panel, Series, Stack
+from vibrident.present.views import BLACK, BLUE, CROWD, GREY, SKY, Axis, Figure, Panel, Series, Stack
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,6 +103,11 @@ def content(figure: Figure | Picture, kind: str) -> bytes:
     return stream.getvalue()
 
 
+def svg(figure: Figure) -> str:
+    """The picture without the words that the page says beside it, as SVG."""
+    return content(replace(figure, title="", subject="", caption="", note=""), "svg").decode()
+
+
 def printable(text: str) -> str:
     """One line in which each character that the fonts here lack is a □ (drawing it would warn)."""
     known = _fonts()[1]
@@ -140,7 +146,7 @@ class _Drawing:
         fitting = 1 if len(stacks) <= 1 else 2 if len(stacks) <= 4 else 3
         columns = figure.across or (fitting if figure.choice else max(1, len(stacks)))
         self.rows = [stacks[i : i + columns] for i in range(0, len(stacks), columns)]
-        self.width = 72.0 * WIDTHS[min(columns, 3) - 1]
+        self.width = 72.0 * (figure.width_in or WIDTHS[min(columns, 3) - 1])
         down = [[row[j] for row in self.rows if j < len(row)] for j in range(columns) if self.rows]
         self.lefts = [max(map(_left, column)) for column in down]
         shares = np.array([max(stack.width for stack in column) for column in down])
@@ -336,9 +342,8 @@ def _stems(axes: Axes, series: Series) -> None:
 def _columns(axes: Axes, series: Series) -> None:
     assert series.half is not None
     edges = np.append(series.x - series.half, series.x[-1] + series.half[-1])
-    axes.stairs(
-        series.y, edges, fill=True, color=series.look.colour, edgecolor="#0072B2", lw=0.5, label=series.label or None
-    )
+    outline: dict[str, Any] = {"edgecolor": BLUE, "lw": 0.5} if series.look.width else {"lw": 0.0}
+    axes.stairs(series.y, edges, fill=True, color=series.look.colour, label=series.label or None, **outline)
 
 
 _DRAWN = {"line": _line, "points": _points, "stems": _stems, "columns": _columns}

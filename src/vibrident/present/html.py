@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,9 @@ from typing import Any
 from vibrident import __version__
 from vibrident.errors import InputError
 from vibrident.escaping import html as escaped
-from vibrident.extras import library
-from vibrident.present import charts
+from vibrident.present import charts, drawing
 from vibrident.present.formulas import typeset
-from vibrident.present.views import Block, Column, Document, Figure, Folded, Section
+from vibrident.present.views import Block, Column, Document, Figure, Folded
 
 _TEMPLATES = Path(__file__).parent / "templates"
 #: With this policy the browser loads nothing from outside the file.
@@ -25,50 +25,39 @@ _POLICY = (
 
 
 def render(document: Document) -> str:
-    """The whole file.
+    """The whole file; plotly draws its figures when it is opened.
 
     Raises:
-        InputError: plotly, whose script the page embeds, or jinja2 is not installed.
+        InputError: plotly, whose script the page embeds, is not installed.
     """
-    return _page(document, {figure.name: _drawn(figure) for figure in _figures(_blocks(document))})
-
-
-def framed(title: str, head: str, sections: Sequence[tuple[str, str, str]]) -> str:
-    """The whole file, of HTML that is made already: name, title and body of each section."""
-    from markupsafe import Markup
-
-    parts = tuple(Section(name, said, (Markup(body),)) for name, said, body in sections)  # type: ignore[arg-type]
-    return _page(Document(title, (Markup(head),), parts), {})  # type: ignore[arg-type]
-
-
-def _page(document: Document, figures: Mapping[str, Any]) -> str:
-    from markupsafe import Markup
-
+    blocks = [*document.head, *(block for section in document.sections for block in section.blocks)]
+    figures = {figure.name: _drawn(figure) for figure in _figures(blocks)}
     data = json.dumps(figures, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    raw = {
-        "css": (_TEMPLATES / "page.css").read_text(encoding="utf-8"),
-        "data": data.replace("<", "\\u003c"),
-        "plotly": _plotly() if figures else "",
-        "script": (_TEMPLATES / "page.js").read_text(encoding="utf-8") if figures else "",
-        "policy": _POLICY,
-    }
-    return _template().render(
-        document=document, version=__version__, **{name: Markup(text) for name, text in raw.items()}
-    )
+    scripts = (_plotly(), (_TEMPLATES / "page.js").read_text(encoding="utf-8")) if figures else ("", "")
+    return _page(document, data=data.replace("<", "\\u003c"), scripts=scripts)
+
+
+def printed(document: Document) -> str:
+    """The whole file, without a script: its figures are pictures."""
+    return _page(document)
+
+
+def _page(document: Document, data: str = "", scripts: Iterable[str] = ()) -> str:
+    from markupsafe import Markup
+
+    css, policy = Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")), Markup(_POLICY)
+    raw = {"css": css, "policy": policy, "data": Markup(data), "scripts": [Markup(script) for script in scripts]}
+    return _template().render(document=document, version=__version__, **raw)
 
 
 def fragment(*blocks: Block) -> str:
-    """Tables, sentences and warnings for a page that has its own frame.
-
-    Raises:
-        InputError: jinja2 is not installed.
-    """
+    """Tables, sentences and warnings for a page that has its own frame."""
     return _template().render(fragment=blocks)
 
 
 @cache
 def _template() -> Any:
-    jinja2 = library("jinja2", "report", "The HTML report needs jinja2, which is not installed.", "--format html")
+    import jinja2
     from markupsafe import Markup
 
     def text(value: Any) -> Any:
@@ -85,21 +74,19 @@ def _template() -> Any:
         "mark": lambda column, cell: Markup(_mark(column, cell)),
         "choices": lambda figure: [name for name, _ in charts.charts(figure)] if figure.choice else [],
         "caption": charts.caption,
+        "picture": lambda figure: base64.b64encode(drawing.svg(figure).encode()).decode(),
     }
     return environment.get_template("document.html")
 
 
 def _mark(column: Column, cell: str) -> str:
-    """Class of a cell: a number, or a word that browsers would break at its hyphens, such as a date."""
+    """Class of a cell: a number, a share of the whole, or a word that browsers would break at its hyphens."""
+    if column.kind == "share":
+        share = cell.partition(" ")[0]
+        return f' class="n share" style="--share:{share}%"' if share.replace(".", "").isdigit() else " class=n"
     if column.kind == "number":
         return " class=n"
     return " class=w" if " " not in cell and len(cell) <= 24 else ""
-
-
-def _blocks(document: Document) -> Iterable[Block]:
-    yield from document.head
-    for section in document.sections:
-        yield from section.blocks
 
 
 def _figures(blocks: Iterable[Block]) -> Iterable[Figure]:

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from vibrident.escaping import markdown, markdown_paragraph
 from vibrident.present.formulas import typeset
-from vibrident.present.views import Block, Card, Cards, Document, Doubt, Facts, Figure, Folded, Sentence, Table
+from vibrident.present.views import Block, Card, Cards, Document, Doubt, Facts, Figure, Folded, Gallery, Sentence, Table
 
 _BAR = re.compile(r"(?<!\\)\|")
 
@@ -77,8 +77,8 @@ def _block(block: Block, pictures: Mapping[str, str]) -> str:
         return "\n".join(f"- {_card(card)}" for card in block.cards)
     if isinstance(block, Doubt):
         return _doubt(block)
-    if isinstance(block, Folded):
-        return "\n\n".join(_blocks(block.blocks, pictures))
+    if isinstance(block, Folded | Gallery):
+        return "\n\n".join(_blocks(block.blocks if isinstance(block, Folded) else block.figures, pictures))
     if isinstance(block, Figure):
         link = pictures.get(block.name)
         return f"![{cell(block.title)}](<{link}>)\n\n*{cell(block.caption)}*" if link else ""

@@ -6,7 +6,7 @@ import datetime
 import importlib.util
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from vibrident.present import certificate as content
 from vibrident.present import drawing, figures
 from vibrident.present.formulas import formulas
 from vibrident.present.history import date_of
-from vibrident.present.views import Block, Document, Facts, Figure, Folded, Sentence, Table
+from vibrident.present.views import Block, Document, Facts, Figure, Folded, Gallery, Sentence, Table
 from vibrident.result import Result
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -43,7 +43,7 @@ def certificate(result: Result) -> bytes:
     curve = figures.sensitivity(result) if len(result.response.frequency_hz) > 1 else None
     more = {
         "adequate": result.fit.adequate,
-        "curve": None if curve is None else _svg(curve),
+        "curve": None if curve is None else drawing.svg(curve),
         "day": None if day is None else (day.year, day.month, day.day),
     }
     return _set("certificate.typ", {**fields, **more}, day)
@@ -68,24 +68,20 @@ def _block(block: Block) -> dict[str, Any]:
     if isinstance(block, Table):
         return {"kind": "table", **_table(block)}
     if isinstance(block, Figure):
-        return {"kind": "figure", "svg": _svg(block), "caption": block.caption}
+        return {"kind": "figure", "svg": drawing.svg(block), "caption": block.caption}
     if isinstance(block, Sentence):
         return {"kind": "sentence", "lead": block.lead, "text": block.text}
     if isinstance(block, Facts):
         return {"kind": "facts", "rows": [{"label": label, "text": text} for label, text in block.rows]}
-    if isinstance(block, Folded):
-        return {"kind": "blocks", "blocks": [_block(inner) for inner in block.blocks]}
+    if isinstance(block, Folded | Gallery):
+        inner = block.blocks if isinstance(block, Folded) else block.figures
+        return {"kind": "blocks", "blocks": [_block(one) for one in inner]}
     raise TypeError(f"A PDF has no {type(block).__name__} yet.")
 
 
 def _table(table: Table) -> dict[str, Any]:
     parts = {name: list(getattr(table, name)) for name in ("header", "rows", "right", "lead", "notes")}
     return {**parts, "title": table.title}
-
-
-def _svg(figure: Figure) -> str:
-    """The picture without the words that the page says beside it."""
-    return drawing.content(replace(figure, title="", subject="", caption="", note=""), "svg").decode()
 
 
 def _require_typst() -> None:

@@ -32,13 +32,13 @@ class Column:
 
     Attributes:
         title: what it holds.
-        kind: a ``number`` is set flush right.
+        kind: a ``number`` is set flush right; a ``share`` is a percentage, with a bar behind it where the medium can.
         unit: of its numbers, ready for print.
         spare: omitted in a narrow terminal, because other columns hold the same information.
     """
 
     title: str
-    kind: Literal["text", "number"] = "text"
+    kind: Literal["text", "number", "share"] = "text"
     unit: str = ""
     spare: bool = False
 
@@ -68,6 +68,7 @@ class Table:
         groups: number of a row to the words above it.
         doubtful: numbers of rows that deserve a second look.
         quoted: numbers of rows whose values are somebody else's; set in italics.
+        links: number of a row to the address that its first cell leads to, where the medium has links.
         name: short name, for an anchor or a mark in a document.
     """
 
@@ -79,6 +80,7 @@ class Table:
     groups: dict[int, str] = field(default_factory=dict)
     doubtful: tuple[int, ...] = ()
     quoted: tuple[int, ...] = ()
+    links: dict[int, str] = field(default_factory=dict)
     name: str = ""
 
     @property
@@ -89,7 +91,7 @@ class Table:
     @property
     def right(self) -> tuple[int, ...]:
         """Numbers of the columns that are set flush right."""
-        return tuple(j for j, column in enumerate(self.columns) if column.kind == "number")
+        return tuple(j for j, column in enumerate(self.columns) if column.kind != "text")
 
     def select(self, keep: tuple[int, ...]) -> Table:
         """The same with these columns only."""
@@ -161,7 +163,7 @@ class Look:
     marker: Marker = ""
 
 
-MODEL, MEASURED, ZERO = Look(BLUE), Look(VERMILION, marker="o"), Look(BLACK, width=0.9)
+MODEL, MEASURED = Look(BLUE), Look(VERMILION, marker="o")
 #: Of several lines: every pair differs without colour too.
 LINES = (
     Look(BLUE, marker="o"),
@@ -263,6 +265,7 @@ class Figure:
         note: text in a figure that is shown alone.
         choice: the stacks are alike, one a record.
         across: stacks in a row; zero: all of them, or what fits where there is a choice.
+        width_in: in print, inches; zero: by the number of stacks in a row.
     """
 
     name: str
@@ -273,6 +276,7 @@ class Figure:
     note: str = ""
     choice: bool = False
     across: int = 0
+    width_in: float = 0.0
 
 
 # Documents
@@ -286,7 +290,14 @@ class Folded:
     blocks: tuple[Block, ...]
 
 
-Block = Sentence | Facts | Cards | Doubt | Table | Figure | Folded
+@dataclass(frozen=True)
+class Gallery:
+    """Small pictures, as many beside each other as there is room for."""
+
+    figures: tuple[Figure, ...]
+
+
+Block = Sentence | Facts | Cards | Doubt | Table | Figure | Gallery | Folded
 
 
 @dataclass(frozen=True, eq=False)
