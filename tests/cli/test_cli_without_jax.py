@@ -12,6 +12,7 @@ WATCH = """
 import contextlib, io, json, sys
 from vibrident.cli import app
 HEAVY = ("jax", "equinox", "optimistix", "optax", "numpyro", "scipy.stats", "scipy.signal", "scipy.optimize")
+HEAVY += tuple(sys.argv[1:])
 for arguments in json.load(sys.stdin):
     said = io.StringIO()
     try:
@@ -26,10 +27,10 @@ for arguments in json.load(sys.stdin):
 """
 
 
-def loaded(commands: list[list[str]]) -> str:
-    """What the first command that loads any of it loads."""
+def loaded(commands: list[list[str]], *more: str) -> str:
+    """What the first command that loads any of it, or of ``more``, loads."""
     done = subprocess.run(
-        [sys.executable, "-c", WATCH],
+        [sys.executable, "-c", WATCH, *more],
         input=json.dumps(commands),
         capture_output=True,
         text=True,
@@ -48,6 +49,9 @@ def test_a_linear_sensor_is_identified_without_a_compiler(run, made, tmp_path):
     commands = [
         *(["identify", sines, "--estimator", name, *out] for name in ("ml", "ipnn", "lsm")),
         ["identify", motion, "--model", "accelerometer+delay", *out],
+    ]
+    assert loaded(commands, "scipy", "pandas", "matplotlib") == ""
+    commands = [
         ["identify", sines, motion, *out],
         ["compare", sines, "--out", str(tmp_path / "compared")],
     ]

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scipy.linalg import expm as scipy_expm
+from scipy.special import spherical_in, spherical_jn
 from tests.support.discrete_sensors import PAPER, accelerometer, matrices, recursion, system_of, tone_state, weights_of
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import METHODS, Weights, method
 from vibrident.discretize.exponential import expm
+from vibrident.discretize.inputs import MAX_TERMS, SERIES_TOLERANCE, USABLE_BAND, terms_needed
 from vibrident.errors import ModelError
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling
@@ -155,6 +157,15 @@ def test_weights_do_not_depend_on_the_unit_of_time(name, factor):
         np.testing.assert_allclose(product * unit, expected, rtol=1e-11, atol=1e-15 * np.max(np.abs(expected)))
 
 
+def test_terms_needed_by_scipys_bessel_functions():
+    """The smallest number whose truncation error is below the tolerance, for sensors slow and fast."""
+    for rate in np.geomspace(1e-6, 1e3, 40):
+        q = np.arange(2, MAX_TERMS)
+        error = (2 * q + 1) * np.abs(spherical_jn(q, np.pi * USABLE_BAND)) * np.minimum(1.0, spherical_in(q, rate / 2))
+        expected = q[error < SERIES_TOLERANCE]
+        assert terms_needed(rate) == (expected[0] if expected.size else MAX_TERMS)
+
+
 def test_terms_needed():
     """4 inputs a step for the Table 2 sensor at 51.2 kHz, 7 at 2.56 kHz (docs), 12 where nothing smooths the input."""
     wn = 4096.4
@@ -198,7 +209,8 @@ def test_the_exponential_against_scipy(damping, angle):
     direction = np.zeros((5, 5))
     direction[:2, :2] = a / angle
     found, slope = _expm_with_slope(jnp.asarray(matrix), jnp.asarray(direction))
-    assert np.max(np.abs(np.asarray(found) - expected)) < 2e-12 * np.max(np.abs(expected))
+    for one in (np.asarray(found), expm(matrix)):
+        assert np.max(np.abs(one - expected)) < 2e-12 * np.max(np.abs(expected))
     # Van Loan's trick: the derivative sits in the corner of the exponential of a matrix of twice the size.
     both = scipy_expm(np.block([[matrix, direction], [np.zeros((5, 5)), matrix]]))
     expected = both[:5, 5:]

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, signal
 
+from vibrident.measure.lines import fast_length
 from vibrident.simulation import (
     BandLimitedRandom,
     Decay,
@@ -23,7 +24,7 @@ from vibrident.simulation import (
 )
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.motion import acceleration_on
-from vibrident.simulation.tones import Tones, fast_length
+from vibrident.simulation.tones import Tones
 
 
 def test_one_third_octave_counts_and_values_of_iso_266():

@@ -14,7 +14,6 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
 from vibrident import __version__
 from vibrident.decay.examine import Change, Decays, examine, motion_of
@@ -24,6 +23,7 @@ from vibrident.models import CORES, SensorModel, parse
 from vibrident.models.oscillator import OSCILLATOR as NAMES
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training
+from vibrident.tails import student_quantile
 
 #: A parameter is weakly determined above this relative standard uncertainty.
 WEAK = 0.1
@@ -194,7 +194,7 @@ def _positive(
 
 
 def _coverage_factor(freedom: float) -> float:
-    return float(stdtrit(min(freedom, 1e9), 0.5 + COVERAGE / 2))
+    return float(student_quantile(min(freedom, 1e9), 0.5 + COVERAGE / 2))
 
 
 def _clock(calibration: Calibration) -> list[tuple[str, FloatArray, float]]:

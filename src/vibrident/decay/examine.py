@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from vibrident.decay.fit import DecayFit, Local, Stretch, fit, local, shortened
 from vibrident.decay.motion import free_motion
@@ -20,6 +19,7 @@ from vibrident.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.decay.release import free_stretch, trimmed, without_first
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
+from vibrident.tails import chi2_tail
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
 MOST_PARTS, FEWEST_SAMPLES = 12, 8
@@ -280,7 +280,7 @@ def change_of(found: DecayFit) -> Change | None:
         values = [np.array([np.log(one.natural_frequency_hz), one.damping_ratio]) for one in two]
         apart = values[1] - values[0]
         squares = float(apart @ np.linalg.solve(two[0].covariance + two[1].covariance, apart))
-        chance = float(chdtrc(2, squares))
+        chance = float(chi2_tail(2, squares))
         if best is None or chance < best.probability:
             sizes = [float(np.sqrt(np.mean(_free(one) ** 2))) for one in two]
             best = Change(
@@ -311,7 +311,7 @@ def _chance_of_bend(found: DecayFit) -> float:
     if np.any(np.linalg.norm(left, axis=0) < IMITATED * np.linalg.norm(added, axis=0)):
         return 1.0
     across = np.linalg.qr(left)[0]
-    return float(chdtrc(2, float(np.sum((across.T @ at.residual) ** 2))))
+    return float(chi2_tail(2, float(np.sum((across.T @ at.residual) ** 2))))
 
 
 def _free(found: DecayFit) -> FloatArray:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, linalg
+from numpy import fft
 
+from vibrident.measure.lines import fast_length
 from vibrident.records import BoolArray, FloatArray
 
 #: Highest order of the autoregression; a part of the samples where records are short.
@@ -81,7 +82,7 @@ def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:
 
 def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) -> float | None:
     """Frequency of a significant line, refined between the lines; None if no line is significant."""
-    size = int(fft.next_fast_len(2 * residual.size, real=True) or 1)
+    size = fast_length(2 * residual.size)
     window = np.hanning(residual.size)
     power = np.abs(np.asarray(fft.rfft(residual * window, size))) ** 2
     step = rate_hz / size
@@ -122,7 +123,7 @@ def autoregression(residual: FloatArray) -> FloatArray:
     """Prediction-error filter by the Yule-Walker equations, with the order of least BIC."""
     count = residual.size
     most = min(MOST_ORDER, count // ORDER_SHARE)
-    size = int(fft.next_fast_len(2 * count, real=True) or 1)
+    size = fast_length(2 * count)
     lags = np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1] / count
     if lags[0] <= 0.0 or most < 1:
         return np.ones(1)
@@ -138,4 +139,6 @@ def autoregression(residual: FloatArray) -> FloatArray:
             best, least = order, cost
     if best == 0:
         return np.ones(1)
+    from scipy import linalg  # slow to load
+
     return np.concatenate([[1.0], -linalg.solve_toeplitz(lags[:best], lags[1 : best + 1])])

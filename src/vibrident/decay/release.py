@@ -7,12 +7,13 @@ lies before the release is not free motion, so a window that includes it cannot 
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
-from scipy.special import chdtrc
+from numpy import fft
 
 from vibrident.decay.fit import DecayFit, Stretch, fit, shortened
 from vibrident.decay.motion import free_motion
+from vibrident.measure.lines import fast_length
 from vibrident.records import FloatArray, Record
+from vibrident.tails import chi2_tail
 
 #: The last sample of at least this part of the largest deviation lies after the release.
 SURELY_FREE = 0.7
@@ -109,7 +110,7 @@ def _points(samples: int) -> np.ndarray:
 def _frequencies(stretch: Stretch) -> FloatArray:
     """Peaks of the spectrum, and a grid over all frequencies."""
     values = stretch.response - stretch.response[-max(8, stretch.response.size // 10) :].mean()
-    size = int(fft.next_fast_len(4 * values.size, real=True) or 1)
+    size = fast_length(4 * values.size)
     power = np.abs(np.asarray(fft.rfft(values, size)))
     tops = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     tops = tops[np.argsort(power[tops])[::-1][:PEAKS]]
@@ -173,7 +174,7 @@ def _without_alien(found: DecayFit, most: int) -> DecayFit | None:
         trial = fit([shorter], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
         rows = len(found.locals[0].residual) - len(trial.locals[0].residual)
         rare = ALIEN if count <= SOON else ALIEN_LATER
-        if rows > 0 and chdtrc(rows, max(found.cost - trial.cost, 0.0)) < rare:
+        if rows > 0 and chi2_tail(rows, max(found.cost - trial.cost, 0.0)) < rare:
             return trial
     return None
 

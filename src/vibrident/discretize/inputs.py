@@ -14,13 +14,16 @@ function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies it.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import fft
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from vibrident.measure.lines import fast_length
 from vibrident.records import BoolArray, FloatArray
 
 #: Highest frequency, as a fraction of the sampling rate, for which band-limited inputs are accurate.
@@ -74,15 +77,25 @@ def terms_needed(rate_times_step: float) -> int:
     The truncation error is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest ω in the usable band, with the
     second factor at most one.
     """
-    from scipy.special import spherical_in, spherical_jn
-
     highest = math.pi * USABLE_BAND  # ω Ts / 2
     for q in range(2, MAX_TERMS):
         # |j_q| of a complex rate is bounded by the modified function over its exponential growth.
-        sensor = min(1.0, float(spherical_in(q, rate_times_step / 2)))
-        if (2 * q + 1) * abs(float(spherical_jn(q, highest))) * sensor < SERIES_TOLERANCE:
+        sensor = _spherical_bessel(q, rate_times_step / 2, 1.0)
+        if (2 * q + 1) * abs(_spherical_bessel(q, highest, -1.0)) * sensor < SERIES_TOLERANCE:
             return q
     return MAX_TERMS
+
+
+def _spherical_bessel(order: int, x: float, sign: float) -> float:
+    """j_q(x) for sign −1, and i_q(x), but one at most, for sign 1, by their series (DLMF 10.53)."""
+    term = math.prod(x / k for k in range(3, 2 * order + 2, 2))
+    total = term
+    for k in itertools.count(1):
+        term *= sign * 0.5 * x * x / (k * (2 * order + 2 * k + 1))
+        total += term
+        if not total <= 1.0 or abs(term) < 1e-17 * abs(total):
+            return min(1.0, total)
+    raise AssertionError
 
 
 @functools.lru_cache(maxsize=64)
@@ -105,8 +118,6 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
 @functools.lru_cache(maxsize=8)
 def _spectra(terms: int, half_width: int, shift: float, size: int) -> NDArray[np.complex128]:
     """Spectra of the reversed filters: their product with a signal's is a correlation; shape (terms, size/2 + 1)."""
-    from scipy import fft
-
     return np.asarray(fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1))
 
 
@@ -124,14 +135,12 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
         terms: number of coefficients a step.
         delay_samples: delay of the response channel after the input, in samples; any sign.
     """
-    from scipy import fft
-
     n = samples.shape[0]
     half = half_width_for(n)
     whole = math.ceil(delay_samples)  # step k starts at sample k − whole + shift
     shift = whole - delay_samples
     clean = np.where(valid, samples, 0.0)
-    size = fft.next_fast_len(n + 2 * half, real=True)
+    size = fast_length(n + 2 * half)
     spectrum = np.asarray(fft.rfft(clean, size))
     kernels = _spectra(terms, half, shift, size)
     convolved = np.asarray(fft.irfft(spectrum * kernels, size, axis=-1))

@@ -11,12 +11,12 @@ relative to this. Lines far above it (mains hum) are used unchanged.
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from vibrident.information import inverse_normal
 from vibrident.measure.response import ComplexArray
@@ -337,7 +337,7 @@ def _bins_of(lines: int) -> _Bins:
     edges = np.unique(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
     wide = np.diff(edges).astype(float)
     order = _means(np.arange(lines, dtype=float), edges)
-    return _Bins(edges, wide, order, np.exp(-wide * gammaln(1.0 + 1.0 / wide)))
+    return _Bins(edges, wide, order, np.exp(-wide * [math.lgamma(1.0 + 1.0 / number) for number in wide]))
 
 
 def _means(values: FloatArray, edges: NDArray[np.int_]) -> FloatArray:

@@ -22,8 +22,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
-from scipy.special import chdtrc
 
 from vibrident.estimators.coloured import sandwich
 from vibrident.estimators.noise_spectrum import (
@@ -41,6 +39,7 @@ from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back
 from vibrident.problem import Coordinates, LineProblem
 from vibrident.records import FloatArray
+from vibrident.tails import chi2_tail
 
 #: Records longer than this return unused memory to the system at once.
 LONG = 2**18
@@ -155,7 +154,7 @@ def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, no
             z = z + step
     seen = any(share.spectrum.passed > 0 for share in shares)  # then equal weights are drawn aside
     shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
-    if not far <= ASTRAY or (not seen and chdtrc(len(z), shift) < DIFFERENT):
+    if not far <= ASTRAY or (not seen and chi2_tail(len(z), shift) < DIFFERENT):
         return None
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
@@ -286,7 +285,7 @@ def _inverse_of_unknowns(matrix: FloatArray) -> FloatArray:
     if not matrix.size:
         return matrix
     scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    values, vectors = linalg.eigh(matrix / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     kept = values > SMALLEST
     return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
 
@@ -307,5 +306,7 @@ def _inverse(information: FloatArray, whole: FloatArray) -> FloatArray:
     """Inverse of the information, which is not let fall below a part of the whole."""
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     base = whole / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
-    values, vectors = linalg.eigh(information / np.outer(scale, scale), base)
+    whitening = np.linalg.inv(np.linalg.cholesky(base))
+    values, rotation = np.linalg.eigh(whitening @ (information / np.outer(scale, scale)) @ whitening.T)
+    vectors = whitening.T @ rotation
     return (vectors / np.maximum(values, LEAST_INFORMATION)) @ vectors.T / np.outer(scale, scale)

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TypeVar, get_args
 
 import numpy as np
-from scipy.special import fdtri
 
 from vibrident.errors import VibridentError
 from vibrident.estimators import Estimate, MaximumLikelihood
@@ -24,6 +23,7 @@ from vibrident.nominal import nominal_value
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.records import FloatArray, Quantity, ResponseTable
 from vibrident.result import ResultWarning
+from vibrident.tails import f_tail
 from vibrident.uncertainty.adequacy import Adequacy, Points
 from vibrident.uncertainty.agreement import estimators_disagree
 from vibrident.uncertainty.alternatives import Solution, other_solutions
@@ -256,10 +256,10 @@ def _misread(evidence: Evidence) -> list[ResultWarning]:
     if problem is None:
         return []
     declared, freedom = _cost(problem, evidence.model)
-    better = max(BETTER, float(fdtri(freedom, freedom, 1.0 - CHANCE))) if freedom > 0 else np.inf
     for text, other in _readings(problem, evidence.calibration.table):
         cost, _ = _cost(other, evidence.model)
-        if cost * better < declared and cost < WELL:
+        ratio = declared / max(cost, np.finfo(float).tiny)
+        if ratio > BETTER and cost < WELL and f_tail(freedom, freedom, ratio) < CHANCE:
             return [ResultWarning("units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g}).")]
     return []
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.lines.normal import horner
 from vibrident.lines.runs import shifted_lines

@@ -13,8 +13,8 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft
 
 from vibrident.discretize.inputs import StepFilters
 from vibrident.measure.response import ComplexArray

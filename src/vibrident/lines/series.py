@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.lines.normal import RunNormals, horner, modelled_slopes
 from vibrident.lines.runs import Run, shifted_lines

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft
-from scipy.special import gammaincc
 
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
+from vibrident.tails import gamma_tail
 
 LINES_IN_BAND = 6
 #: Part of the lines under a window that are independent.
@@ -75,7 +75,7 @@ def unheard_records(bands: MeasuredResponse) -> list[int]:
         kept = 1.0 - LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 1.0
         freedom = np.maximum(INDEPENDENT * lines[own] - 1.0, 1.0)
         statistic = float(np.sum(-freedom * np.log(np.minimum(apart[own] / kept, 1.0))))
-        if gammaincc(float(own.sum()), statistic) > BY_CHANCE:
+        if gamma_tail(float(own.sum()), statistic) > BY_CHANCE:
             found.append(int(record))
     return found
 

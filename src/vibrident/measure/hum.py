@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.measure.response import ComplexArray
 from vibrident.measure.tones import hann

@@ -22,3 +22,15 @@ def line_counts(samples: int) -> FloatArray:
     if samples % 2 == 0:
         counts[-1] = 1.0
     return counts
+
+
+def fast_length(least: int) -> int:
+    """Smallest 2^a 3^b 5^c at or above ``least``: a length with a fast FFT."""
+    best, fives = 2 ** max(0, (least - 1).bit_length()), 1
+    while fives < best:
+        threes = fives
+        while threes < best:
+            best = min(best, threes * 2 ** max(0, (-(-least // threes) - 1).bit_length()))
+            threes *= 3
+        fives *= 5
+    return best

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.measure.bands import band_edges
 from vibrident.records import BoolArray, Excitation, FloatArray, Record

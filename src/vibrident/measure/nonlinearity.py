@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.special import gammaincc
+from numpy import fft
 
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.rounding import converter_step
 from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
+from vibrident.tails import gamma_tail
 
 HIGHEST = 5
 #: Harmonics count above this part of the fundamental …
@@ -80,7 +80,7 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
         statistic = float(np.sum(power / (2.0 * variance[1:]))) / (1.0 + 2.0 / (NOISE_LINES[1] - NOISE_LINES[0]))
         size = float(np.sqrt(np.sum(power)) / abs(response))
         order = int(np.argmax(power)) + 2
-        chance = float(gammaincc(int(np.sum(~steps)), statistic))
+        chance = gamma_tail(int(np.sum(~steps)), statistic)
         found.append(Overtone(record.name, float(frequency), size, order, chance))
     return found
 

@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.special import fdtrc
+from numpy import fft
 
 from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.response import LEAST_DEVIATION
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
+from vibrident.tails import f_tail
 
 #: Probability of a finding in a calibration without a change.
 CHANCE = 1e-4
@@ -267,14 +267,14 @@ def _beyond_doubt(
     freedom = 2.0 * (blocks - 2.0)
     independent = max(freedom / _fewer(left, powers), 1.0)
     statistic = (constant - fit[0]) / 2.0 / (rest / freedom) * (independent / freedom)
-    if fdtrc(2.0, independent, statistic) >= chance:
+    if f_tail(2.0, independent, statistic) >= chance:
         return False
     scores = np.concatenate([left, shape[:, None] * left], axis=1)
     bread = np.linalg.pinv(_normal(powers, shape), hermitian=True)
     robust = (bread @ (scores.T @ scores) @ bread * blocks / (blocks - 2.0))[2:, 2:]
     wald = float(fit[1][2:] @ np.linalg.pinv(robust, hermitian=True) @ fit[1][2:]) / 2.0
     fewer = min(np.sum(shape > 0.0), np.sum(shape <= 0.0))
-    return bool(fdtrc(2.0, 2.0 * (fewer - 1.0), wald) < ROBUST)
+    return bool(f_tail(2.0, 2.0 * (fewer - 1.0), wald) < ROBUST)
 
 
 def _fewer(left: FloatArray, powers: FloatArray) -> float:

@@ -11,9 +11,10 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft
 
+from vibrident.measure.lines import fast_length
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
@@ -129,7 +130,7 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n = signal.shape[0]
     centred = np.where(mask, signal - signal[mask].mean(), 0.0)
-    size = fft.next_fast_len(n, real=True)
+    size = fast_length(n)
     power = np.abs(np.asarray(fft.rfft(centred * hann(n), size)))
     bins = np.arange(power.shape[0]) * rate / size
     inside = bins > 0.25 * rate / n

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtrc
 
 from vibrident.records import FloatArray
+from vibrident.tails import chi2_tail
 
 #: A model is rejected below this probability.
 REJECTION = 1e-3
@@ -29,7 +29,7 @@ def probability(chi2: float, degrees: int, freedom: FloatArray | None = None) ->
     if freedom is not None:
         known = np.maximum(freedom, LEAST_FREEDOM)
         spread = float(np.mean(known / (known - 4.0)))
-    return float(chdtrc(degrees / spread, chi2 / spread))
+    return chi2_tail(degrees / spread, chi2 / spread)
 
 
 def rejected(chi2: float, degrees: int, freedom: FloatArray | None = None) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.inputs import USABLE_BAND

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibrident.measure.lines import fast_length
 from vibrident.records import Excitation
 from vibrident.simulation.checks import require, require_not_negative, require_positive
 from vibrident.simulation.motion import Tonal
-from vibrident.simulation.tones import Tones, fast_length
+from vibrident.simulation.tones import Tones
 
 #: Upper band limit as a fraction of the sampling rate.
 DEFAULT_BAND = 0.4

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from vibrident.measure.lines import fast_length
 from vibrident.records import FloatArray
 from vibrident.simulation.checks import require, require_choice, require_finite, require_not_negative, require_positive
-from vibrident.simulation.tones import fast_length
 
 
 @dataclass(frozen=True)

@@ -82,18 +82,6 @@ class Tones:
         return value.ravel()[: grid.samples]
 
 
-def fast_length(least: int) -> int:
-    """Smallest 2^a 3^b 5^c at or above ``least``: a length with a fast FFT."""
-    best, fives = 2 ** max(0, (least - 1).bit_length()), 1
-    while fives < best:
-        threes = fives
-        while threes < best:
-            best = min(best, threes * 2 ** max(0, (-(-least // threes) - 1).bit_length()))
-            threes *= 3
-        fives *= 5
-    return best
-
-
 def _turn(cycles: FloatArray) -> ComplexArray:
     """e^{j 2π cycles}, reduced to a fraction of a cycle first."""
     return np.exp(2j * np.pi * (cycles - np.rint(cycles)))

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
 
 from vibrident.decay import DecayDeviation
 from vibrident.measure.bands import coherent_remainder
@@ -20,6 +19,7 @@ from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.measure.rounding import rounding_variance
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
+from vibrident.tails import f_tail
 
 #: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
 #: show.
@@ -160,5 +160,5 @@ def looks_random(residual: FloatArray) -> bool:
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
     smooth = float(np.sum((basis.T @ residual) ** 2))
     rest = max(power - smooth, np.finfo(float).eps * power)
-    pattern = fdtrc(terms, n - terms, smooth / terms / (rest / (n - terms))) < PATTERN
+    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < PATTERN
     return lagged * np.sqrt(n) < RANDOM_ENOUGH and not pattern

@@ -11,13 +11,13 @@ import re
 from collections.abc import Mapping, Set
 
 import numpy as np
-from scipy.special import stdtrit
 
 from vibrident.models import Derived, SensorModel
 from vibrident.models.slopes import STEP
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 from vibrident.result import Correlation, Parameter
+from vibrident.tails import student_quantile
 from vibrident.uncertainty.identifiability import NOTHING, unstated
 
 COVERAGE = 0.95
@@ -26,7 +26,7 @@ COVERAGE = 0.95
 def coverage_factor(degrees_of_freedom: float) -> float:
     """K of a 95 % interval: Student's t at these degrees of freedom, 1.96 for infinitely many (GUM G.3)."""
     finite = min(degrees_of_freedom, 1e9)
-    return float(stdtrit(finite, 0.5 + COVERAGE / 2))
+    return student_quantile(finite, 0.5 + COVERAGE / 2)
 
 
 def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float) -> FloatArray:

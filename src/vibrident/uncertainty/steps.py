@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
