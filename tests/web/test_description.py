@@ -54,6 +54,35 @@ def test_a_free_decay_needs_no_reference(tmp_path):
     assert read.reference.column is None
 
 
+@pytest.mark.parametrize("kind", ["quadrature", "heterodyne"])
+def test_an_interferometer_is_reread_as_it_was_given(tmp_path, kind):
+    given = Description(
+        reference_by=kind,
+        first_signal="u1",
+        second_signal=4,
+        response="out",
+        rate_hz=1e5,
+        wavelength_nm=1550.12,
+        wavelength_relative_uncertainty=1e-7,
+        passes=2.0,
+        carrier_hz=4e7,
+        direction=-1,
+        optical_rate_hz=1e8,
+        optical_delay_s=1e-6,
+        standard_uncertainty=1e-4,
+        reference="forgotten",
+    )
+    read = reread(tmp_path, given, "x.h5")
+    assert read.interferometer is not None
+    setting = read.interferometer.setting
+    assert (setting.kind, setting.wavelength_m, setting.passes, setting.direction) == (kind, 1550.12e-9, 2, -1)
+    assert read.interferometer.columns == (["u1", 4] if kind == "quadrature" else ["u1"])
+    assert setting.carrier_hz == (None if kind == "quadrature" else 4e7)
+    assert (read.interferometer.rate_hz, setting.delay_s) == (1e8, 1e-6)
+    assert setting.wavelength_relative_uncertainty == 1e-7
+    assert read.reference.standard_uncertainty == 1e-4
+
+
 def test_a_table_is_reread_as_it_was_given(tmp_path):
     given = Description(
         table=True, frequency="f", magnitude="S", phase=3, magnitude_uncertainty="u", phase_unit="rad", unit="mm/s"
@@ -70,6 +99,9 @@ def test_a_table_is_reread_as_it_was_given(tmp_path):
         (Description(reference=1), ["a"], "for the response"),
         (Description(response=1), ["a"], "for the reference"),
         (Description(reference=1, response=1), ["a"], "the same column"),
+        (Description(reference_by="quadrature", response=1, first_signal=2), ["a"], "for the sine"),
+        (Description(reference_by="quadrature", response=1, first_signal=2, second_signal=2), ["a"], "the same column"),
+        (Description(reference_by="heterodyne", response=1, first_signal=2), ["a"], "carrier is empty"),
         (Description(table=True, frequency=1), ["a"], "for the magnitude"),
         (Description(table=True, frequency=1, magnitude=2), ["a", "b"], "one file"),
     ],

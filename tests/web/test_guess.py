@@ -41,6 +41,23 @@ def test_records(tmp_path, header, time, reference, response, quantity, unit, sc
     assert guess.scale == pytest.approx(scale, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("header", "detectors", "response"),
+    [
+        ("t,u1,u2,response", ("u1", "u2"), "response"),
+        ("out,Photodiode 1 [V],Photodiode 2 [V]", ("Photodiode 1 [V]", "Photodiode 2 [V]"), "out"),
+        ("cos,sin,laser pickup", ("cos", "sin"), "laser pickup"),
+        ("t,Q,I,sensor", ("I", "Q"), "sensor"),
+        ("t,heterodyne,sensor", ("heterodyne",), "sensor"),
+        ("t,reference,u1", (), "u1"),
+    ],
+)
+def test_the_photodetectors_of_an_interferometer(tmp_path, header, detectors, response):
+    guess = csv(tmp_path, header)
+    assert (guess.detectors, guess.response) == (detectors, response)
+    assert (guess.reference is None) == bool(detectors)
+
+
 def test_the_unit_of_the_response(tmp_path):
     assert csv(tmp_path, "t,ref [m/s^2],response [pC]").response_unit == "pC"
     assert csv(tmp_path, "t,ref [m/s^2],response").response_unit == "V"

@@ -216,6 +216,30 @@ def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(v
         agrees_with_the_command(page, tmp_path)
 
 
+def test_two_photodetectors_are_drawn_over_each_other_and_identified(visit, picture, tmp_path):
+    settings = "--samples 12000 --rate 400000 --frequencies 160,400,1000 --start steady --seed 3 --response-noise 0.001"
+    run(tmp_path, *shlex.split(f"simulate --interferometer quadrature --out . {settings}"))
+    (tmp_path / "calibration.toml").rename(tmp_path / "as-simulated.toml")
+    page = visit()
+    upload(page, *sorted(tmp_path.glob("*.h5")))
+    page.locator("#columns .js-plotly-plot").wait_for(timeout=WAIT_MS)
+    page.get_by_label("Sampling rate in Hz (or the file's)", exact=True).fill("400000")
+    choose(page, "Direction of x", "x grows with the phase")
+    page.locator("#show").click()
+    page.wait_for_timeout(800)
+    picture(page, "light")
+    assert page.locator("#columns .js-plotly-plot .xtitle").first.text_content() == "First signal"
+    page.locator("#confirm").click()
+    page.locator("#start").click()
+    page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+    found = json.loads(download(page, "json"))
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    for name, stated in truth["parameters"].items():
+        parameter = found["parameters"][name]
+        assert abs(parameter["value"] - stated["value"]) < 4.0 * parameter["standard_uncertainty"]
+    assert max(row["fringes"] for row in found["settings"]["interferometer"].values()) > 10.0
+
+
 def press(page, wanted: str, section: str) -> None:
     """Go to an element by the tabulator, from the heading of its section, and press Enter."""
     page.locator(section).wait_for()

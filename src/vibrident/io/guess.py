@@ -25,6 +25,16 @@ _REFERENCES = (
     (re.compile(r"drive|gen|excit|input", re.IGNORECASE), "drive"),
     (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
 )
+#: Names of photodetector signals: cos and sin of the phase, each with the name of its partner.
+_DETECTORS = tuple(
+    (re.compile(first, re.IGNORECASE), re.compile(second, re.IGNORECASE))
+    for first, second in (
+        (r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?1", r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?2"),
+        (r"cos\w*", r"sin\w*"),
+        (r"i|in[ _-]?phase", r"q|quadrature"),
+    )
+)
+_CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(]([^\])]+)[\])]")
 _LONGEST_NAME = 200
@@ -51,6 +61,7 @@ class Columns:
         quantity, scale, unit: of the reference; scale leads to SI.
         response_unit: of the response.
         excitation: by the file's name; None if undetermined.
+        detectors: photodetector signals of an interferometer: two in quadrature, one on a carrier, or none.
     """
 
     columns: tuple[int | str, ...]
@@ -69,6 +80,7 @@ class Columns:
     unit: str
     response_unit: str
     excitation: str | None
+    detectors: tuple[int | str, ...] = ()
 
     @property
     def is_table(self) -> bool:
@@ -99,12 +111,14 @@ def guess_columns(path: Path) -> Columns:
     time = next((p for p in free if is_time(names[p])), None) if clock is None else None
     if time is not None:
         free = [position for position in free if position != time]
-    reference, quantity = _reference(names, free)
+    detectors = _detectors(names, free)
+    free = [position for position in free if position not in detectors]
+    reference, quantity = (None, None) if detectors else _reference(names, free)
     free = [position for position in free if position != reference]
     response = _first(names, free, _RESPONSE)
     if response is None and free:
         response = free[0]
-    if reference is None and len(free) > 1:
+    if reference is None and not detectors and len(free) > 1:
         reference = free[0]
         response = free[1]
     unit = _unit(names, reference)
@@ -128,6 +142,7 @@ def guess_columns(path: Path) -> Columns:
         unit=unit,
         response_unit=_unit(names, response) or "V",
         excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),
+        detectors=tuple(chosen[position] for position in detectors),
     )
 
 
@@ -161,6 +176,16 @@ def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | No
             more = [q for w, q in _REFERENCES if q and w.search(names[position])]
             return position, quantity or (more[0] if more else None)
     return None, None
+
+
+def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
+    """Two signals in quadrature, one on a carrier, or none; only columns that can be chosen by their names."""
+    plain = {p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip() for p in positions if names.count(names[p]) == 1}
+    for first, second in _DETECTORS:
+        pair = [next((p for p, name in plain.items() if words.fullmatch(name)), None) for words in (first, second)]
+        if pair[0] is not None and pair[1] is not None:
+            return pair[0], pair[1]
+    return tuple(p for p, name in plain.items() if _CARRIER.search(name))[:1]
 
 
 def _unit(names: Sequence[str], position: int | None) -> str:

@@ -97,11 +97,14 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
         for panel, domain in zip(stack.panels, domains, strict=True):
             number += 1
             y = f"y{number}" if number > 1 else "y"
-            layout[f"yaxis{y[1:]}"] = {**_axis(panel.y), "domain": domain, "anchor": x}
+            square = {"scaleanchor": x, "constrain": "domain"} if panel.square else {}
+            layout[f"yaxis{y[1:]}"] = {**_axis(panel.y), "domain": domain, "anchor": x, **square}
             data += [trace for one in panel.series for trace in _traces(one, panel, x, y)]
             layout["annotations"] += _annotations(panel, across, domain, x, y)
             layout["shapes"] += _shapes(panel, x, y)
         below = {"domain": across, "anchor": y, "mirror": "all"}
+        if stack.panels[-1].square:
+            below["constrain"] = "domain"
         layout[f"xaxis{x[1:]}"] = {**_axis(stack.panels[-1].x), **below}
     _once(data)
     if any(stack.panels[0].title for stack in stacks):  # the key stands above the titles

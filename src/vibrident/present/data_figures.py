@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from vibrident.present.response_figures import response_panels
 from vibrident.present.views import BLACK, BLUE, LINES, VERMILION, Figure, FloatArray, Look, Panel, Series, Stack
 from vibrident.records import Calibration, Record, ResponseTable
 from vibrident.result import Curve
+
+if TYPE_CHECKING:
+    from vibrident.interferometer.ellipse import Ellipse  # loads SciPy, which the other pictures do not need
 
 #: Most records in a picture.
 MOST = 6
@@ -117,19 +121,20 @@ def light(calibration: Calibration) -> Figure:
 def _lissajous(record: Record) -> Stack:
     optical = record.optical
     assert optical is not None
-    first, second = optical.points
-    turn = np.linspace(0.0, 2.0 * np.pi, ROUND)
-    around = optical.ellipse.centre[:, None] + optical.ellipse.matrix @ np.stack([np.cos(turn), np.sin(turn)])
-    series = (
-        Series(first, second, "", Look(BLUE, marker="."), "points"),
-        Series(around[0], around[1], "", Look(VERMILION, width=0.8)),
-    )
-    x, y = (
-        axes.linear(f"{word} signal", np.append(a, b), most=4)
-        for word, a, b in zip(("First", "Second"), (first, second), around, strict=True)
-    )
-    panel = Panel(x, y, series, 1.7, square=True)
+    panel = lissajous(optical.points, optical.ellipse)
     return Stack((panel,), f"{record.name}\n{optical.fringes:.4g} fringes")
+
+
+def lissajous(points: FloatArray, ellipse: Ellipse | None) -> Panel:
+    """Two photodetector signals, shape (2, n), over each other; with their ellipse if there is one."""
+    series, seen = [Series(points[0], points[1], "", Look(BLUE, marker="."), "points")], points
+    if ellipse is not None:
+        turn = np.linspace(0.0, 2.0 * np.pi, ROUND)
+        around = ellipse.centre[:, None] + ellipse.matrix @ np.stack([np.cos(turn), np.sin(turn)])
+        series.append(Series(around[0], around[1], "", Look(VERMILION, width=0.8)))
+        seen = np.append(points, around, axis=1)
+    x, y = (axes.linear(f"{word} signal", one, most=4) for word, one in zip(("First", "Second"), seen, strict=True))
+    return Panel(x, y, tuple(series), 1.7, square=True)
 
 
 def _displacement(record: Record) -> Stack:

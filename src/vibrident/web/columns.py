@@ -23,6 +23,12 @@ QUANTITIES = {
     "displacement": "displacement, m",
     "drive": "drive, its own unit",
 }
+REFERENCES = {
+    "channel": "a column of the motion",
+    "quadrature": "photodetectors, cos and sin",
+    "heterodyne": "photodetector, on a carrier",
+}
+DIRECTIONS = {None: "not known", 1: "x grows with the phase", -1: "x falls with the phase"}
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "decay")
 
 
@@ -30,6 +36,8 @@ EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "decay")
 ROLES = (
     "time",
     "reference",
+    "first_signal",
+    "second_signal",
     "response",
     "frequency",
     "magnitude",
@@ -133,6 +141,8 @@ class ColumnsStep:
         kind = ui.toggle({False: "Records in time", True: "Table of a response"}, value=form.given.table)
         self._field("table", kind.props("no-caps"))
         self.of_records, self.of_table = ui.element("div"), ui.element("div")
+        with self.of_records:
+            self.of_motion, self.of_channel, self.of_light = (ui.element("div") for _ in range(3))
         self._visible()
         with self.of_records:
             await self._records(form)
@@ -178,16 +188,25 @@ class ColumnsStep:
     def _visible(self) -> None:
         given = self.user.form.given if self.user.form else Description()
         self.of_records.visible, self.of_table.visible = not given.table, given.table
-        for element in self.fields.get("rate_hz", []):
-            element.visible = given.time is None
+        light = given.reference_by != "channel"
+        self.of_channel.visible, self.of_light.visible = not light, light
+        shown = {"rate_hz": given.time is None, "second_signal": given.reference_by == "quadrature",
+                 "carrier_hz": given.reference_by == "heterodyne"}  # fmt: skip
+        for name, visible in shown.items():
+            for element in self.fields.get(name, []):
+                element.visible = visible
 
     async def _records(self, form: Form) -> None:
-        with _group("Reference: motion of the sensor"):
+        with self.of_motion, _group("Reference: motion of the sensor"):
+            await self._select(form, REFERENCES, "Reference: taken from", "reference_by", "reference-by")
+            await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
+        with self.of_channel, ui.element("div").classes("fields"):
             await self._column(form, "Reference: column", "reference", "reference-column")
             await self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
             await self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
             await self._text(form, "Reference: unit, for reports", "unit")
-            await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
+        with self.of_light, ui.element("div").classes("fields"):
+            await self._interferometer(form)
         with _group("Response: output of the sensor"):
             await self._column(form, "Response: column", "response", "response-column")
             await self._text(form, "Response: unit", "response_unit", "response-unit")
@@ -196,6 +215,18 @@ class ColumnsStep:
             await self._column(form, "Time column, in s", "time", "time-column", optional=True)
             await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
             await self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
+
+    async def _interferometer(self, form: Form) -> None:
+        await self._column(form, "First signal: cos, or carrier", "first_signal", "first-signal")
+        await self._column(form, "Second signal: sin", "second_signal", "second-signal")
+        await self._number(form, "Wavelength in the medium, in nm", "wavelength_nm", "wavelength")
+        await self._number(form, "Passes to the target and back", "passes", "passes")
+        await self._number(form, "Carrier in Hz, approximately", "carrier_hz", "carrier")
+        await self._select(form, DIRECTIONS, "Direction of x", "direction", "direction")
+        await self._number(form, "Wavelength: relative u (optional)", "wavelength_relative_uncertainty")
+        await self._number(form, "Optical channel later by, in s (optional)", "optical_delay_s")
+        await self._number(form, "u of this delay, in s (optional)", "optical_delay_standard_uncertainty_s")
+        await self._number(form, "Optical sampling rate in Hz, if another", "optical_rate_hz")
 
     async def _table(self, form: Form) -> None:
         with _group("Columns of the table"):

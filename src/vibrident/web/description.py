@@ -20,7 +20,10 @@ def delays() -> list[str]:
 
 @dataclass
 class Description:
-    """The user's description of the data, starting with a guess. A column is its name, or its number from 1."""
+    """The user's description of the data, starting with a guess. A column is its name, or its number from 1.
+
+    ``reference_by`` is ``channel`` (a column in physical units), or the kind of an interferometer.
+    """
 
     table: bool = False
     time: int | str | None = None
@@ -30,6 +33,17 @@ class Description:
     scale: float | None = 1.0
     unit: str = ""
     standard_uncertainty: float | None = None
+    reference_by: str = "channel"
+    first_signal: int | str | None = None
+    second_signal: int | str | None = None
+    wavelength_nm: float | None = 632.991
+    wavelength_relative_uncertainty: float | None = None
+    passes: float | None = 1
+    carrier_hz: float | None = None
+    direction: int | None = None
+    optical_rate_hz: float | None = None
+    optical_delay_s: float | None = None
+    optical_delay_standard_uncertainty_s: float | None = None
     response: int | str | None = None
     response_scale: float | None = 1.0
     response_unit: str = "V"
@@ -49,6 +63,14 @@ class Description:
         """The model's name, such as accelerometer+delay."""
         return "+".join((self.core, *self.add_ons))
 
+    @property
+    def signals(self) -> tuple[int | str | None, ...]:
+        """Columns of the photodetector signals; empty if the reference is a channel."""
+        if self.table or self.excitation == "decay" or self.reference_by == "channel":
+            return ()
+        both = (self.first_signal, self.second_signal)
+        return both if self.reference_by == "quadrature" else both[:1]
+
 
 def described(guess: Columns, excitation: str = "sine") -> Description:
     """A guess as a description; the excitation is guessed separately."""
@@ -56,6 +78,9 @@ def described(guess: Columns, excitation: str = "sine") -> Description:
     points = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
     known = {name: getattr(guess, name) for name in (*same, *points)}
     table = guess.is_table
+    if guess.detectors:
+        known["reference_by"] = "quadrature" if len(guess.detectors) == 2 else "heterodyne"
+        known |= dict(zip(("first_signal", "second_signal"), guess.detectors, strict=False))
     known["add_ons"] = [] if table and guess.phase is None else delays()
     radians = any("rad" in str(column).lower() for column in (guess.phase, guess.phase_uncertainty))
     return Description(table=table, excitation=excitation, phase_unit="rad" if radians else "deg", **known)
@@ -69,19 +94,22 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
     """
     _complete(given, files)
     sensor = {key: text for key, text in given.sensor.items() if text} | {"model": given.model}
-    reference: dict[str, Any] = {
-        "column": None if given.table or given.excitation == "decay" else given.reference,
-        "quantity": given.quantity,
-        "scale": None if given.table else given.scale,
-        "unit": (given.unit or None) if not given.table or given.quantity == "drive" else None,
-        "standard_uncertainty": given.standard_uncertainty,
-    }
+    reference: dict[str, Any] = {"standard_uncertainty": given.standard_uncertainty}
+    if not given.signals:
+        reference |= {
+            "column": None if given.table or given.excitation == "decay" else given.reference,
+            "quantity": given.quantity,
+            "scale": None if given.table else given.scale,
+            "unit": (given.unit or None) if not given.table or given.quantity == "drive" else None,
+        }
     response: dict[str, Any] = {
         "column": None if given.table else given.response,
         "scale": given.response_scale,
         "unit": given.response_unit,
     }
     sections = [toml_section("sensor", sensor), toml_section("reference", _floats(reference))]
+    if given.signals:
+        sections.append(toml_section("interferometer", _interferometer(given)))
     sections.append(toml_section("response", _floats(response)))
     if given.table:
         names = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
@@ -95,6 +123,23 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
     return "\n".join((*sections, *entries))
 
 
+def _interferometer(given: Description) -> dict[str, Any]:
+    """The section's keys; a key without a value is left to its default."""
+    assert given.wavelength_nm is not None  # checked by _complete
+    numbers = {
+        "wavelength_m": given.wavelength_nm / 1e9,
+        "wavelength_relative_uncertainty": given.wavelength_relative_uncertainty,
+        "carrier_hz": given.carrier_hz if given.reference_by == "heterodyne" else None,
+        "delay_s": given.optical_delay_s,
+        "delay_standard_uncertainty_s": given.optical_delay_standard_uncertainty_s,
+        "rate_hz": given.optical_rate_hz,
+    }
+    passes = given.passes
+    whole = int(passes) if passes is not None and float(passes).is_integer() else passes
+    known = {"kind": given.reference_by, "columns": list(given.signals), "passes": whole, "direction": given.direction}
+    return known | {key: None if number is None else float(number) for key, number in numbers.items()}
+
+
 def _floats(values: dict[str, Any]) -> dict[str, Any]:
     numbers = ("scale", "standard_uncertainty", "rate_hz")
     return {key: float(value) if key in numbers and value is not None else value for key, value in values.items()}
@@ -106,20 +151,38 @@ def _complete(given: Description, files: Sequence[str]) -> None:
     wanted = {"frequency": given.frequency, "magnitude": given.magnitude} if given.table else {}
     if not given.table:
         wanted = {"response": given.response}
-        if given.excitation != "decay":
+        if given.signals:
+            names = ("cosine", "sine") if given.reference_by == "quadrature" else ("signal on the carrier",)
+            wanted |= dict(zip(names, given.signals, strict=True))
+        elif given.excitation != "decay":
             wanted["reference"] = given.reference
     for name, column in wanted.items():
         if column is None:
             raise _missing(f"No column is chosen for the {name}.", "a column of the file", "none", "choose one")
-    numbers = {"scale of the response": given.response_scale}
-    if not given.table:
-        numbers["scale of the reference"] = given.scale
-    for name, number in numbers.items():
+    usual = "a number; 1 if the file has the unit itself"
+    numbers = {"scale of the response": (given.response_scale, usual)}
+    if given.signals:
+        numbers["wavelength"] = (given.wavelength_nm, "a number in nm, such as 632.991")
+        if given.reference_by == "heterodyne":
+            numbers["carrier"] = (given.carrier_hz, "its frequency in Hz")
+    elif not given.table:
+        numbers["scale of the reference"] = (given.scale, usual)
+    for name, (number, expected) in numbers.items():
         if number is None:
-            raise _missing(f"The {name} is empty.", "a number; 1 if the file has the unit itself", "none", "fill it in")
-    if not given.table and given.response == given.reference and given.excitation != "decay":
+            raise _missing(f"The {name} is empty.", expected, "none", "fill it in")
+    _require_apart(given)
+
+
+def _require_apart(given: Description) -> None:
+    if given.table or given.excitation == "decay":
+        return
+    motion = given.signals or (given.reference,)
+    if given.response in motion:
         text = "Reference and response are the same column."
         raise _missing(text, "two columns", repr(given.response), "choose another for one of the two")
+    if len(set(motion)) != len(motion):
+        text = "Both photodetector signals are the same column."
+        raise _missing(text, "two columns", repr(motion[0]), "choose another for one of the two")
 
 
 def _missing(problem: str, expected: str, found: str, remedy: str) -> InputError:

@@ -73,7 +73,7 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
 def _few(columns: Columns) -> Columns:
     """The columns to offer: the first ones and the guessed ones."""
     roles = ("time", "reference", "response", "frequency", "magnitude", "phase", "magnitude_uncertainty")
-    guessed = {getattr(columns, role) for role in (*roles, "phase_uncertainty")}
+    guessed = {*(getattr(columns, role) for role in (*roles, "phase_uncertainty")), *columns.detectors}
     pairs = list(zip(columns.columns, columns.labels, strict=True))
     kept = [pair for i, pair in enumerate(pairs) if i < MOST_COLUMNS or pair[0] in guessed]
     names, labels = zip(*kept, strict=True)

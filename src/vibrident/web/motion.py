@@ -17,15 +17,14 @@ MOST_FILES = 5
 
 def likely_excitation(guess: Columns, folder: Path, files: Sequence[str]) -> str:
     """The excitation of most files; a sine if undetermined."""
-    if guess.is_table or guess.reference is None:
+    motion_in = guess.response if guess.detectors else guess.reference  # raw light turns round at any motion
+    if guess.excitation is not None or guess.is_table or motion_in is None:
         return guess.excitation or "sine"
-    if guess.excitation is not None:
-        return guess.excitation
     seen: Counter[str] = Counter()
     for file in files[:: -(-len(files) // MOST_FILES)]:
         try:
             source = open_columns(folder / file)
-            (motion,) = source.load([source.position_of(guess.reference, "columns and units")])
+            (motion,) = source.load([source.position_of(motion_in, "columns and units")])
         except VibridentError:  # reported when the columns are drawn or confirmed
             continue
         seen[kind_of_motion(motion)] += 1

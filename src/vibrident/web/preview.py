@@ -7,47 +7,78 @@ from pathlib import Path
 
 import numpy as np
 
+from vibrident.io.columns import ColumnFile
 from vibrident.io.readers import open_columns
 from vibrident.present import axes
 from vibrident.present.charts import Chart, charts
+from vibrident.present.data_figures import lissajous
 from vibrident.present.numbers import shortened
-from vibrident.present.views import BLUE, VERMILION, Axis, Figure, Look, Panel, Series, Stack
+from vibrident.present.views import BLUE, GREEN, VERMILION, Axis, Figure, Look, Panel, Series, Stack
+from vibrident.records import FloatArray
 from vibrident.web.description import Description
 
 #: Height of the chart in pixels.
 HEIGHT = 360
 #: Samples drawn.
 MOST_SAMPLES = 3000
+#: Samples from which an ellipse is fitted.
+MOST_LIGHT = 1 << 18
 
 
 def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     """A figure of the first file: reference above response, or magnitude over frequency.
 
+    Two photodetector signals are also drawn over each other, with their ellipse.
+
     Raises:
         InputError: a column cannot be read.
     """
     source = open_columns(folder / files[0])
-    first, second = (given.magnitude, given.phase) if given.table else (given.reference, given.response)
     across = given.frequency if given.table else given.time
-    wanted = [column for column in (across, first, second) if column is not None]
-    positions = [source.position_of(column, "columns and units") for column in wanted]
-    values = [column[:MOST_SAMPLES] for column in source.load(positions)]
-    x = values.pop(0) if across is not None else None
+    drawn = (given.magnitude, given.phase) if given.table else (*(given.signals or (given.reference,)), given.response)
+    wanted = list(dict.fromkeys(column for column in drawn if column is not None))
+    values = dict(zip(wanted, _beginnings(source, wanted), strict=True))
+    x = None if across is None else _beginnings(source, [across])[0]
     if x is not None and not given.table and x.size:  # times since 1970 make unreadable labels
         x = x - x[0]
-    names = [shortened(str(column), 50) for column in wanted if column != across or column in (first, second)]
-    size = min((column.size for column in values), default=0)
+    size = min((column.size for column in values.values()), default=0)
     places = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
     title = "Frequency in Hz" if given.table else "Sample" if x is None else "Time from the first sample in s"
     below = axes.frequency(places, title) if given.table else axes.linear(title, places, margin=0.02)
     mark = "o" if given.table else ""
-    panels = [
-        Panel(below, _axis(column), (Series(places, column[:size], name, Look(colour, width=1.0, marker=mark)),), 1.0)
-        for colour, column, name in zip((BLUE, VERMILION), values, names, strict=False)
-    ]
-    ((_, chart),) = charts(Figure("preview", "", (Stack(tuple(panels)),)))
+    panels = tuple(
+        Panel(below, _axis(values[column]), (_series(places, values[column][:size], column, colour, mark),), 1.0)
+        for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False)
+    )
+    stacks = (*_light(source, given), Stack(panels))
+    ((_, chart),) = charts(Figure("preview", "", stacks, across=len(stacks)))
     return chart
 
 
-def _axis(values: np.ndarray) -> Axis:
-    return axes.linear("", np.asarray(values, dtype=float))
+def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
+    positions = [source.position_of(column, "columns and units") for column in columns]
+    return [source.block([p], 0, min(source.length(p), MOST_SAMPLES))[0] for p in positions]
+
+
+def _series(x: FloatArray, y: FloatArray, column: int | str, colour: str, mark: str) -> Series:
+    return Series(x, y, shortened(str(column), 50), Look(colour, width=1.0, marker=mark))  # type: ignore[arg-type]
+
+
+def _axis(values: FloatArray) -> Axis:
+    return axes.linear("", values)
+
+
+def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
+    """Two photodetector signals over each other, with their ellipse if the motion determines one."""
+    if len(given.signals) != 2 or None in given.signals:
+        return ()
+    from vibrident.interferometer.setting import Held  # loads SciPy, which other previews do not need
+    from vibrident.interferometer.survey import survey
+
+    places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
+    size = min(*(source.length(place) for place in places), MOST_LIGHT)
+    signals = source.block(places, 0, size)
+    if size < 2 or not np.isfinite(signals).all() or not np.all(np.ptp(signals, axis=1) > 0):
+        return ()
+    seen = survey(Held(signals, 1.0))
+    return (Stack((lissajous(seen.points, seen.ellipse if seen.fitted else None),)),)
