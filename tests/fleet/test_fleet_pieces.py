@@ -8,9 +8,11 @@ from tests.support.fleets import good
 from vibrident.errors import InputError
 from vibrident.fleet import parts, row
 from vibrident.fleet.batching import BATCH_S, Batches
+from vibrident.fleet.coordinator import _Keys
 from vibrident.fleet.key import look
 from vibrident.fleet.limits import Specification, read_limits
 from vibrident.fleet.orders import Orders, memory_limit
+from vibrident.fleet.patterns import Paths
 from vibrident.fleet.statistics import FEWEST, outlier_limit, statistics
 from vibrident.fleet.table import write_table
 
@@ -46,6 +48,25 @@ def test_batches_are_of_one_shape_and_about_ten_seconds_and_small_at_the_end():
     assert sizes["long"][-1] <= 2
 
 
+def test_paths_and_keys_come_back_as_they_were_given():
+    given = [f"/data/{number}/\udcff {number % 7}.toml" for number in range(700)]
+    paths = Paths()
+    for path in given:
+        paths.add(path)
+    assert (list(paths), len(paths), paths[3], paths[699]) == (given, 700, given[3], given[699])
+    digits = [f"{number:x}".ljust(64, "0") for number in range(1, 9000)]
+    keys = _Keys(np.sort(parts.packed(digits[:10])))
+    for key in digits[5:]:
+        keys.add(key)
+    assert all(key in keys for key in digits)
+    assert "f" * 64 not in keys
+    keys.discard(digits[7])
+    assert digits[7] not in keys
+    keys.add(digits[7])
+    assert digits[7] in keys
+    assert parts.digits(parts.packed(digits)) == digits
+
+
 def simulated(count: int, seed: int = 1, status: str = row.IDENTIFIED, unit: str = "V/(m/s^2)"):
     """Rows as a worker would give them."""
     rng = np.random.default_rng(seed)
@@ -65,7 +86,7 @@ def test_of_two_rows_of_a_key_one_counts(tmp_path):
     (tmp_path / "damaged.parquet").write_bytes(b"PAR1 and no more")
     (tmp_path / "empty.parquet").touch()
     index = parts.index(tmp_path, None, 5.0, None)
-    assert index.keys.tolist() == [identified["key"].encode(), b"f" * 64]
+    assert parts.digits(index.keys) == [identified["key"], "f" * 64]
     assert index.stands.all()
     assert index.parameters[index.part[0]] == ("sensitivity", "natural_frequency")
 
@@ -79,12 +100,12 @@ def test_what_a_missing_library_refuses_is_in_the_table_and_not_kept(tmp_path):
     passing = row.refused("e" * 64, missing, {"type": "A"}, None, 0.1)
     assert passing["passing"]
     assert not row.refused("e" * 64, InputError("No.", remedy="correct it"), {}, None, 0.1)["passing"]
-    calibrations = [("b.toml", bytes.fromhex("e" * 64)), ("a.toml", bytes.fromhex(kept["key"]))]
-    tally = write_table(tmp_path / "fleet.parquet", calibrations, orders, [passing])
+    calibrations = ["b.toml", "a.toml"], parts.packed(["e" * 64, kept["key"]])
+    tally = write_table(tmp_path / "fleet.parquet", *calibrations, orders, [passing])
     assert tally.statuses == {"refused": 1, "identified": 1}
     assert pq.read_table(tmp_path / "fleet.parquet")["status"].to_pylist() == ["refused", "identified"]
     with pytest.raises(InputError, match="Rows were removed"):
-        write_table(tmp_path / "fleet.parquet", calibrations, orders)
+        write_table(tmp_path / "fleet.parquet", *calibrations, orders)
 
 
 def test_statistics_know_limits_and_their_unit(tmp_path):
@@ -96,8 +117,8 @@ def test_statistics_know_limits_and_their_unit(tmp_path):
     parts.write_part(orders.parts_folder, found[:90], 1.0, None)
     parts.write_part(orders.parts_folder, found[90:], 1.0, None)
     order = [*range(200, -1, -1)]
-    calibrations = [(f"{number}.toml", bytes.fromhex(found[number]["key"])) for number in order]
-    tally = write_table(tmp_path / "fleet.parquet", calibrations, orders)
+    names, keys = [f"{number}.toml" for number in order], parts.packed([found[number]["key"] for number in order])
+    tally = write_table(tmp_path / "fleet.parquet", names, keys, orders)
     assert (tally.rows, tally.doubts) == (201, 1)
     limit = {"type": "A", "parameter": "sensitivity", "nominal": 0.01, "tolerance_percent": 10.0}
     made = statistics(tmp_path / "fleet.parquet", tally, Specification.model_validate({"limits": [limit]}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 import uuid
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident import memory
 from vibrident.errors import InputError
@@ -24,7 +26,7 @@ from vibrident.fleet.page import write_page
 from vibrident.fleet.process import unwritable
 from vibrident.fleet.row import Row
 from vibrident.fleet.schedulers import Answer, Scheduler
-from vibrident.fleet.table import Tally, index_of, write_table
+from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
 
 #: Calls a worker has at once: one that it works on, one that waits for it.
 WINDOW = 2
@@ -34,6 +36,8 @@ _FIRST_LOOKS, _MOST_LOOKS = 8, 100
 _TURN_S = 0.5
 #: How often a calibration is sent again after its worker was lost, or hashed again after its files changed.
 _MOST_LOST, _MOST_MOVES = 4, 3
+#: Keys held as texts before they are packed.
+_MOST_NEW = 4096
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ class Outcome:
 
     def results(self) -> Iterator[Path]:
         """Path of each identified calibration's result, each once; the files exist if ``results`` was set."""
-        return (self.folder / f"{key.decode()}.json" for key in np.unique(self.tally.identified_keys).tolist())
+        return (self.folder / f"{key}.json" for key in identified_keys(self.files[0]))
 
 
 def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None] = lambda _: None) -> Outcome:
@@ -114,18 +118,20 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None]
     try:
         named = patterns.found(asked.patterns)
         _prepare(orders, fresh=asked.fresh)
-        work = _Work(named, orders, _usable(orders), scheduler, progress)
+        index = index_of(orders)
+        work = _Work(named, orders, _Keys(index.keys[index.stands]), scheduler, progress)
+        del index
         try:
             work.do()
         finally:
             scheduler.close(orders.run)
-        calibrations = [(path, key) for path, key in zip(named.paths, work.keys, strict=True) if key is not None]
-        seconds, computed = time.monotonic() - begin, work.computed
-        left_out = len(named.paths) - len(calibrations)
-        table, passing = Path(orders.folder) / "fleet.parquet", work.passing
-        del work, named
+        seconds, computed, passing = time.monotonic() - begin, work.computed, work.passing
+        known = work.keys != b""
+        names, keys = itertools.compress(named.paths, known.tolist()), work.keys[known]
+        table, left_out = Path(orders.folder) / "fleet.parquet", int(np.sum(~known))
+        del work
         memory.give_back()
-        tally = write_table(table, calibrations, orders, passing)
+        tally = write_table(table, names, keys, orders, passing)
         memory.give_back()
         page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
     except OSError as error:
@@ -148,12 +154,6 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
     trial.unlink(missing_ok=True)
 
 
-def _usable(orders: Orders) -> set[bytes]:
-    """Keys of the valid rows on the disk."""
-    index = index_of(orders)
-    return {bytes.fromhex(key.decode()) for key in index.keys[index.stands].tolist()}
-
-
 def _not_seen(path: str) -> InputError:
     return InputError(
         "A worker does not see the calibrations.",
@@ -164,6 +164,31 @@ def _not_seen(path: str) -> InputError:
     )
 
 
+class _Keys:
+    """A set of packed keys: most of them sorted in an array, the newest beside it."""
+
+    def __init__(self, keys: NDArray[np.bytes_]) -> None:
+        self._sorted, self._new, self._removed = keys, set[str](), set[str]()
+
+    def __contains__(self, key: str) -> bool:
+        if key in self._new:
+            return True
+        place = int(np.searchsorted(self._sorted, wanted := parts.packed([key])[0]))
+        there = place < self._sorted.size and self._sorted[place] == wanted
+        return there and key not in self._removed
+
+    def add(self, key: str) -> None:
+        self._removed.discard(key)
+        self._new.add(key)
+        if len(self._new) > max(_MOST_NEW, self._sorted.size // 8):
+            self._sorted = np.union1d(self._sorted, parts.packed(list(self._new)))
+            self._new.clear()
+
+    def discard(self, key: str) -> None:
+        self._new.discard(key)
+        self._removed.add(key)
+
+
 class _Work:
     """The open calls, and the remaining work."""
 
@@ -171,12 +196,12 @@ class _Work:
         self,
         named: patterns.Found,
         orders: Orders,
-        there: set[bytes],
+        there: _Keys,
         scheduler: Scheduler,
         progress: Callable[[Progress], None],
     ) -> None:
         self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
-        self.keys: list[bytes | None] = [None] * len(named.paths)  # None: not hashed yet, or no calibration
+        self.keys = np.zeros(len(named.paths), dtype=parts.PACKED)  # empty: not hashed yet, or no calibration
         self.passing: list[Row] = []
         self.computed = 0
         self._lost: Counter[str] = Counter()
@@ -249,9 +274,9 @@ class _Work:
                 continue
             if not one.there and os.path.exists(self.named.paths[place]):
                 raise _not_seen(self.named.paths[place])
-            key = self.keys[place] = bytes.fromhex(one.key)
-            if key not in self._there:
-                self._there.add(key)
+            self.keys[place] = bytes.fromhex(one.key)
+            if one.key not in self._there:
+                self._there.add(one.key)
                 self._waiting_for += 1
                 self._batches.add(one.shape, (os.path.abspath(self.named.paths[place]), one.key))
 
@@ -261,16 +286,16 @@ class _Work:
         self.passing += done.passing
         self._batches.measured(shape, done.seconds, len(tasks))
         for before, after in done.moved.items():
-            self._moved(bytes.fromhex(before), bytes.fromhex(after))
+            self._moved(before, after)
 
-    def _moved(self, before: bytes, after: bytes) -> None:
+    def _moved(self, before: str, after: str) -> None:
         """Files changed after they were hashed: hash again all calibrations that had the same key."""
         self._there.discard(before)
         self._there.add(after)
-        places = [place for place, key in enumerate(self.keys) if key == before]
+        places = np.flatnonzero(self.keys == parts.packed([before])[0]).tolist()
         again = [place for place in places if self._moves[place] < _MOST_MOVES]
         for place in set(places) - set(again):  # its files keep changing: use the latest row
-            self.keys[place] = after
+            self.keys[place] = bytes.fromhex(after)
         self._moves.update(again)
         self._seen -= len(again)
         if again:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vibrident import memory
 from vibrident.fleet import drawing
 from vibrident.fleet.limits import Specification
 from vibrident.fleet.parts import write_whole
@@ -64,6 +65,7 @@ def write_page(path: Path, table: Path, tally: Tally, specification: Specificati
 def shown(table: Path, tally: Tally, specification: Specification, began_at: float, *, results: bool) -> Document:
     """The content of the page; ``results``: whole results stand beside it, to be linked."""
     found = statistics(table, tally, specification)
+    memory.give_back()
     named = _Names(table, [one.row for one in found.outliers])
     sections = [
         section("yield", "Yield", *_yields(found)),

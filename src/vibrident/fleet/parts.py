@@ -25,6 +25,22 @@ _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit
 #: Age after which an unfinished file is taken to be left by a process that has ended.
 _LEFT_S = 3600.0
 _ENDING = ".part"
+#: Type of an array of keys.
+PACKED = np.dtype("S32")
+
+
+#: A row on the disk: its key, where it is, and what decides between rows of one key.
+_PLACE = np.dtype(
+    [
+        ("key", PACKED),
+        ("part", "i4"),
+        ("row", "i4"),
+        ("seconds", "f4"),
+        ("memory", "f4"),
+        ("ended", "?"),
+        ("stands", "?"),
+    ]
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +48,7 @@ class Index:
     """The place of each key's row. Of several rows of a key, a finished one is used, else the latest.
 
     Attributes:
-        keys: sorted, each once, as hexadecimal digits; shape (keys,).
+        keys: sorted, each once, as ``packed`` gives them; shape (keys,).
         part: number of the part in ``parts``; shape (keys,).
         row: number of the row in it; shape (keys,).
         stands: False if the row has to be computed again; shape (keys,).
@@ -53,6 +69,16 @@ class Index:
             return np.full(keys.shape, -1)
         found = np.minimum(np.searchsorted(self.keys, keys), self.keys.size - 1)
         return np.where(self.keys[found] == keys, found, -1)
+
+
+def packed(keys: Sequence[str]) -> NDArray[np.bytes_]:
+    """Keys, as hexadecimal digits, in 32 bytes each."""
+    return np.frombuffer(bytes.fromhex("".join(keys)), dtype=PACKED)
+
+
+def digits(keys: NDArray[np.bytes_]) -> list[str]:
+    """The hexadecimal digits of packed keys."""
+    return [one.ljust(32, b"\0").hex() for one in keys.tolist()]  # NumPy leaves out zeros at the end
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -137,12 +163,13 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
         memory_limit_bytes: of this run; None: no limit.
     """
     there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
-    names, parameters, blocks = [], [], []
+    names, parameters, blocks = [], [], [np.zeros(0, dtype=_PLACE)]
     for path in sorted(folder.glob("*.parquet")):
         if (read := _read(path)) is None:
             continue
         columns, found = read
-        keys = np.array(found["key"], dtype="S64")
+        block = np.zeros(len(found["key"]), dtype=_PLACE)
+        block["key"], block["part"], block["row"] = packed(found["key"]), len(names), np.arange(block.size)
         status = np.array(found["status"])
         seconds = np.array(found["time_limit_s"], dtype=float)
         memory = np.array([math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float)
@@ -151,21 +178,18 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
         if there is not None:
             whole = np.array([f"{key}.json" in there for key in found["key"]], dtype=bool)
             stands &= (status != IDENTIFIED) | whole
-        blocks.append((keys, np.full(keys.shape, len(names)), np.arange(keys.size), stands, ended, seconds, memory))
+        block["ended"], block["seconds"], block["memory"], block["stands"] = ended, seconds, memory, stands
+        blocks.append(block)
         names.append(path.name)
         parameters.append(parameters_of(columns))
-    if not blocks:
-        empty = np.zeros(0, dtype=np.int32)
-        return Index(np.zeros(0, dtype="S64"), empty, empty, empty.astype(bool), [], [])
-    keys, part, row, stands, ended, seconds, memory = (np.concatenate(one) for one in zip(*blocks, strict=True))
+    every = np.concatenate(blocks)
     del blocks
-    order = np.lexsort((memory, seconds, ended, keys))
-    ordered = keys[order]
-    last = np.append(ordered[1:] != ordered[:-1], True)
-    best = order[last]
-    return Index(
-        ordered[last], part[best].astype(np.int32), row[best].astype(np.int32), stands[best], names, parameters
-    )
+    every = every[np.lexsort([every[name] for name in ("memory", "seconds", "ended", "key")])]
+    last = np.ones(every.size, dtype=bool)
+    last[:-1] = every["key"][1:] != every["key"][:-1]
+    every = every if last.all() else every[last]
+    key, part, row, stands = (np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "stands"))
+    return Index(key, part, row, stands, names, parameters)
 
 
 def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:

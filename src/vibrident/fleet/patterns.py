@@ -5,13 +5,50 @@ from __future__ import annotations
 import glob
 import hashlib
 import os
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from vibrident.errors import InputError
 
 _ENDING = ".toml"
+#: Paths that are compressed together.
+_BLOCK = 256
+#: Bytes of the hash by which equal paths are found.
+_MARK = 16
+
+
+class Paths:
+    """Paths in about ten bytes each, because there may be millions: added, and then read in order."""
+
+    def __init__(self) -> None:
+        self._blocks: list[bytes] = []
+        self._last: list[str] = []  # not compressed yet
+        self._opened: tuple[int, list[str]] = (-1, [])
+
+    def __len__(self) -> int:
+        return _BLOCK * len(self._blocks) + len(self._last)
+
+    def __getitem__(self, place: int) -> str:
+        number, within = divmod(place, _BLOCK)
+        if number >= len(self._blocks):
+            return self._last[within]
+        if self._opened[0] != number:
+            self._opened = number, [os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")]
+        return self._opened[1][within]
+
+    def __iter__(self) -> Iterator[str]:
+        return (self[place] for place in range(len(self)))
+
+    def add(self, path: str) -> None:
+        """Add a path at the end."""
+        self._last.append(path)
+        if len(self._last) == _BLOCK:
+            self._blocks.append(zlib.compress(b"\0".join(map(os.fsencode, self._last))))
+            self._last = []
 
 
 @dataclass(frozen=True)
@@ -24,7 +61,7 @@ class Found:
             calibration file.
     """
 
-    paths: list[str]
+    paths: Paths
     in_folder: bytearray
 
 
@@ -36,18 +73,24 @@ def found(patterns: Sequence[str]) -> Found:
     Raises:
         InputError: a pattern names nothing.
     """
-    files, seen = Found([], bytearray()), set()
+    every, marks = Found(Paths(), bytearray()), bytearray()
     for pattern in patterns:
-        named = False
+        before = len(every.paths)
         for path, in_folder in _named(pattern):
-            named = True
-            mark = hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=16).digest()
-            if mark not in seen:
-                seen.add(mark)
-                files.paths.append(path)
-                files.in_folder.append(in_folder)
-        if not named:
+            marks += hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=_MARK).digest()
+            every.paths.add(path)
+            every.in_folder.append(in_folder)
+        if len(every.paths) == before:
             raise _nothing(pattern)
+    _, first = np.unique(np.frombuffer(marks, dtype=f"S{_MARK}"), return_index=True)
+    if first.size == len(every.paths):
+        return every
+    files, wanted = Found(Paths(), bytearray()), np.zeros(len(every.paths), dtype=bool)
+    wanted[first] = True
+    for path, in_folder, is_first in zip(every.paths, every.in_folder, wanted.tolist(), strict=True):
+        if is_first:
+            files.paths.add(path)
+            files.in_folder.append(in_folder)
     return files
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
@@ -27,6 +27,8 @@ MOST_GROUPS, MOST_OUTLIERS = 12, 200
 #: Margin drawn outside a limit, relative to the width between the limits.
 _MARGIN = 0.06
 _FEWEST_BINS, _MOST_BINS = 8, 48
+#: Rows read at the same time.
+_ROWS = 4096
 FloatArray = NDArray[np.float64]
 
 
@@ -145,7 +147,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     columns = _Columns(table)
     identified = columns.is_text("status", IDENTIFIED)
     types, models = columns.codes("type"), columns.codes("model")
-    kinds, group = _grouped(np.stack([types.numbers, models.numbers, tally.units_of.astype(np.int64)]), identified)
+    kinds, group = _grouped((types.numbers, models.numbers, tally.units_of), identified)
     units = [tally.units[number] for number in kinds[2].tolist()]
     sizes = np.bincount(group[identified], minlength=len(units))
     found: list[list[Distribution]] = [[] for _ in units[:MOST_GROUPS]]
@@ -162,7 +164,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
                 sample = _Sample(parameter, units[number].get(parameter, ""), values[rows], u[rows], limits[number])
                 distributions.append(_distribution(sample))
                 outliers += _outliers(sample, rows, number)
-    whole = columns.boolean("adequate") & (columns.lengths("warnings") == 0)
+    whole = columns.boolean("adequate") & ~columns.filled("warnings")
     outliers.sort(key=lambda one: (not one.outside, -one.distance, one.row))
     groups = [
         Group(
@@ -180,21 +182,25 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     )
 
 
-def _grouped(kind: NDArray[np.int64], identified: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Kinds that occur, the most frequent first, shape (3, kinds); and each row's kind, −1 if it is not identified."""
-    distinct, of_row, sizes = np.unique(kind[:, identified], axis=1, return_inverse=True, return_counts=True)
-    order = np.argsort(-sizes, kind="stable")
-    rank = np.empty_like(order)
+def _grouped(
+    parts: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Kinds that occur, the most frequent first, shape (parts, kinds); each row's kind, −1 if it is not identified."""
+    sizes = tuple(int(part.max(initial=-1)) + 2 for part in parts)  # −1 is a number too
+    kind = np.ravel_multi_index(tuple(part[identified] + 1 for part in parts), sizes)
+    distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    rank = np.empty(order.size, dtype=np.int32)
     rank[order] = np.arange(order.size)
-    group = np.full(identified.size, -1)
-    group[identified] = rank[of_row.ravel()]
-    return distinct[:, order], group
+    group = np.full(identified.size, -1, dtype=np.int32)
+    group[identified] = rank[of_row]
+    return np.stack(np.unravel_index(distinct[order], sizes)) - 1, group
 
 
 class _Verdict:
     """Which rows conform to all their limits."""
 
-    def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.intp]) -> None:
+    def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
         self._identified, self._group = identified, group
         self._conforming, self._certain = identified.copy(), identified.copy()
         self.limited = np.zeros(identified.size, dtype=bool)
@@ -326,7 +332,7 @@ def _yields(
 class _Codes:
     """A column of texts as numbers; shape (rows,)."""
 
-    numbers: NDArray[np.int64]
+    numbers: NDArray[np.int32]
     texts: Sequence[str]
 
     def name(self, number: int) -> str | None:
@@ -334,7 +340,7 @@ class _Codes:
 
 
 class _Columns:
-    """Columns of the table, each read when it is used."""
+    """Columns of the table, each read when it is used, in pieces."""
 
     def __init__(self, path: Path) -> None:
         import pyarrow.parquet as pq
@@ -343,27 +349,29 @@ class _Columns:
         names = self._file.schema_arrow.names
         self.parameters = [name for name in names if f"{name}_u" in names]
 
-    def _column(self, name: str) -> Any:
-        return self._file.read(columns=[name]).column(0)
+    def _column(self, name: str, kind: type, of: Callable[[Any], Any]) -> NDArray[Any]:
+        found, begin = np.empty(self._file.metadata.num_rows, dtype=kind), 0
+        for batch in self._file.iter_batches(_ROWS, columns=[name]):
+            found[begin : begin + batch.num_rows] = of(batch.column(0))
+            begin += batch.num_rows
+        return found
 
     def numbers(self, name: str) -> FloatArray:
-        return np.asarray(self._column(name).to_numpy(), dtype=float)  # null as NaN
+        return self._column(name, float, lambda part: part.to_numpy(zero_copy_only=False))  # null as NaN
 
     def boolean(self, name: str) -> NDArray[np.bool_]:
-        return np.asarray(self._column(name).fill_null(False).to_numpy(), dtype=bool)
+        return self._column(name, bool, lambda part: part.fill_null(False).to_numpy(zero_copy_only=False))
 
-    def lengths(self, name: str) -> NDArray[np.int64]:
-        import pyarrow.compute as pc
-
-        return np.asarray(pc.call_function("list_value_length", [self._column(name)]).fill_null(0).to_numpy())
+    def filled(self, name: str) -> NDArray[np.bool_]:
+        """Lists that are not empty."""
+        return self._column(name, bool, lambda part: [bool(one) for one in part.to_pylist()])
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
-        codes = self.codes(name)
-        wanted = [number for number, one in enumerate(codes.texts) if one == text]
-        return np.isin(codes.numbers, wanted)
+        return self._column(name, bool, lambda part: [one == text for one in part.to_pylist()])
 
     def codes(self, name: str) -> _Codes:
-        found = self._column(name).combine_chunks().dictionary_encode()
-        found = found.combine_chunks() if hasattr(found, "combine_chunks") else found
-        numbers = np.asarray(found.indices.fill_null(-1).to_numpy(), dtype=np.int64)
-        return _Codes(numbers, found.dictionary.to_pylist())
+        texts: dict[str | None, int] = {None: -1}
+        numbers = self._column(
+            name, np.int32, lambda part: [texts.setdefault(t, len(texts) - 1) for t in part.to_pylist()]
+        )
+        return _Codes(numbers, [text for text in texts if text is not None])

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import uuid
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,6 @@ class Tally:
         units: each set of units that occurs, parameter → unit.
         units_of: number of its set, for each row; shape (rows,).
         finished: when, in seconds since 1970, for each row; shape (rows,).
-        identified_keys: of the identified rows, as hexadecimal digits.
     """
 
     statuses: Counter[str] = field(default_factory=Counter)
@@ -47,7 +47,6 @@ class Tally:
     units: list[dict[str, str]] = field(default_factory=list)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    identified_keys: NDArray[np.bytes_] = field(default_factory=lambda: np.zeros(0, dtype="S64"))
 
     @property
     def rows(self) -> int:
@@ -76,13 +75,14 @@ def index_of(orders: Orders) -> parts.Index:
 
 
 def write_table(
-    path: Path, calibrations: Sequence[tuple[str, bytes]], orders: Orders, passing: Sequence[Row] = ()
+    path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders, passing: Sequence[Row] = ()
 ) -> Tally:
     """Write the table, whole or not at all.
 
     Args:
         path: of the file.
-        calibrations: name and key of each row, in order.
+        names: of the rows, in order.
+        keys: of the rows, packed (see ``parts``), shape (rows,).
         orders: of the run.
         passing: rows that are in no part.
 
@@ -92,7 +92,6 @@ def write_table(
     import pyarrow.parquet as pq
 
     rows = _Rows(orders, passing)
-    keys = np.frombuffer(b"".join(key for _, key in calibrations).hex().encode(), dtype="S64")
     places = rows.index.places(keys)
     rows.require_all(keys, places)
     schema = _schema(rows.parameters(keys, places))
@@ -100,12 +99,13 @@ def write_table(
     count = _Count()
     try:
         with pq.ParquetWriter(partial, schema, compression="zstd") as writer:
-            for start in range(0, len(calibrations), _BLOCK):
+            named = iter(names)
+            for start in range(0, keys.size, _BLOCK):
                 stop = start + _BLOCK
                 block = rows.block(keys[start:stop], places[start:stop], schema)
                 count.add(block)
-                names = [_printable(name) for name, _ in calibrations[start:stop]]
-                writer.write_table(_with_names(block, names, schema))
+                some = [_printable(name) for name in itertools.islice(named, block.num_rows)]
+                writer.write_table(_with_names(block, some, schema))
             tally = count.tally()
             writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
         partial.replace(path)
@@ -114,17 +114,29 @@ def write_table(
     return tally
 
 
+def identified_keys(path: Path) -> list[str]:
+    """Keys of a table's identified rows, each once, in their order."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        found = [np.zeros(0, dtype=parts.PACKED)]
+        for batch in file.iter_batches(_BLOCK, columns=["key", "status"]):
+            pairs = zip(*batch.to_pydict().values(), strict=True)
+            found.append(parts.packed([key for key, status in pairs if status == IDENTIFIED]))
+    return parts.digits(np.unique(np.concatenate(found)))
+
+
 class _Rows:
     """Rows by key: from the parts, and those that are in no part."""
 
     def __init__(self, orders: Orders, passing: Sequence[Row]) -> None:
         self.folder = orders.parts_folder
         self.index = index_of(orders)
-        self.passing = {row["key"].encode(): number for number, row in enumerate(passing)}
+        self.passing = {row["key"]: number for number, row in enumerate(passing)}
         self.extra = parts.as_table(passing, orders.time_limit_s, None) if passing else None
 
     def require_all(self, keys: NDArray[np.bytes_], places: NDArray[np.intp]) -> None:
-        missing = [key for key in keys[places < 0].tolist() if key not in self.passing]
+        missing = [key for key in parts.digits(keys[places < 0]) if key not in self.passing]
         if missing:
             raise InputError(
                 "Rows were removed during the run.",
@@ -165,7 +177,7 @@ class _Rows:
             positions = np.flatnonzero(part == number)
             if number < 0:
                 assert self.extra is not None
-                yield self.extra, np.array([self.passing[key] for key in keys[positions].tolist()]), positions
+                yield self.extra, np.array([self.passing[key] for key in parts.digits(keys[positions])]), positions
             else:
                 with pq.ParquetFile(self.folder / self.index.parts[number]) as file:
                     table = file.read()
@@ -180,27 +192,23 @@ class _Count:
         self._sets: dict[str, int] = {}
         self._units_of: list[NDArray[np.int32]] = []
         self._finished: list[NDArray[np.float64]] = []
-        self._keys: list[NDArray[np.bytes_]] = []
 
     def add(self, block: Any) -> None:
-        found = {name: block[name].to_pylist() for name in ("key", "status", "adequate", "warnings", "units")}
+        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
         tally = self._tally
         tally.statuses.update(found["status"])
-        identified = np.array([status == IDENTIFIED for status in found["status"]])
-        rows = zip(found["adequate"], found["warnings"], identified.tolist(), strict=True)
-        tally.doubtful += sum(one and (not adequate or bool(codes)) for adequate, codes, one in rows)
+        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
+        tally.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
         tally.warnings.update(code for codes in found["warnings"] for code in set(codes))
         numbers = [self._sets.setdefault(units, len(self._sets)) for units in found["units"]]
         self._units_of.append(np.array(numbers, dtype=np.int32))
         self._finished.append(np.asarray(block["finished"].to_numpy(), dtype=float))
-        self._keys.append(np.array(found["key"], dtype="S64")[identified])
 
     def tally(self) -> Tally:
         tally = self._tally
         tally.units = [json.loads(units) for units in self._sets]
-        if self._keys:
+        if self._units_of:
             tally.units_of, tally.finished = np.concatenate(self._units_of), np.concatenate(self._finished)
-            tally.identified_keys = np.concatenate(self._keys)
         return tally
 
 
