@@ -15,8 +15,8 @@ import numpy as np
 from vibrident.errors import InputError
 
 _ENDING = ".toml"
-#: Paths that are compressed together.
-_BLOCK = 256
+#: Paths that are compressed together, and blocks that are kept open.
+_BLOCK, _MOST_OPENED = 256, 8
 #: Bytes of the hash by which equal paths are found.
 _MARK = 16
 
@@ -27,7 +27,7 @@ class Paths:
     def __init__(self) -> None:
         self._blocks: list[bytes] = []
         self._last: list[str] = []  # not compressed yet
-        self._opened: tuple[int, list[str]] = (-1, [])
+        self._opened: dict[int, list[str]] = {}
 
     def __len__(self) -> int:
         return _BLOCK * len(self._blocks) + len(self._last)
@@ -36,9 +36,11 @@ class Paths:
         number, within = divmod(place, _BLOCK)
         if number >= len(self._blocks):
             return self._last[within]
-        if self._opened[0] != number:
-            self._opened = number, [os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")]
-        return self._opened[1][within]
+        if number not in self._opened:
+            if len(self._opened) >= _MOST_OPENED:
+                self._opened.clear()
+            self._opened[number] = [os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")]
+        return self._opened[number][within]
 
     def __iter__(self) -> Iterator[str]:
         return (self[place] for place in range(len(self)))
