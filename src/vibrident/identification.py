@@ -11,7 +11,16 @@ import numpy as np
 from vibrident.decay import decays_alone, identify_decays, require_plain
 from vibrident.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.estimators.optimise import Progress, silent
-from vibrident.judge import Fitted, Judgement, Uncertainty, document, fitted_and_judged, linearised, own_rows
+from vibrident.judge import (
+    Fitted,
+    Judgement,
+    Uncertainty,
+    document,
+    fitted_and_judged,
+    linearised,
+    own_rows,
+    without_dead_records,
+)
 from vibrident.measure.drift import without_drift
 from vibrident.measure.hum import without_hum
 from vibrident.models import parse
@@ -94,6 +103,8 @@ def fit(
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     estimate, judgement = fitted_and_judged(evidence, chosen, progress)
+    found = without_dead_records(evidence, judgement, chosen, progress)
+    evidence, estimate, judgement = found or (evidence, estimate, judgement)
     records, drifts = without_drift(evidence.records, judgement.predicted, calibration.response_unit)
     if drifts:
         evidence = evidence.with_records(records)

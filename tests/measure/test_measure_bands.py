@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vibrident.measure import measure_bands
-from vibrident.measure.bands import band_edges, coherent_remainder, unheard_records
+from vibrident.measure.bands import band_edges, coherent_remainder, uncorrelated_records
 from vibrident.models import parse
 from vibrident.records import Record
 from vibrident.simulation import simulate
@@ -45,10 +45,10 @@ def test_a_record_without_the_motion_is_told_from_one_full_of_noise(excitation):
     rng, missed = np.random.default_rng(1), 0
     for trial in range(20):
         noisy = [r.with_response(r.response + 0.3 * np.std(r.response) * rng.standard_normal(1000), "") for r in made]
-        assert unheard_records(measure_bands(noisy)) == []
+        assert uncorrelated_records(measure_bands(noisy)) == []
         dead = rng.standard_normal(1000)
         one = replace(made[1], reference=dead) if trial % 2 else made[1].with_response(dead, "")
-        missed += unheard_records(measure_bands([made[0], one, made[2]])) != [1]
+        missed += uncorrelated_records(measure_bands([made[0], one, made[2]])) != [1]
     assert missed <= 1
 
 

@@ -7,8 +7,17 @@ stated systematic ``effects``; ``doubts`` gives the warnings that need a fitted 
 from __future__ import annotations
 
 from vibrident.judge.adequacy import Judgement
-from vibrident.judge.attempts import Fitted, fitted_and_judged
+from vibrident.judge.attempts import Fitted, fitted_and_judged, without_dead_records
 from vibrident.judge.document import Uncertainty, document, own_rows
 from vibrident.judge.doubts import linearised
 
-__all__ = ["Fitted", "Judgement", "Uncertainty", "document", "fitted_and_judged", "linearised", "own_rows"]
+__all__ = [
+    "Fitted",
+    "Judgement",
+    "Uncertainty",
+    "document",
+    "fitted_and_judged",
+    "linearised",
+    "own_rows",
+    "without_dead_records",
+]

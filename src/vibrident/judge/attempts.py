@@ -1,8 +1,8 @@
-"""Fit and judge; if the model is rejected, fit again from other starts."""
+"""Fit and judge; if the model is rejected, fit again from other starts, or without records that seem dead."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from vibrident.judge.effects import allowing_for_effects
 from vibrident.measure import Finding
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
+from vibrident.records import FloatArray
 from vibrident.uncertainty.linearised import Linearised
 
 #: Number of other starts tried if the model is rejected.
@@ -30,6 +31,8 @@ CLEARLY_LESS = 0.8
 SEARCHES = 3
 #: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
 OUTSIDE = 3.0
+#: Records that seem dead are left out where the model explains the others so many times better.
+MUCH_BETTER = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,31 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     if start is not None and not best[1].adequacy.adequate:
         best = _tried(start, evidence, estimator, best, progress)
     return best
+
+
+def without_dead_records(
+    evidence: Evidence, judgement: Judgement, chosen: Estimator, progress: Progress
+) -> tuple[Evidence, Estimate, Judgement] | None:
+    """The fit without records that seem dead, where the model explains the others so much better."""
+    others = evidence.without_dead_records()
+    if others is None:
+        return None
+    estimate, better = fitted_and_judged(others, chosen, progress)
+    chi2 = [judged.adequacy.chi2_reduced or np.inf for judged in (better, judgement)]
+    # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
+    kept = [index for index, record in enumerate(evidence.records) if any(record is other for other in others.records)]
+    left = _unexplained(others, better.predicted), _unexplained(others, [judgement.predicted[i] for i in kept])
+    spoilt = chi2[0] < chi2[1] / MUCH_BETTER or left[0] < left[1] / MUCH_BETTER
+    return (others, estimate, better) if spoilt else None
+
+
+def _unexplained(evidence: Evidence, predicted: Sequence[FloatArray]) -> float:
+    """Mean square of the responses' deviations from the prediction, each over its response's."""
+    parts = []
+    for record, expected in zip(evidence.records, predicted, strict=True):
+        used = record.mask & np.isfinite(expected)
+        parts.append(float(np.var((record.response - expected)[used]) / np.var(record.response[used])))
+    return float(np.mean(parts))
 
 
 def _tried(

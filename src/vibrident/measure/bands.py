@@ -58,7 +58,7 @@ def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration"
     return MeasuredResponse.join(parts) if parts else None
 
 
-def unheard_records(bands: MeasuredResponse) -> list[int]:
+def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     """Records whose response has nothing in common with their reference: what ``bands.record`` calls them.
 
     Of n lines without anything in common, 1 − γ² is below x with the chance 1 − x^(n − 1) (γ² the coherence), so that

@@ -231,7 +231,7 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         )
 
 
-def nothing_heard(records: Sequence[Record]) -> list[Finding]:
+def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
     """Records whose response and reference have nothing in common, while others' have."""
     return [
         Finding(

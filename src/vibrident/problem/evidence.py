@@ -11,10 +11,10 @@ import numpy as np
 
 from vibrident.decay import free_parts
 from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
-from vibrident.measure.bands import unheard_records
+from vibrident.measure.bands import uncorrelated_records
 from vibrident.measure.clock import judge_clocks
 from vibrident.measure.copies import without_copies
-from vibrident.measure.quality import nothing_heard, refuse_other_motion, short_records, silent_channels
+from vibrident.measure.quality import nothing_in_common, refuse_other_motion, short_records, silent_channels
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
@@ -72,16 +72,27 @@ class Evidence:
         tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None
         bands = measure_bands([records[i] for i in others], calibration.quantity) if others else None
         bands = _renumbered(bands, others) if bands is not None else None
-        unheard = unheard_records(bands) if bands is not None else []
-        if bands is not None and 0 < len(unheard) < len(np.unique(bands.record)):
-            kept = tuple(r for i, r in enumerate(records) if i not in unheard)
-            return cls._measured(calibration, model, kept, (*findings, *nothing_heard([records[i] for i in unheard])))
         more: list[Finding] = []
         if tones is not None:
             refuse_other_motion([records[i] for i in sines], tones)
             more += short_records([records[i] for i in sines], tones.frequency_hz)
             more += silent_channels(tones)
         return cls(calibration, model, records, tones, bands, (*findings, *more))
+
+    def without_dead_records(self) -> Evidence | None:
+        """The same without records whose channels seem to have nothing in common; None where all or none seem so.
+
+        A suspicion only: what a sharp resonance kept from the motion before the record hides the answer to it, too.
+        """
+        if self.bands is None:
+            return None
+        dead = uncorrelated_records(self.bands)
+        if not dead or len(dead) == len(np.unique(self.bands.record)):
+            return None
+        kept = tuple(r for i, r in enumerate(self.records) if i not in dead)
+        left = self.with_records(kept)
+        findings = (*self.findings, *nothing_in_common([self.records[i] for i in dead]))
+        return dataclasses.replace(left, findings=findings)
 
     @property
     def quantity(self) -> Quantity:
