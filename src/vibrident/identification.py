@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibrident.decay import decays_alone, identify_decays, require_plain
+from vibrident.decay import decays_alone
 from vibrident.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.judge import (
@@ -71,6 +71,8 @@ def identify(
         NotConverged: no start leads to a finite fit.
     """
     if decays_alone(calibration):
+        from vibrident.decay.document import identify_decays, require_plain
+
         require_plain(estimator, sampled=posterior is not None)
         return identify_decays(calibration, model, inflate=uncertainty != "noise")
     begin = time.perf_counter()

@@ -9,7 +9,6 @@ from typing import Any
 from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.present import methods, tables
 from vibrident.present.coverage import interval_text, parameter_factor
-from vibrident.present.document import doubts
 from vibrident.present.numbers import NONE, fit_unit, plain, sensor_name
 from vibrident.present.terminal import Shown, Written, shown, written
 from vibrident.present.views import Column, Sentence, Table, columns
@@ -37,7 +36,7 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> A
     """Everything ``vibrident identify`` prints: parameters, fit, warnings in plain words, files written."""
     from rich.console import Group
 
-    said = shown(parameter_table(result), fit_line(result), *doubts(result))
+    said = shown(parameter_table(result), fit_line(result), *tables.doubts(result))
     return Group(said, written_lines(written)) if written else said
 
 

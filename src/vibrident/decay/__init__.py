@@ -2,17 +2,6 @@
 
 from __future__ import annotations
 
-from vibrident.decay.beside import DecayDeviation, decay_deviations, free_parts
-from vibrident.decay.document import decays_alone, identify_decays, require_plain
-from vibrident.decay.examine import Decays, examine
+from vibrident.decay.presence import decay_deviations, decays_alone, free_parts
 
-__all__ = [
-    "DecayDeviation",
-    "Decays",
-    "decay_deviations",
-    "decays_alone",
-    "examine",
-    "free_parts",
-    "identify_decays",
-    "require_plain",
-]
+__all__ = ["decay_deviations", "decays_alone", "free_parts"]

@@ -36,11 +36,6 @@ METHOD = (
 )
 
 
-def decays_alone(calibration: Calibration) -> bool:
-    """Whether a calibration holds nothing but free decays."""
-    return bool(calibration.records) and all(r.excitation == "decay" for r in calibration.records)
-
-
 def identify_decays(calibration: Calibration, model: str | None = None, *, inflate: bool = True) -> Result:
     """Identify natural frequency and damping ratio from free decays.
 

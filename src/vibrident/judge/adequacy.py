@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vibrident.decay import DecayDeviation, decay_deviations
+from vibrident.decay import decay_deviations
 from vibrident.discretize import Weights, method
 from vibrident.discretize.table import weight_table
 from vibrident.errors import InputError
@@ -34,6 +34,9 @@ from vibrident.uncertainty.effects import deviation_uncertainty, patterns
 from vibrident.uncertainty.identifiability import NOTHING
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.steps import effects_of_steps
+
+if TYPE_CHECKING:
+    from vibrident.decay.beside import DecayDeviation
 
 #: Samples of all excerpts together, and of one.
 MOST_SAMPLES, MOST_IN_ONE = 12_000, 600

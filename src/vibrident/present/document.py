@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from vibrident.naming import parameter_name
-from vibrident.present import figures, tables, words
+from vibrident.present import figures, tables
 from vibrident.present.budget import budget
 from vibrident.present.certificate import certificate
 from vibrident.present.comparison import beside, comparison_tables
@@ -19,7 +19,6 @@ from vibrident.present.views import (
     Card,
     Cards,
     Document,
-    Doubt,
     Facts,
     Folded,
     Section,
@@ -40,7 +39,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
     """The report of one result, with more sections before its settings."""
     name = sensor_name(result.sensor)
     sections = [
-        section("warnings", "Warnings", *(doubts(result) or (Sentence("None."),))),
+        section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
         section("parameters", "Parameters", tables.parameters(result)),
         *(_curves(result) if result.has_gain else []),  # free decays alone have neither gain nor curve
         section("signals", "Signals", figures.signals(result)),
@@ -84,16 +83,6 @@ def verdict(result: Result) -> Sentence:
     said = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
     doubts = f"{count(len(result.warnings), 'warning')}, explained below" if result.warnings else "no warnings"
     return Sentence(f"{doubts}.", "fine" if fine else "doubt", f"{said};")
-
-
-def doubts(result: Result) -> tuple[Doubt, ...]:
-    """Every warning in plain words."""
-    found = []
-    for code in result.warning_codes:
-        explained = words.explain(code)
-        messages = tuple(warning.message for warning in result.warnings if warning.code == code)
-        found.append(Doubt(explained.title, code, messages, explained.meaning, explained.action))
-    return tuple(found)
 
 
 def cards(result: Result) -> Cards:

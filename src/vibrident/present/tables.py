@@ -24,7 +24,7 @@ from vibrident.present.numbers import (
     stated,
     with_u,
 )
-from vibrident.present.views import Column, Facts, Table, columns, count
+from vibrident.present.views import Column, Doubt, Facts, Table, columns, count
 from vibrident.present.weights import weight_rows
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.result import MeasuredCurve, Parameter, Result
@@ -53,6 +53,16 @@ def _band(measured: MeasuredCurve) -> str:
         return "no measured points"
     low, high = f"{min(known):.5g} Hz", f"{max(known):.5g} Hz"
     return f"{count(len(known), 'point')}, {low}" + (f" to {high}" if high != low else "")
+
+
+def doubts(result: Result) -> tuple[Doubt, ...]:
+    """Every warning in plain words."""
+    found = []
+    for code in result.warning_codes:
+        explained = words.explain(code)
+        messages = tuple(warning.message for warning in result.warnings if warning.code == code)
+        found.append(Doubt(explained.title, code, messages, explained.meaning, explained.action))
+    return tuple(found)
 
 
 def parameters(result: Result) -> Table:

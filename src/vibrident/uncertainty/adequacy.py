@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibrident.decay import DecayDeviation
 from vibrident.measure.bands import coherent_remainder
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray, MeasuredResponse
@@ -20,6 +20,9 @@ from vibrident.measure.rounding import rounding_variance
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 from vibrident.tails import f_tail
+
+if TYPE_CHECKING:
+    from vibrident.decay.beside import DecayDeviation
 
 #: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
 #: show.

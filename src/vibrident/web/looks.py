@@ -117,7 +117,7 @@ def outcome(path: Path) -> dict[str, Any]:
     return {
         "verdict": html.fragment(document.verdict(result)),
         "parameters": html.fragment(tables.parameters(result)),
-        "warnings": html.fragment(*document.doubts(result)),
+        "warnings": html.fragment(*tables.doubts(result)),
         "charts": shown,
         "signals": signals,
         "left_out": left < 0,
