@@ -14,6 +14,7 @@ from typing import Literal, get_args
 from vibrident import plots
 from vibrident.errors import InputError
 from vibrident.present import document, markdown
+from vibrident.present.certificate import certificate
 from vibrident.present.views import Section
 from vibrident.result import Result
 
@@ -58,7 +59,7 @@ def content(
 
         for result in alone:
             result.require_gain("a certificate")
-        return pdf.certificate(one) if one else pdf.render(document.comparison(alone, called))
+        return pdf.render(certificate(one) if one else document.comparison(alone, called))
     made = document.report(one, more) if one else document.comparison(alone, called)
     if form == "html":
         from vibrident.present import html

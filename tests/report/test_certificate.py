@@ -23,8 +23,7 @@ from tests.support.sample_results import (
 from vibrident import report
 from vibrident.errors import InputError
 from vibrident.nominal import Nominal
-from vibrident.present import words
-from vibrident.present.certificate import certificate
+from vibrident.present import certificate, words
 from vibrident.present.numbers import sensitivity_scale
 from vibrident.present.points import nominal_points, reference_point, sensitivity_at
 from vibrident.result import Curve
@@ -44,13 +43,13 @@ def pages(content: bytes) -> list[str]:
     return [page.extract_text() for page in pypdf.PdfReader(io.BytesIO(content)).pages]
 
 
-def by_label(content) -> dict[str, str | None]:
-    return {field.label: field.text for _, group in content.groups for field in group}
+def by_label(result) -> dict[str, str | None]:
+    return {label: text for group in certificate.groups(result) for label, text in group.rows}
 
 
 def test_every_sensitivity_is_the_results():
     result = with_grid(table2())
-    table = certificate(result).sensitivity
+    table = certificate.sensitivity(result)
     curve = result.response
     unit = re.search(r"\((.*)\)", table.header[2]).group(1)
     factor = factor_to(unit, "V/(m/s^2)")
@@ -73,7 +72,7 @@ def test_every_sensitivity_is_the_results():
 
 def test_every_parameter_is_the_results():
     result = table2()
-    table = certificate(result).parameters
+    table = certificate.parameters(result)
     for row, parameter in zip(table.rows, result.parameters.values(), strict=True):
         cells = dict(zip(table.header, row, strict=True))
         factor = factor_to("" if cells["unit"] == "1" else cells["unit"], parameter.unit)
@@ -110,60 +109,57 @@ def test_nothing_outside_the_measured_band():
     point, why = reference_point(result)
     assert point is None
     assert "1500 Hz lies outside" in why
-    content = certificate(result)
-    assert content.reference[0].text is None
-    assert "outside" in content.reference[1].text
+    (_, frequency), (_, reason) = certificate.reference(result).rows
+    assert frequency is None
+    assert "outside" in reason
     assert sensitivity_at(result, Nominal(3000.0, 3000.0)) is None
 
 
 def test_the_reference_frequency_of_a_seismometer():
-    content = certificate(pickup())
-    assert content.reference[0].text == "1 Hz; 160 Hz lies outside the measured band; chosen as usual for seismometers"
-    assert re.fullmatch(rf"{NUMBER} V/\(m/s\), U = {NUMBER} V/\(m/s\) \(k = 2\)", content.reference[1].text)
+    (_, frequency), (_, magnitude), *_ = certificate.reference(pickup()).rows
+    assert frequency == "1 Hz; 160 Hz lies outside the measured band; chosen as usual for seismometers"
+    assert re.fullmatch(rf"{NUMBER} V/\(m/s\), U = {NUMBER} V/\(m/s\) \(k = 2\)", magnitude)
 
 
 def test_what_is_not_stated_is_blank():
-    content = certificate(table2())
-    found = by_label(content)
+    found, head = by_label(table2()), certificate.letterhead(table2())
     for label in ("Customer", "Date of calibration", "Date of issue", "Mounting", "Temperature", "Procedure"):
         assert found[label] is None
     assert found["Serial number"] == "4711"
-    assert (content.number, content.laboratory, content.traceability) == (None, (), None)
-    assert content.instruments.rows == ()
-    assert [field.text for field in content.signatures] == [None, None]
+    assert (head.number, head.lines) == (None, ())
+    assert certificate.instruments(table2()).rows == ()
+    assert [text for _, text in certificate.signatures(table2())] == [None, None]
     assert "Air pressure" not in found
 
 
 def test_what_is_stated_stands_as_it_is():
-    content = certificate(stated())
-    found = by_label(content)
-    assert content.number == "2025-0042"
+    found, instruments = by_label(stated()), certificate.instruments(stated())
+    assert certificate.letterhead(stated()).number == "2025-0042"
     assert found["Temperature"] == "23 °C (U = 0.5 °C, k = 2)"
     assert found["Relative humidity"] == "45 %"
-    assert content.instruments.header == ("Instrument", "Serial number")
-    assert content.instruments.rows == (("Laser vibrometer", "12"), ("Amplifier", ""))
-    further = certificate(replace(table2(), certificate={"torque": {"value": 2.0}}))
+    assert instruments.header == ("Instrument", "Serial number")
+    assert instruments.rows == (("Laser vibrometer", "12"), ("Amplifier", ""))
+    further = replace(table2(), certificate={"torque": {"value": 2.0}})
     assert by_label(further)["Torque"] == "value: 2"  # made in memory, with a key of its own
 
 
 def test_the_coverage_is_that_of_the_effective_degrees_of_freedom():
     few = replace(table2(), settings={"effective_degrees_of_freedom": 5.0})
-    assert "89.8 % (Student's t with ν_eff = 5)" in certificate(few).statements[0]
+    assert "89.8 % (Student's t with ν_eff = 5)" in certificate.statements(few)[0]
     none = replace(table2(), settings={"effective_degrees_of_freedom": None})  # infinity, as JSON has it
-    assert "95.4 % (normal distribution, ν_eff = ∞)" in certificate(none).statements[0]
-    assert "95.4 % for a normal distribution" in certificate(table2()).statements[0]
+    assert "95.4 % (normal distribution, ν_eff = ∞)" in certificate.statements(none)[0]
+    assert "95.4 % for a normal distribution" in certificate.statements(table2())[0]
 
 
 def test_the_pdf_holds_the_contents_and_numbers_its_pages():
     result = with_grid(stated())
-    content = certificate(result)
     found = pages(report.content(result, "pdf"))
     text = " ".join(" ".join(found).split())
-    for table in (content.sensitivity, content.parameters):
+    for table in (certificate.sensitivity(result), certificate.parameters(result)):
         for row in table.rows:
             assert " ".join(cell.replace("_", "") for cell in row if cell) in text
-    for field in content.reference:
-        assert field.text in text
+    for _, said in certificate.reference(result).rows:
+        assert said in text
     for key in ("number", "laboratory", "customer", "mounting", "procedure", "traceability", "operator"):
         assert CERTIFICATE[key] in text
     for number, page in enumerate(found, 1):
@@ -200,10 +196,8 @@ def test_letters_that_the_font_lacks_do_no_harm():
 
 
 def test_a_point_without_phase_or_uncertainty():
-    content = certificate(table_only())
-    assert not any("phase" in name for name in content.sensitivity.header)
-    one = certificate(single_point())
-    assert one.sensitivity is None  # 159.15 Hz is no nominal frequency
+    assert not any("phase" in name for name in certificate.sensitivity(table_only()).header)
+    assert certificate.sensitivity(single_point()) is None  # 159.15 Hz is no nominal frequency
     assert sensitivity_scale(single_point()).unit == "pC/(m/s²)"
 
 

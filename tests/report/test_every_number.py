@@ -14,8 +14,7 @@ from tests.support.sample_results import accelerometer, pickup, table2
 from vibrident import report
 from vibrident.naming import parameter_name
 from vibrident.nominal import Nominal
-from vibrident.present import words
-from vibrident.present.certificate import certificate
+from vibrident.present import certificate, words
 from vibrident.present.points import sensitivity_at
 from vibrident.present.tables import parameters
 from vibrident.result import Curve
@@ -39,7 +38,7 @@ def test_the_cards_state_the_estimated_parameters_and_the_reference_frequency(ma
             number, unit, expanded = found.pop(parameter_name(name).words)
             assert_rounded(number, parameter.value, factor_to(unit, parameter.unit))
             assert_rounded(expanded, 2 * parameter.standard_uncertainty, factor_to(unit, parameter.unit))
-    stated = {field.label.lower(): field.text for field in certificate(result).reference[1:]}
+    stated = {label.lower(): text for label, text in certificate.reference(result).rows[1:]}
     for label, (number, unit, expanded) in found.items():  # the rest is what the certificate says
         text = next(text for name, text in stated.items() if label.startswith(name))
         assert text.startswith(f"{number}{'' if unit == '' else ' '}{unit}, U = {expanded}") or unit == "°"
@@ -69,16 +68,16 @@ def test_the_correlation_is_the_results():
 
 def test_the_nominal_frequencies_of_the_page_are_those_of_the_certificate():
     result = table2()
-    table = certificate(result).sensitivity
+    table = certificate.sensitivity(result)
     assert [tuple(row) for row in read(result).table(*table.header)] == list(table.rows)
 
 
 def test_the_pdf_and_markdown_hold_every_cell_of_the_tables():
     result = table2()
-    content, table = certificate(result), parameters(result)
+    table = parameters(result)
     sheets = pypdf.PdfReader(io.BytesIO(report.content(result, "pdf"))).pages
     printed = re.sub(r"\s+", " ", " ".join(sheet.extract_text() for sheet in sheets))
-    for row in (*content.sensitivity.rows, *content.parameters.rows):
+    for row in (*certificate.sensitivity(result).rows, *certificate.parameters(result).rows):
         numbers = " ".join(cell for cell in row if re.fullmatch(NUMBER, cell))
         assert numbers in printed
     markdown = report.content(result, "md").decode()

@@ -10,8 +10,7 @@ from rich.console import Console
 from tests.support.sample_results import table2
 
 from vibrident import terminal
-from vibrident.present import tables
-from vibrident.present.certificate import certificate
+from vibrident.present import certificate, tables
 from vibrident.present.residual_tests import residual_tests
 from vibrident.report import content
 
@@ -80,8 +79,8 @@ def test_an_uncertainty_that_is_not_stated_is_said_in_words():
     assert "not identifiable, u not stated" in content(result, "md").decode()
     assert "not identifiable, u not stated" in content(result, "html").decode()
     assert "u not stated" in shown(result)
-    assert any("u not stated" in row[-1] for row in certificate(result).parameters.rows)
-    assert "not stated" in " ".join(certificate(result).statements)
+    assert any("u not stated" in row[-1] for row in certificate.parameters(result).rows)
+    assert "not stated" in " ".join(certificate.statements(result))
     assert "u not stated" not in content(table2(), "md").decode()
 
 
@@ -89,7 +88,7 @@ def test_the_k_that_covers_is_stated_where_it_is_not_two():
     few = {"coverage_factor": 3.182, "effective_degrees_of_freedom": 3.0}
     result = replace(table2(), settings={**table2().settings, **few})
     text = "k = 3.18 (Student's t with ν_eff = 3)"
-    for said in (" ".join(tables.parameters(result).notes), " ".join(certificate(result).statements), shown(result)):
+    for said in (" ".join(tables.parameters(result).notes), " ".join(certificate.statements(result)), shown(result)):
         assert text in " ".join(said.split())
     assert "Student" not in shown(table2())
 
@@ -98,5 +97,5 @@ def test_the_sensitivity_of_a_cubic_sensor_is_that_of_small_signals():
     result = replace(table2(), model="accelerometer+cubic")
     assert "small signals" in content(result, "md").decode()
     assert "small signals" in content(result, "html").decode()
-    assert any("small signals" in text for text in certificate(result).statements)
-    assert not any("small signals" in text for text in certificate(table2()).statements)
+    assert any("small signals" in text for text in certificate.statements(result))
+    assert not any("small signals" in text for text in certificate.statements(table2()))

@@ -13,7 +13,7 @@ from vibrident.cli import app
 from vibrident.io import read
 from vibrident.io.writer import write_calibration
 from vibrident.nominal import series
-from vibrident.present.certificate import certificate
+from vibrident.present import certificate
 from vibrident.result import Result
 
 
@@ -66,7 +66,7 @@ def test_an_old_result_without_a_certificate_still_loads(two):
     del document["certificate"]
     old = Result.from_dict(document)
     assert old.certificate == {}
-    assert certificate(old).number is None
+    assert certificate.letterhead(old).number is None
 
 
 def test_from_the_calibration_file_to_the_certificate(tmp_path):
@@ -80,12 +80,11 @@ def test_from_the_calibration_file_to_the_certificate(tmp_path):
     again = Result.load(tmp_path / "result.json")
 
     assert json.loads(json.dumps(dict(again.certificate))) == stated
-    content = certificate(again)
-    assert content.number == CERTIFICATE["number"]
-    assert content.reference[0].text == "159.155 Hz; as stated in the calibration file"
+    assert certificate.letterhead(again).number == CERTIFICATE["number"]
+    assert certificate.reference(again).rows[0][1] == "159.155 Hz; as stated in the calibration file"
     grid = np.array(again.response.frequency_hz)
     assert 159.155 in grid
-    assert " ".join(row[0] for row in content.sensitivity.rows) == "100 125 160 200 250 315 400 500 630 800"
+    assert " ".join(row[0] for row in certificate.sensitivity(again).rows) == "100 125 160 200 250 315 400 500 630 800"
     for item in series(100.0, 800.0, again.measured.frequency_hz):
         assert item.frequency_hz in grid
         assert item.frequency_hz == item.nominal_hz  # the data were taken at nominal values

@@ -19,6 +19,7 @@ from vibrident.naming import is_derived, parameter_name, scaled
 from vibrident.present import html, words
 from vibrident.present.numbers import NONE
 from vibrident.present.views import (
+    Beside,
     Block,
     Card,
     Cards,
@@ -26,7 +27,6 @@ from vibrident.present.views import (
     Document,
     Facts,
     Folded,
-    Gallery,
     Sentence,
     Table,
     columns,
@@ -168,7 +168,7 @@ def _distributions(found: Statistics, specification: Specification) -> Iterator[
         yield _numbers(group, specification)
         for derived in (False, True):
             drawn = [drawing.distribution(one) for one in group.distributions if is_derived(one.parameter) == derived]
-            gallery = Gallery(tuple(drawn))
+            gallery = Beside(tuple(drawn))
             if drawn:
                 yield Folded("Derived parameters", (gallery,)) if derived else gallery
     if found.more:
@@ -295,4 +295,4 @@ def _throughput(seconds: np.ndarray, tally: Tally, began_at: float) -> Iterator[
         counts, edges = np.histogram(positive, 30, (0.0, top))
         found = Histogram(edges, counts, 0, int((positive > top).sum()))
         drawn.append(drawing.histogram(found, "seconds of a calibration"))
-    yield Gallery(tuple(drawn))
+    yield Beside(tuple(drawn))

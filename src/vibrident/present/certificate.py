@@ -5,14 +5,15 @@ The fields are those of practice under ISO 16063 and DKD-R 3-1. What is not stat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from vibrident.naming import pretty
 from vibrident.nominal import same
-from vibrident.present import tables, words
+from vibrident.present import figures, tables, words
 from vibrident.present.coverage import coverage, interval_text, parameter_factor
+from vibrident.present.history import date_of
 from vibrident.present.numbers import (
     COVERAGE_FACTOR,
     NONE,
@@ -23,7 +24,21 @@ from vibrident.present.numbers import (
     with_u,
 )
 from vibrident.present.points import Point, measured_band, nominal_points, reference_point
-from vibrident.present.views import Column, Table, columns, count
+from vibrident.present.views import (
+    Beside,
+    Column,
+    Document,
+    Facts,
+    Letterhead,
+    Row,
+    Sentence,
+    Signatures,
+    Table,
+    columns,
+    count,
+    document,
+    section,
+)
 from vibrident.result import Result
 
 #: Keys that have a place of their own; others are listed as further statements.
@@ -34,6 +49,8 @@ _PLACED = {
     *("temperature_c", "temperature_uncertainty_c", "relative_humidity_percent", "air_pressure_hpa"),
     *("relative_humidity_uncertainty_percent", "air_pressure_uncertainty_hpa", "reference_frequency_hz"),
 }
+#: Data files listed; the result lists them all.
+MOST_FILES = 30
 _SENSOR = {"manufacturer": "Manufacturer", "type": "Type", "serial_number": "Serial number"}
 _CURVE_NOTE = (
     "The values are those of the identified model at f. The nominal frequencies are those of ISO 266 inside the "
@@ -41,80 +58,47 @@ _CURVE_NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class Field:
-    """A labelled statement; None is a blank to fill."""
-
-    label: str
-    text: str | None
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """A certificate, ready to be set in type.
-
-    Attributes:
-        title: what kind of document it is.
-        number: of the certificate; None is a blank.
-        laboratory: lines of the letterhead; empty for a blank.
-        sensor: one line for the running head.
-        groups: titled lists of fields.
-        instruments: table of instruments used; no rows is a blank to fill.
-        traceability: statement; None is a blank.
-        reference: sensitivity at the reference frequency, and how that was chosen.
-        sensitivity: table at nominal frequencies; None if the band holds no nominal frequency.
-        parameters: table of the model's parameters.
-        statements: paragraphs on uncertainty, phase and adequacy.
-        doubts: title and sentences of each warning.
-        remarks: as stated.
-        signatures: who signs, and where.
-        files: data files with their SHA-256.
-        made_by: program and time of the evaluation.
-    """
-
-    title: str
-    number: str | None
-    laboratory: tuple[str, ...]
-    sensor: str
-    groups: tuple[tuple[str, tuple[Field, ...]], ...]
-    instruments: Table
-    traceability: str | None
-    reference: tuple[Field, ...]
-    sensitivity: Table | None
-    parameters: Table
-    statements: tuple[str, ...]
-    doubts: tuple[tuple[str, tuple[str, ...]], ...]
-    remarks: tuple[str, ...]
-    signatures: tuple[Field, ...]
-    files: Table
-    made_by: str
-
-
-def certificate(result: Result) -> Certificate:
-    """Say everything that a certificate states of a result."""
-    stated = result.certificate
-    letterhead = (stated.get(key) for key in ("laboratory", "laboratory_address", "accreditation"))
-    return Certificate(
-        title="Calibration certificate",
-        number=_text(stated, "number"),
-        laboratory=tuple(str(line) for line in letterhead if line),
-        sensor=sensor_name(result.sensor),
-        groups=_groups(result),
-        instruments=_instruments(stated),
-        traceability=_text(stated, "traceability"),
-        reference=_reference(result),
-        sensitivity=sensitivity_table(result),
-        parameters=_parameters(result),
-        statements=_statements(result),
-        doubts=_doubts(result),
-        remarks=_remarks(stated),
-        signatures=(
-            Field("Calibrated by", _text(stated, "operator")),
-            Field("Approved by", _text(stated, "approved_by")),
-        ),
-        files=_files(result),
-        made_by=_made_by(result),
+def certificate(result: Result) -> Document:
+    """Everything that a certificate states of a result, to be signed."""
+    stated, curve = result.certificate, figures.sensitivity(result) if len(result.response.frequency_hz) > 1 else None
+    nominal = sensitivity(result) or Sentence("The measured band holds no nominal one-third-octave frequency.")
+    sections = [
+        section("instruments", "Instruments", instruments(result)),
+        section("traceability", "Traceability", Sentence(_text(stated, "traceability") or "")),
+        section("reference", "Result at the reference frequency", reference(result)),
+        section("limits", "What limits these results", *_doubts(result)),
+        section("sensitivity", "Sensitivity at nominal frequencies", nominal),
+        section("curve", "Sensitivity over frequency", curve and replace(curve, caption="")),
+        section("parameters", "Parameters of the model", parameters(result)),
+        section("data", "Data", _files(result)),
+        section("statements", "Statements", *map(Sentence, statements(result))),
+        section("remarks", "Remarks", *map(Sentence, remarks(result))),
+        section("signatures", "", Signatures(signatures(result))),
+    ]
+    return replace(
+        document("Calibration certificate", (Beside(groups(result)),), sections), letterhead=letterhead(result)
     )
+
+
+def letterhead(result: Result) -> Letterhead:
+    """Who issues the certificate, its number, and what stands on each of its pages."""
+    stated = result.certificate
+    lines = (stated.get(key) for key in ("laboratory", "laboratory_address", "accreditation"))
+    version, time = result.provenance.get("vibrident"), result.provenance.get("time")
+    made_by = f"vibrident{f' {version}' if version else ''}" + (f", {time}" if time else "")
+    return Letterhead(
+        lines=tuple(str(line) for line in lines if line),
+        number=_text(stated, "number"),
+        subject=sensor_name(result.sensor),
+        foot=f"Evaluated with {made_by}. The results hold for the object and the conditions stated.",
+        date=date_of(result),
+    )
+
+
+def signatures(result: Result) -> tuple[Row, ...]:
+    """Who signs."""
+    labels = {"operator": "Calibrated by", "approved_by": "Approved by"}
+    return tuple((label, _text(result.certificate, key)) for key, label in labels.items())
 
 
 def _text(stated: Mapping[str, Any], key: str) -> str | None:
@@ -122,40 +106,41 @@ def _text(stated: Mapping[str, Any], key: str) -> str | None:
     return None if value is None or value == "" else str(value)
 
 
-def _groups(result: Result) -> tuple[tuple[str, tuple[Field, ...]], ...]:
+def groups(result: Result) -> tuple[Facts, ...]:
+    """What was calibrated, for whom, under which conditions and how."""
     stated, sensor = result.certificate, result.sensor
     others = {key: value for key, value in sensor.items() if key not in _SENSOR and value}
-    device = [Field(label, _text(sensor, key)) for key, label in _SENSOR.items()]
-    device += [Field(_words(key), str(value)) for key, value in others.items()]
+    device = [(label, _text(sensor, key)) for key, label in _SENSOR.items()]
+    device += [(_words(key), str(value)) for key, value in others.items()]
     device += _given(stated, {"condition": "Condition on receipt"})
-    order = [Field("Customer", _lines(stated, "customer", "customer_address"))]
+    order = [("Customer", _lines(stated, "customer", "customer_address"))]
     order += _given(stated, {"order_number": "Order number", "date_of_receipt": "Date of receipt"})
-    order += [Field("Date of calibration", _text(stated, "date_of_calibration"))]
-    order += [Field("Date of issue", _text(stated, "date_of_issue")), *_given(stated, {"place": "Place"})]
-    conditions = [Field("Mounting", _text(stated, "mounting"))]
+    order += [("Date of calibration", _text(stated, "date_of_calibration"))]
+    order += [("Date of issue", _text(stated, "date_of_issue")), *_given(stated, {"place": "Place"})]
+    conditions = [("Mounting", _text(stated, "mounting"))]
     conditions += _given(
         stated, {"direction": "Direction", "amplitude": "Amplitude", "conditioning": "Signal conditioning"}
     )
-    conditions += [Field("Temperature", _ambient(stated, "temperature", "c", "°C"))]
-    conditions += [Field("Relative humidity", _ambient(stated, "relative_humidity", "percent", "%"))]
+    conditions += [("Temperature", _ambient(stated, "temperature", "c", "°C"))]
+    conditions += [("Relative humidity", _ambient(stated, "relative_humidity", "percent", "%"))]
     if stated.get("air_pressure_hpa") is not None:
-        conditions.append(Field("Air pressure", _ambient(stated, "air_pressure", "hpa", "hPa")))
+        conditions.append(("Air pressure", _ambient(stated, "air_pressure", "hpa", "hPa")))
     quantity = result.reference.get("quantity", "acceleration")
     method = [
-        Field("Procedure", _text(stated, "procedure")),
-        Field("Reference quantity", f"{quantity}, in {pretty(reference_unit(result))}"),
-        Field("Measured band", _band(result)),
-        Field("Evaluation", f"model {result.model}, estimator {result.estimator}"),
+        ("Procedure", _text(stated, "procedure")),
+        ("Reference quantity", f"{quantity}, in {pretty(reference_unit(result))}"),
+        ("Measured band", _band(result)),
+        ("Evaluation", f"model {result.model}, estimator {result.estimator}"),
     ]
-    groups = [("Object", device), ("Order", order), ("Conditions", conditions), ("Method", method)]
-    further = [Field(_words(key), _plain(value)) for key, value in stated.items() if key not in _PLACED]
-    groups += [("Further statements", further)] if further else []
-    return tuple((title, tuple(fields)) for title, fields in groups)
+    further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in _PLACED]
+    titled = {"Object": device, "Order": order, "Conditions": conditions, "Method": method}
+    titled |= {"Further statements": further} if further else {}
+    return tuple(Facts(tuple(rows), title) for title, rows in titled.items())
 
 
-def _given(stated: Mapping[str, Any], labels: Mapping[str, str]) -> list[Field]:
-    """Fields that appear only where they are stated."""
-    return [Field(label, str(stated[key])) for key, label in labels.items() if stated.get(key)]
+def _given(stated: Mapping[str, Any], labels: Mapping[str, str]) -> list[Row]:
+    """Rows that appear only where they are stated."""
+    return [(label, str(stated[key])) for key, label in labels.items() if stated.get(key)]
 
 
 def _lines(stated: Mapping[str, Any], *keys: str) -> str | None:
@@ -191,10 +176,11 @@ def _band(result: Result) -> str:
     return f"{band[0]:.5g} Hz to {band[1]:.5g} Hz, {points}"
 
 
-def _instruments(stated: Mapping[str, Any]) -> Table:
+def instruments(result: Result) -> Table:
+    """The instruments used; no rows are a blank to fill."""
     header = ("Instrument", "Manufacturer, type", "Serial number", "Certificate", "Calibrated until")
     rows = []
-    for item in stated.get("instruments") or ():
+    for item in result.certificate.get("instruments") or ():
         entry = item if isinstance(item, Mapping) else {"name": item}
         maker = " ".join(str(entry[key]) for key in ("manufacturer", "type") if entry.get(key))
         rest = (str(entry.get(key) or "") for key in ("serial_number", "certificate", "calibrated_until"))
@@ -202,21 +188,22 @@ def _instruments(stated: Mapping[str, Any]) -> Table:
     return Table(columns(*header), tuple(rows)).telling()
 
 
-def _reference(result: Result) -> tuple[Field, ...]:
+def reference(result: Result) -> Facts:
+    """The sensitivity at the reference frequency, and how that was chosen."""
     point, why = reference_point(result)
     if point is None:
-        return (Field("Reference frequency", None), Field("Reason", f"{why[:1].upper()}{why[1:]}."))
+        return Facts((("Reference frequency", None), ("Reason", f"{why[:1].upper()}{why[1:]}.")))
     scale = sensitivity_scale(result)
     magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
     exact = "" if same(float(point.nominal), point.frequency_hz) else f" (computed at {exact_frequency(point)} Hz)"
-    fields = [
-        Field("Reference frequency", f"{point.nominal} Hz{exact}; {why}"),
-        Field("Magnitude |S|", f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
+    rows: list[Row] = [
+        ("Reference frequency", f"{point.nominal} Hz{exact}; {why}"),
+        ("Magnitude |S|", f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
     ]
     if point.phase_deg is not None:
         phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
-        fields.append(Field("Phase of S", f"{phase}°{_bar(phase_u, '°')}"))
-    return tuple(fields)
+        rows.append(("Phase of S", f"{phase}°{_bar(phase_u, '°')}"))
+    return Facts(tuple(rows))
 
 
 def _bar(expanded: str, unit: str) -> str:
@@ -224,7 +211,7 @@ def _bar(expanded: str, unit: str) -> str:
     return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {COVERAGE_FACTOR:g})"
 
 
-def sensitivity_table(result: Result) -> Table | None:
+def sensitivity(result: Result) -> Table | None:
     """Magnitude, phase and U at the nominal frequencies of the measured band; None if it holds no nominal frequency."""
     points = nominal_points(result)
     if not points:
@@ -252,7 +239,7 @@ def _row(point: Point, factor: float, phases: bool) -> tuple[str, ...]:
     return row + with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0) if phases else row
 
 
-def _parameters(result: Result) -> Table:
+def parameters(result: Result) -> Table:
     """The parameter table without the columns that a certificate does not need."""
     whole = tables.parameters(result)
     few = parameter_factor(result) != COVERAGE_FACTOR
@@ -262,7 +249,8 @@ def _parameters(result: Result) -> Table:
     return replace(kept, notes=(per_g,) if per_g else ())
 
 
-def _statements(result: Result) -> tuple[str, ...]:
+def statements(result: Result) -> tuple[str, ...]:
+    """Paragraphs on uncertainty, phase and adequacy."""
     covers = result.settings.get("uncertainty_covers")
     reference = result.settings.get("reference_standard_uncertainty")
     parts = [
@@ -290,27 +278,25 @@ def _unstated(result: Result) -> bool:
     return any(u is None for u in known)
 
 
-def _doubts(result: Result) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    found = []
+def _doubts(result: Result) -> Iterator[Sentence]:
     for code in result.warning_codes:
-        messages = tuple(warning.message for warning in result.warnings if warning.code == code)
+        messages = (warning.message for warning in result.warnings if warning.code == code)
         title = words.explain(code).title
-        found.append((title[:1].upper() + title[1:], messages))
-    return tuple(found)
+        yield Sentence(" ".join(messages), "doubt", f"{title[:1].upper()}{title[1:]}.")
+    if not (result.warnings or result.fit.adequate):
+        yield Sentence("The model is not adequate for these data.", "doubt")
 
 
-def _remarks(stated: Mapping[str, Any]) -> tuple[str, ...]:
-    remarks = stated.get("remarks") or ()
-    return (remarks,) if isinstance(remarks, str) else tuple(str(remark) for remark in remarks)
+def remarks(result: Result) -> tuple[str, ...]:
+    """As stated."""
+    stated = result.certificate.get("remarks") or ()
+    return (stated,) if isinstance(stated, str) else tuple(str(remark) for remark in stated)
 
 
-def _files(result: Result) -> Table:
+def _files(result: Result) -> Table | None:
+    """Data files with their SHA-256."""
     entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
     rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known)
-    return Table(columns("Data file", "SHA-256"), rows)
-
-
-def _made_by(result: Result) -> str:
-    version, time = result.provenance.get("vibrident"), result.provenance.get("time")
-    return f"vibrident{f' {version}' if version else ''}" + (f", {time}" if time else "")
+    more = (f"and {len(rows) - MOST_FILES} more, listed in result.json",) if len(rows) > MOST_FILES else ()
+    return Table(columns("Data file", "SHA-256"), rows[:MOST_FILES], notes=more) if rows else None

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from vibrident.naming import parameter_name
-from vibrident.present import figures, tables
+from vibrident.present import certificate, figures, tables
 from vibrident.present.budget import budget
-from vibrident.present.certificate import certificate
 from vibrident.present.comparison import beside, comparison_tables
 from vibrident.present.coverage import parameter_factor
 from vibrident.present.history import drift, drift_table, histories
@@ -21,6 +20,7 @@ from vibrident.present.views import (
     Document,
     Facts,
     Folded,
+    Row,
     Section,
     Sentence,
     Table,
@@ -88,10 +88,10 @@ def verdict(result: Result) -> Sentence:
 def cards(result: Result) -> Cards:
     """The sensitivity at the reference frequency, and the estimated parameters."""
     found = []
-    content = certificate(result).reference if result.has_gain else ()
-    if len(content) > 1 and content[0].text:
-        frequency = content[0].text.split(";")[0]
-        found += [(f"{field.label} at {frequency}", field.text or NONE) for field in content[1:]]
+    (_, chosen), *values = certificate.reference(result).rows if result.has_gain else (("", None),)
+    if chosen:
+        frequency = chosen.split(";")[0]
+        found += [(f"{label} at {frequency}", text or NONE) for label, text in values]
     k = parameter_factor(result)
     for name, parameter in result.parameters.items():
         if not parameter.derived:
@@ -108,7 +108,7 @@ def _card(label: str, text: str) -> Card:
 
 
 def _curves(result: Result) -> list[Section]:
-    nominal, measured = certificate(result).sensitivity, tables.measured(result)
+    nominal, measured = certificate.sensitivity(result), tables.measured(result)
     folded = (
         None if nominal is None else Folded("Table at nominal frequencies", (nominal,)),
         None if measured is None else Folded("Table of measured points", (measured,)),
@@ -139,15 +139,12 @@ def _settings(result: Result) -> Sequence[Block]:
 
 def _certificate(result: Result) -> tuple[Block | None, ...]:
     """What the certificate says besides the numbers; blanks are left as blanks."""
-    content = certificate(result)
-    rows: list[tuple[str, str | None]] = [
-        ("Number", content.number),
-        ("Laboratory", ", ".join(content.laboratory) or None),
-    ]
-    rows += [(field.label, field.text) for _, group in content.groups for field in group]
-    rows += [("Traceability", content.traceability), *((field.label, field.text) for field in content.signatures)]
-    rows += [("Remark", remark) for remark in content.remarks]
-    return Facts(tuple(rows)), (content.instruments if content.instruments.rows else None)
+    head, instruments = certificate.letterhead(result), certificate.instruments(result)
+    rows: list[Row] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
+    rows += [row for group in certificate.groups(result) for row in group.rows]
+    rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
+    rows += [("Remark", remark) for remark in certificate.remarks(result)]
+    return Facts(tuple(rows)), (instruments if instruments.rows else None)
 
 
 def _provenance(result: Result) -> tuple[Block, ...]:

@@ -10,7 +10,20 @@ from urllib.parse import quote
 
 from vibrident.escaping import markdown, markdown_paragraph
 from vibrident.present.formulas import typeset
-from vibrident.present.views import Block, Card, Cards, Document, Doubt, Facts, Figure, Folded, Gallery, Sentence, Table
+from vibrident.present.views import (
+    Beside,
+    Block,
+    Card,
+    Cards,
+    Document,
+    Doubt,
+    Facts,
+    Figure,
+    Folded,
+    Sentence,
+    Signatures,
+    Table,
+)
 
 _BAR = re.compile(r"(?<!\\)\|")
 
@@ -71,14 +84,14 @@ def _block(block: Block, pictures: Mapping[str, str]) -> str:
     if isinstance(block, Sentence):
         lead = f"**{cell(block.lead)}** " if block.lead else ""
         return lead + (cell(block.text) if lead else _paragraph(block.text))
-    if isinstance(block, Facts):
+    if isinstance(block, Facts | Signatures):
         return table(("", ""), [(cell(name), "" if text is None else cell(text)) for name, text in block.rows])
     if isinstance(block, Cards):
         return "\n".join(f"- {_card(card)}" for card in block.cards)
     if isinstance(block, Doubt):
         return _doubt(block)
-    if isinstance(block, Folded | Gallery):
-        return "\n\n".join(_blocks(block.blocks if isinstance(block, Folded) else block.figures, pictures))
+    if isinstance(block, Folded | Beside):
+        return "\n\n".join(_blocks(block.blocks, pictures))
     if isinstance(block, Figure):
         link = pictures.get(block.name)
         return f"![{cell(block.title)}](<{link}>)\n\n*{cell(block.caption)}*" if link else ""

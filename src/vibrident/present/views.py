@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -115,12 +116,23 @@ class Sentence:
     end: str = ""
 
 
+#: A name and a text; None is a blank to fill.
+Row = tuple[str, str | None]
+
+
 @dataclass(frozen=True)
 class Facts:
-    """Names and texts; None is a blank to fill."""
+    """Names and texts."""
 
-    rows: tuple[tuple[str, str | None], ...]
+    rows: tuple[Row, ...]
     title: str = ""
+
+
+@dataclass(frozen=True)
+class Signatures:
+    """Lines to sign on: what for, and by whom."""
+
+    rows: tuple[Row, ...]
 
 
 @dataclass(frozen=True)
@@ -291,13 +303,13 @@ class Folded:
 
 
 @dataclass(frozen=True)
-class Gallery:
-    """Small pictures, as many beside each other as there is room for."""
+class Beside:
+    """Small pictures or lists, as many beside each other as there is room for."""
 
-    figures: tuple[Figure, ...]
+    blocks: tuple[Block, ...]
 
 
-Block = Sentence | Facts | Cards | Doubt | Table | Figure | Gallery | Folded
+Block = Sentence | Facts | Signatures | Cards | Doubt | Table | Figure | Beside | Folded
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,6 +321,25 @@ class Section:
     blocks: tuple[Block, ...]
 
 
+@dataclass(frozen=True)
+class Letterhead:
+    """Of a document that is issued.
+
+    Attributes:
+        lines: who issues it; empty for a blank.
+        number: None is a blank.
+        subject: on each page, beside the title.
+        foot: below each page.
+        date: of the document.
+    """
+
+    lines: tuple[str, ...]
+    number: str | None
+    subject: str
+    foot: str
+    date: datetime.date | None
+
+
 @dataclass(frozen=True, eq=False)
 class Document:
     """A document: title, head, and sections that are not empty."""
@@ -316,6 +347,7 @@ class Document:
     title: str
     head: tuple[Block, ...]
     sections: tuple[Section, ...]
+    letterhead: Letterhead | None = None
 
 
 def section(name: str, title: str, *blocks: Block | None) -> Section:
