@@ -52,6 +52,34 @@ def test_a_record_without_the_motion_is_told_from_one_full_of_noise(excitation):
     assert missed <= 1
 
 
+FAR_ABOVE = {"sensitivity": 0.1, "natural_frequency": 150.0, "damping_ratio": 0.02, "delay": 300.3e-4}
+RINGING = {"sensitivity": 0.1, "natural_frequency": 1300.0, "damping_ratio": 0.001, "delay": 0.0}
+
+
+@pytest.mark.parametrize("p", [FAR_ABOVE, RINGING])
+@pytest.mark.parametrize("rest", [0.0, 0.45])
+def test_free_motion_and_a_late_response_hide_no_motion(p, rest):
+    """Records of 1000 samples that begin in the middle of free motion, or of a motion after rest, late by up to 300.
+
+    Free motion at the natural frequency is up to a hundred times the response at the others.
+    """
+    motion = {"frequencies_hz": (50.0, 2000.0), "samples": 1450, "sampling_rate_hz": 10e3, "repeats": 8}
+    made = simulate(("accelerometer+delay", p), "random", response_noise=1e-3, **motion, seed=4).records
+    begin = 0 if rest else 450  # simulated records begin at rest
+    still = np.zeros(int(1000 * rest))
+    cut = []
+    for record in made:
+        channels = [
+            np.concatenate([still + 1e-3 * np.std(v) * np.random.default_rng(1).standard_normal(still.size), v[begin:]])
+            for v in (record.reference, record.response)
+        ]
+        cut.append(replace(record, reference=channels[0][:1000], response=channels[1][:1000], valid=None))
+    found = measure_bands(cut)
+    true = parse("accelerometer+delay").frequency_response(p, found.frequency_hz)
+    assert uncorrelated_records(found) == []
+    assert np.median(np.abs(found.ratio / true - 1.0)) < 0.15
+
+
 def test_nothing_without_a_reference_or_motion():
     decay = simulate(("accelerometer", P), "decay", samples=1000).records
     assert measure_bands(decay) is None

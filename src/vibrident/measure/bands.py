@@ -7,13 +7,14 @@ that hold enough of the excitation. Start values and pictures come from it, neve
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
+from vibrident.measure.alignment import aligned, bulk_delay, whitened
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.tails import gamma_tail
@@ -42,10 +43,6 @@ LEAST_COHERENCE, FEWEST_BANDS = 0.4, 6
 OWN_POWER, TAPER, LEAKED = 0.5, 1.0 / 64.0, 0.1
 #: A band is not used if noise of the reference makes up more than this part of the prediction.
 MOST_SHARED = 0.3
-#: A response that comes so many samples late turns its phase within a band, and is moved back first. Frequencies below
-#: this part of the largest power hardly count in the impulse response, of whose peaks of about one height the first is
-#: taken: a motion that repeats has several.
-LATE, WHITENED, FIRST_PEAK = 4, 1e-3, 0.9
 #: A displacement holds so much more at low frequencies that these would leak over all others; differences of both
 #: channels, sample by sample, are level and have the same ratio.
 DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
@@ -53,9 +50,49 @@ DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
 
 def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration") -> MeasuredResponse | None:
     """Banded response of records with a reference of this quantity; None if no band holds excitation."""
-    times = DIFFERENCES.get(quantity, 0)
-    parts = [part for index, r in enumerate(records) if (part := _measure(index, r, times)) is not None]
+    level = [
+        (index, _differenced(r, DIFFERENCES.get(quantity, 0)))
+        for index, r in enumerate(records)
+        if r.reference is not None
+    ]
+    late = _delay_by_rate([record for _, record in level])
+    parts = [part for index, record in level if (part := _clearer(index, record, late)) is not None]
     return MeasuredResponse.join(parts) if parts else None
+
+
+def _delay_by_rate(records: Sequence[Record]) -> dict[float, int]:
+    """Sampling rate to the delay, in samples, of all records of that rate together: one sensor has one delay."""
+    longest: dict[float, int] = {}
+    for record in records:
+        longest[record.sampling_rate_hz] = max(record.samples, longest.get(record.sampling_rate_hz, 0))
+    return {
+        rate: bulk_delay((whitened(r) for r in records if r.sampling_rate_hz == rate), samples)
+        for rate, samples in longest.items()
+    }
+
+
+def _clearer(index: int, record: Record, late: Mapping[float, int]) -> MeasuredResponse | None:
+    """The bands of a record as it is, or whitened and moved by the delay of all: where the two channels agree more."""
+    white = whitened(record)
+    looks = [_measure(index, record, bulk_delay([record], record.samples))]
+    if white is not None:
+        looks.append(_measure(index, white, late[record.sampling_rate_hz]))
+    found = [look for look in looks if look is not None]
+    return max(found, key=lambda look: float(np.sum(_evidence_of_motion(look))), default=None)
+
+
+def _evidence_of_motion(bands: MeasuredResponse, least: float = 0.0) -> FloatArray:
+    """−(n − 1) log(1 − γ²) of each band, counted from the coherence ``least``, shape (bands,)."""
+    lines = np.sum(bands.line_weight, axis=1)
+    freedom = np.maximum(INDEPENDENT * lines - 1.0, 1.0)
+    apart = 1.0 - np.clip(_coherence(bands), 0.0, 1.0 - 1e-12)
+    return -freedom * np.log(np.minimum(apart / (1.0 - least), 1.0))
+
+
+def _coherence(bands: MeasuredResponse) -> FloatArray:
+    """γ² of each band, shape (bands,)."""
+    total = 2.0 * np.sum(np.abs(bands.line_response) ** 2 * bands.line_weight, axis=1)
+    return np.abs(bands.response) ** 2 / np.maximum(total, np.finfo(float).tiny)
 
 
 def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
@@ -65,16 +102,12 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials. Where only coherent bands were kept, it counts from
     there on.
     """
-    lines = np.sum(bands.line_weight, axis=1)
-    total = 2.0 * np.sum(np.abs(bands.line_response) ** 2 * bands.line_weight, axis=1)
-    share = np.abs(bands.response) ** 2 / np.maximum(total, np.finfo(float).tiny)
-    apart = 1.0 - np.clip(share, 0.0, 1.0 - 1e-12)
+    share = _coherence(bands)
     found = []
     for record in np.unique(bands.record).tolist():
         own = bands.record == record
-        kept = 1.0 - LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 1.0
-        freedom = np.maximum(INDEPENDENT * lines[own] - 1.0, 1.0)
-        statistic = float(np.sum(-freedom * np.log(np.minimum(apart[own] / kept, 1.0))))
+        least = LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 0.0
+        statistic = float(np.sum(_evidence_of_motion(bands, least)[own]))
         if gamma_tail(float(own.sum()), statistic) > BY_CHANCE:
             found.append(int(record))
     return found
@@ -91,12 +124,9 @@ def band_edges(samples: int, rate: float) -> FloatArray:
     return np.array(edges, dtype=float)
 
 
-def _measure(index: int, record: Record, differences: int) -> MeasuredResponse | None:
-    if record.reference is None:
-        return None
-    late = bulk_delay(record, differences)
-    whole = _differenced(record, differences)
-    record = _aligned(whole, late)
+def _measure(index: int, whole: Record, late: int) -> MeasuredResponse | None:
+    """The bands of a record whose response comes so many samples late."""
+    record = aligned(whole, late)
     n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
     assert record.reference is not None
     window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
@@ -133,49 +163,6 @@ def _measure(index: int, record: Record, differences: int) -> MeasuredResponse |
     freedom = np.maximum(2.0 * counts - 2.0, 1.0)
     owner = np.full(keep.size, index)
     return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
-
-
-def bulk_delay(record: Record, differences: int = 0) -> int:
-    """Samples by which the response comes later than the motion: the peak of the impulse response.
-
-    Zero where it is too small to matter: the phase then hardly turns within a band.
-
-    Args:
-        record: with a reference.
-        differences: how often the reference is differenced to be level as an acceleration is.
-    """
-    moved = _differenced(record, differences)
-    assert moved.reference is not None
-    n = record.samples
-    size: int = 2 * n
-    if not record.mask.any() or not moved.reference_mask.any():
-        return 0
-    channels = (moved.reference, moved.reference_mask), (record.response, record.mask)
-    x, y = (np.asarray(fft.rfft(np.where(m, v - v[m].mean(), 0.0), size), dtype=complex) for v, m in channels)
-    power = np.abs(x) ** 2
-    whitened = y * np.conj(x) / (power + WHITENED * np.max(power) + np.finfo(float).tiny)
-    impulse = np.abs(np.asarray(fft.irfft(whitened, size)))
-    lags = np.arange(size)
-    lags = np.where(lags < size // 2, lags, lags - size)
-    high = (impulse >= FIRST_PEAK * np.max(impulse)) & (np.abs(lags) <= n // 2)
-    lag = int(lags[high][np.argmin(np.abs(lags[high]))]) if np.any(high) else 0
-    return lag if abs(lag) >= LATE else 0
-
-
-def _aligned(record: Record, late: int) -> Record:
-    """The record with its response moved back by so many samples; samples without a counterpart are cut off."""
-    if late == 0:
-        return record
-    assert record.reference is not None
-    n = record.samples - abs(late)
-    first, second = slice(max(-late, 0), max(-late, 0) + n), slice(max(late, 0), max(late, 0) + n)
-    return replace(
-        record,
-        reference=record.reference[first],
-        response=record.response[second],
-        valid=record.mask[second] & record.reference_mask[first],
-        reference_valid=None,
-    )
 
 
 def _differenced(record: Record, times: int) -> Record:

@@ -1,0 +1,102 @@
+"""Records made ready for bands: both channels through one filter that makes the response white, and moved together.
+
+The ratio of the channels stays, whatever the filter. A response is whitened by the error of its prediction from its own
+last samples. Free motion of a linear sensor is predicted exactly, as it obeys the same recursion, and so drops out of
+a filter that has learnt the sensor's poles; what is left is as strong at high frequencies as at low ones and leaks
+little (prewhitening; Jenkins & Watts, Spectral Analysis, 1968, sec. 8.2.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy import fft
+
+from vibrident.records import FloatArray, Record
+
+#: Samples that predict the next: two for each mode of a sensor with two, one for a high-pass, the rest for the motion.
+ORDER = 8
+#: Fewer samples for each coefficient do not tell the filter.
+FEWEST_FOR_EACH = 20
+#: A response that comes so many samples late turns its phase within a band, and is moved back.
+LATE = 4
+#: Frequencies below this part of the largest power hardly count in the impulse response.
+WHITENED = 1e-3
+#: Of its peaks of at least this part of the highest the nearest is taken: a motion that repeats has several.
+FIRST_PEAK = 0.9
+#: No noise is believed to be below this part of the response (standard deviations).
+LEAST_NOISE = 1e-7
+TINY = float(np.finfo(float).tiny)
+
+
+def whitened(record: Record) -> Record | None:
+    """The record with both channels filtered, shorter by the filter; None where too few samples are valid."""
+    assert record.reference is not None
+    used = record.mask & record.reference_mask
+    if used.sum() < FEWEST_FOR_EACH * ORDER:
+        return None
+    response, reference = (
+        np.where(used, values - values[used].mean(), 0.0) for values in (record.response, record.reference)
+    )
+    coefficients = _prediction_error(response)
+    known = np.convolve(~used, np.ones(ORDER + 1))[ORDER : record.samples] < 0.5
+    if known.sum() < FEWEST_FOR_EACH * ORDER:
+        return None
+    reference, response = (np.convolve(v, coefficients, mode="valid") for v in (reference, response))
+    return replace(record, reference=reference, response=response, valid=known, reference_valid=None)
+
+
+def _prediction_error(values: FloatArray) -> FloatArray:
+    """Coefficients of the filter of least error, the first of them one, shape (ORDER + 1,); ``values`` of zero mean."""
+    n = values.size
+    shifted = [values[ORDER - lag : n - lag] for lag in range(ORDER + 1)]
+    moments = np.array([[float(one @ other) for other in shifted] for one in shifted])
+    least = LEAST_NOISE**2 * max(float(moments[0, 0]), TINY)
+    return np.concatenate([[1.0], -np.linalg.solve(moments[1:, 1:] + least * np.eye(ORDER), moments[1:, 0])])
+
+
+def bulk_delay(records: Iterable[Record | None], samples: int) -> int:
+    """Samples by which responses come later than the motion: the peak of the impulse response of all records together.
+
+    Zero where it is too small to matter: the phase then hardly turns within a band.
+
+    Args:
+        records: of one sampling rate, with a reference that is level as an acceleration is; None is passed over.
+        samples: at least as many as the longest record has.
+    """
+    size = 1 << (2 * samples - 1).bit_length()
+    cross, power = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
+    for record in records:
+        if record is None or not record.mask.any() or not record.reference_mask.any():
+            continue
+        assert record.reference is not None
+        channels = (record.reference, record.reference_mask), (record.response, record.mask)
+        series = [np.where(m, v - v[m].mean(), 0.0) for v, m in channels]
+        # Each over its size, so that one large record does not decide.
+        x, y = (np.asarray(fft.rfft(v / max(float(np.std(v)), TINY), size), dtype=complex) for v in series)
+        cross += y * np.conj(x)
+        power += np.abs(x) ** 2
+    impulse = np.abs(np.asarray(fft.irfft(cross / (power + WHITENED * np.max(power) + TINY), size)))
+    lags = np.arange(size)
+    lags = np.where(lags < size // 2, lags, lags - size)
+    high = (impulse >= FIRST_PEAK * np.max(impulse)) & (np.abs(lags) <= samples // 2)
+    lag = int(lags[high][np.argmin(np.abs(lags[high]))]) if np.any(high) else 0
+    return lag if abs(lag) >= LATE else 0
+
+
+def aligned(record: Record, late: int) -> Record:
+    """The record with its response moved back by so many samples; samples without a counterpart are cut off."""
+    if late == 0:
+        return record
+    assert record.reference is not None
+    n = record.samples - abs(late)
+    first, second = slice(max(-late, 0), max(-late, 0) + n), slice(max(late, 0), max(late, 0) + n)
+    return replace(
+        record,
+        reference=record.reference[first],
+        response=record.response[second],
+        valid=record.mask[second] & record.reference_mask[first],
+        reference_valid=None,
+    )
