@@ -2,10 +2,8 @@
 
 import os
 import shutil
-import signal
+import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -14,7 +12,8 @@ from tests.support.fleets import BROKEN, broken, deadly, fleet, good
 
 import vibrident
 from vibrident.errors import InputError
-from vibrident.fleet import parts
+from vibrident.fleet import Orders, parts
+from vibrident.fleet.process import Ended, Process
 from vibrident.result import Result
 
 GOOD = 6
@@ -150,49 +149,43 @@ def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows):
 
 
 def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly_site, run_fleet):
-    fleet(tmp_path / "data", 1)
     deadly(tmp_path / "data", "slow")
     first = run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01)
-    assert first.tally.statuses == {"failed": 2}
+    assert first.tally.statuses == {"failed": 1}
     assert run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01).computed == 0
     second = run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=60.0)
-    assert (second.computed, second.tally.statuses) == (2, {"identified": 2})
+    assert (second.computed, second.tally.statuses) == (1, {"identified": 1})
     assert run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01).computed == 0
 
 
-@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are found in /proc, which this system lacks")
-def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, deadly_site, run_fleet):
-    deadly(tmp_path / "data", *(f"{number}-slow" for number in range(8)))
-    killed: list[int] = []
+def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch):
+    fleet(tmp_path / "data", 4)
+    victims, exchange = ["s001", "s003"], Process._exchange
 
-    def kill() -> None:
-        until = time.monotonic() + 20
-        while len(killed) < 2 and time.monotonic() < until:
-            time.sleep(0.25)
-            for pid in _workers():
-                if pid not in killed and list((tmp_path / "out/results").glob("*.json")):
-                    os.kill(pid, signal.SIGKILL)
-                    killed.append(pid)
-                    break
+    def killed_once(process, message, seconds):
+        name = Path(message.get("path", "")).parent.name
+        if name in victims:
+            victims.remove(name)
+            process._process.kill()
+        return exchange(process, message, seconds)
 
-    thread = threading.Thread(target=kill)
-    thread.start()
-    outcome = run_fleet([tmp_path / "data"], tmp_path / "out", workers=2)
-    thread.join()
-    assert len(killed) == 2
-    assert outcome.tally.statuses == {"identified": 8}
+    monkeypatch.setattr(Process, "_exchange", killed_once)
+    outcome = run_fleet([tmp_path / "data"], tmp_path / "out")
+    assert not victims
+    assert outcome.tally.statuses == {"identified": 4}
 
 
-def _workers() -> list[int]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if b"vibrident.fleet.worker" in (entry / "cmdline").read_bytes():
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-                found += [int(entry.name)] if parent == os.getpid() else []
-        except (OSError, ValueError):
-            continue
-    return found
+def test_a_process_that_is_ended_while_it_starts_is_given_no_calibration(tmp_path, monkeypatch):
+    process, begin = Process(Orders(str(tmp_path))), subprocess.Popen
+
+    def ended_meanwhile(*arguments, **options):
+        process.end()
+        return begin(*arguments, **options)
+
+    monkeypatch.setattr("vibrident.fleet.process.subprocess.Popen", ended_meanwhile)
+    with pytest.raises(Ended):
+        process.identify("c.toml", "key")
+    assert process._process is None
 
 
 def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, monkeypatch):

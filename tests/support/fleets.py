@@ -58,6 +58,7 @@ if "vibrident.fleet.worker" in sys.orig_argv[-1]:
         if os.path.exists("hungry"):
             bytearray(1 << 46)
         if os.path.exists("hangs"):
+            open("begun", "w").close()
             time.sleep(1000)
         if os.path.exists("slow"):
             time.sleep(0.15)

@@ -84,6 +84,8 @@ class Process:
             raise Ended
         if self._process is None or self._process.poll() is not None:
             self._start()
+            if self.ended:  # before there was a process to kill
+                raise Ended
         answer = self._exchange({"path": path, "key": key}, self.orders.time_limit_s)
         if "unwritable" in answer:
             raise unwritable(answer["unwritable"], self.orders.folder)
