@@ -31,6 +31,19 @@ def test_steps_of_a_displacement_are_no_harmonics_of_the_sensor():
     assert found == 0
 
 
+def test_steps_of_the_response_are_no_harmonics_of_the_sensor():
+    """Of a tone of 2 to 30 steps the converter makes harmonics of 0.1 step and more; one of a step is the sensor's."""
+    rng, found, missed = np.random.default_rng(4), 0, 0
+    for steps, phase in rng.uniform((2.0, 0.0), (30.0, 2.0 * np.pi), (40, 2)):
+        motion = np.cos(TURN + phase)
+        quiet = motion + 1e-4 / steps * rng.standard_normal(N)
+        found += len(heard(motion, np.rint(quiet * steps) / steps, motion))
+        bent = quiet + 0.04 * np.cos(3.0 * TURN)
+        missed += steps > 20.0 and not heard(motion, np.rint(bent * steps) / steps, motion)
+    assert found == 0
+    assert missed == 0
+
+
 def test_harmonics_of_the_response_are_found_beside_a_rounded_reference():
     rng = np.random.default_rng(3)
     motion = np.cos(TURN)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.rounding import converter_step
+from vibrident.measure.rounding import DITHERED, converter_step, rounding_errors
 from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
@@ -73,6 +73,7 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
         residual = np.where(used, record.response - series, 0.0)
         amplitude, variance = _harmonics(residual, used, float(frequency), record.sampling_rate_hz, highest)
         steps = _of_reference_steps(record, used, float(frequency), amplitude)
+        variance += _by_response_steps(record, used, residual, series, float(frequency), highest)
         power = np.where(steps, 0.0, np.abs(amplitude[1:]) ** 2)
         if np.all(steps):
             continue
@@ -102,6 +103,18 @@ def _of_reference_steps(record: Record, used: np.ndarray, frequency: float, resi
         for v in (record.reference, record.response)
     )
     return (reference[1:] < step) & (response[1:] < OWN * np.abs(residual[1:]))
+
+
+def _by_response_steps(
+    record: Record, used: np.ndarray, residual: FloatArray, series: FloatArray, frequency: float, highest: int
+) -> FloatArray | float:
+    """Variance of harmonics 1…highest that the response's converter makes; zero where noise dithers it."""
+    step = converter_step(record.response, record.mask)
+    if step == 0.0 or float(np.std(residual[used])) > DITHERED * step:
+        return 0.0
+    errors = rounding_errors(np.where(used, series, 0.0), used, step, float(record.response[used][0]))
+    made = [_harmonics(e, used, frequency, record.sampling_rate_hz, highest)[0] for e in errors]
+    return np.mean(np.abs(made) ** 2, axis=0) / 2.0
 
 
 def _harmonics(

@@ -14,6 +14,10 @@ import numpy as np
 
 from vibrident.records import BoolArray, FloatArray, Record
 
+#: Noise of so many steps turns rounding errors into white noise.
+DITHERED = 0.6
+#: Number of sizes of a motion within one step, at which its rounding errors are looked at.
+TRIALS = 6
 #: Samples looked at.
 SOME = 20_000
 #: Values closer than this part of the range are equal.
@@ -60,3 +64,21 @@ def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) ->
     own = converter_step(record.response, record.mask)
     other = 0.0 if record.reference is None else converter_step(record.reference, record.reference_mask)
     return None if own == other == 0.0 else (own**2 + other**2 * gain_squares()) / 12.0
+
+
+def rounding_errors(values: FloatArray, used: BoolArray, step: float, origin: float) -> FloatArray:
+    """Rounded less true values, at TRIALS sizes of the motion within one step of its peak, shape (TRIALS, samples).
+
+    Args:
+        values: a channel without its rounding, shape (samples,).
+        used: samples that count; the others, and the mean, are zero, shape (samples,).
+        step: of the converter.
+        origin: a value that the converter gives.
+    """
+    mean = float(np.mean(values[used]))
+    motion = np.where(used, values - mean, 0.0)
+    peak = max(float(np.max(np.abs(motion))), step)
+    factor = 1.0 + ((np.arange(TRIALS) + 0.5) / TRIALS - 0.5) * step / peak
+    sized = factor[:, None] * motion + (mean - origin)
+    errors = step * np.rint(sized / step) - sized
+    return np.where(used, errors - np.mean(errors[:, used], axis=1, keepdims=True), 0.0)

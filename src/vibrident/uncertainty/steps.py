@@ -18,15 +18,11 @@ from numpy import fft
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray
-from vibrident.measure.rounding import converter_step
+from vibrident.measure.rounding import DITHERED, TRIALS, converter_step, rounding_errors
 from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.uncertainty.adequacy import Adequacy
 
-#: Number of sizes within one step.
-TRIALS = 6
-#: Noise of so many steps turns rounding errors into white noise.
-DITHERED = 0.6
 #: An effect counts from so many standard deviations of all points together.
 LEAST = 0.3
 #: A line holds motion if its power exceeds that of rounding errors by this factor.
@@ -112,24 +108,6 @@ def _errors(
         errors = rounding_errors(smooth, used, steps[1], float(record.reference[used][0]))
         found[TRIALS:] = -_coherent(record, errors, predicted, used, response, frequency_hz)
     return found
-
-
-def rounding_errors(values: FloatArray, used: BoolArray, step: float, origin: float) -> FloatArray:
-    """Rounded less true values, at TRIALS sizes of the motion within one step of its peak, shape (TRIALS, samples).
-
-    Args:
-        values: a channel without its rounding, shape (samples,).
-        used: samples that count; the others, and the mean, are zero, shape (samples,).
-        step: of the converter.
-        origin: a value that the converter gives.
-    """
-    mean = float(np.mean(values[used]))
-    motion = np.where(used, values - mean, 0.0)
-    peak = max(float(np.max(np.abs(motion))), step)
-    factor = 1.0 + ((np.arange(TRIALS) + 0.5) / TRIALS - 0.5) * step / peak
-    sized = factor[:, None] * motion + (mean - origin)
-    errors = step * np.rint(sized / step) - sized
-    return np.where(used, errors - np.mean(errors[:, used], axis=1, keepdims=True), 0.0)
 
 
 def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> FloatArray | None:
