@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.errors import InputError
-from vibrident.interferometer.decimation import HALF, PASS, Decimator, decimated_length, taps
+from vibrident.interferometer.decimation import HALF, PASS, decimated_length, filtered, taps
 from vibrident.interferometer.setting import FloatArray, Signals
 
 #: Pieces of the signal in which the carrier is searched.
@@ -26,8 +26,6 @@ FLOOR = 30.0
 MARGIN = 1.6
 #: Usable part of the room beside the carrier.
 ROOM = 0.8
-#: Samples mixed down at once.
-PART_LENGTH = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +83,9 @@ class Baseband:
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
-        parts = [self._part(s, min(s + PART_LENGTH, stop)) for s in range(start, stop, PART_LENGTH)]
-        return np.concatenate(parts, axis=1)
-
-    def _part(self, start: int, stop: int) -> FloatArray:
-        begin = start * self.factor
-        end = min((stop - 1) * self.factor + 2 * self.first + 1, self.raw.samples)
         cycles = self.carrier_hz / self.raw.rate_hz
         kernel = taps(self.factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * self.first + 1))
-        whole = np.concatenate([self.raw.block(begin, end), np.zeros((1, self.factor))], axis=1)
-        mixed = Decimator(self.factor, 1, kernel).feed(whole)[0, : stop - start]
+        mixed = filtered(self.raw, self.factor, kernel, start, stop)[0]
         turn = np.mod(cycles * self.factor * np.arange(start, start + mixed.shape[0]), 1.0)
         mixed = 2.0 * mixed * np.exp(-2j * np.pi * turn)
         return np.stack([mixed.real, mixed.imag])

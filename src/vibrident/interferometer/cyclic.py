@@ -77,11 +77,25 @@ def waves(phase: FloatArray) -> FloatArray:
 
 
 def cyclic_error(
-    signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], fringes_a_sample: float
+    signals: Signals,
+    ellipse: Ellipse,
+    knots: Sequence[tuple[float, Ellipse]],
+    fringes_a_sample: float,
+    highest_hz: float,
 ) -> Cyclic | None:
-    """Measure the cyclic error of a record; None if the record is too short, or its signal lost."""
-    length = int(np.clip(FRINGES / max(fringes_a_sample, 1e-9), SHORTEST, LONGEST))
-    if signals.samples < 2 * length:
+    """Measure the cyclic error of a record; None if the record or a period of its motion is too short, or its signal
+    lost.
+
+    Args:
+        signals: two in quadrature.
+        ellipse: that the phase is from.
+        knots: sample index and ellipse, where it changes; else empty.
+        fringes_a_sample: mean length of the phase's path between samples, turns.
+        highest_hz: of the motion: within a period of it, the polynomial is the motion.
+    """
+    period = signals.rate_hz / max(highest_hz, 1e-300)
+    length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), SHORTEST), LONGEST, period))
+    if length < SHORTEST or signals.samples < 2 * length:
         return None
     starts = np.unique(np.linspace(0, signals.samples - length, min(PIECES, signals.samples // length)).astype(int))
     polynomials, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), DEGREE))

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import signal
 
-from vibrident.interferometer.setting import BoolArray, FloatArray
+from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 
 #: Edge of the pass band over the new rate.
 PASS = 0.4
@@ -23,6 +24,8 @@ STOP = 0.6
 ATTENUATION_DB = 130.0
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
+#: New samples made at once.
+AT_ONCE = 1 << 13
 #: Positions between two samples at which the interpolation filter is tabulated; linear between them.
 PLACES = 4096
 
@@ -91,6 +94,57 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
         values[done : done + part.shape[0]] = part
         done += part.shape[0]
     return values
+
+
+def filtered(raw: Signals, factor: int, kernel: np.ndarray, start: int, stop: int) -> Any:
+    """New samples ``start`` up to ``stop`` of signals that are read block by block, shape (signals, stop − start).
+
+    Args:
+        raw: the signals.
+        factor: distance of the new samples, in theirs.
+        kernel: real or complex, shape (2 · HALF · factor + 1,).
+        start: first new sample.
+        stop: behind the last.
+    """
+    parts = []
+    for begin in range(start, stop, AT_ONCE):
+        end = min(begin + AT_ONCE, stop)
+        u = raw.block(begin * factor, min((end - 1) * factor + kernel.shape[0], raw.samples))
+        whole = np.concatenate([u, np.zeros((u.shape[0], factor))], axis=1)  # completes the last filter
+        parts.append(Decimator(factor, u.shape[0], kernel).feed(whole)[:, : end - begin])
+    return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Slower:
+    """Signals at a lower rate: of slow signals the same with less noise in a sample.
+
+    Attributes:
+        raw: the signals.
+        factor: decimation.
+    """
+
+    raw: Signals
+    factor: int
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each signal."""
+        return decimated_length(self.raw.samples, self.factor)
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return self.raw.rate_hz / self.factor
+
+    @property
+    def first(self) -> int:
+        """Position of the first sample in the raw signals."""
+        return HALF * self.factor
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
+        return np.asarray(filtered(self.raw, self.factor, taps(self.factor), start, stop))
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:

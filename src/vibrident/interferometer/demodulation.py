@@ -66,6 +66,7 @@ def demodulate(
     factor: int,
     name: str,
     near_hz: float | None,
+    highest_hz: float,
     carrier_hz: float | None = None,
 ) -> Demodulated:
     """Make a displacement of two signals in quadrature.
@@ -78,6 +79,7 @@ def demodulate(
         factor: optical samples for each of the displacement.
         name: of the record, for messages.
         near_hz: approximate frequency of a sine; None for other motion.
+        highest_hz: of the motion: that of a sine, or the highest that stands above the noise.
         carrier_hz: of the heterodyne signal, if any.
 
     Raises:
@@ -105,7 +107,7 @@ def demodulate(
     open_gaps = int(np.unique(piece[~spoilt]).size - 1)
     noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
     excerpt = slice(0, EXCERPT)
-    around = cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples)
+    around = cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
     answer = _answer(values, valid, rate, found, choice, signals, around)
     summary = OpticalSummary(
         setting,

@@ -15,7 +15,7 @@ from vibrident.interferometer.carrier import Baseband
 from vibrident.interferometer.choice import Choice, choose, of_carrier
 from vibrident.interferometer.demodulation import Demodulated, demodulate
 from vibrident.interferometer.effects import effects
-from vibrident.interferometer.rough import highest_frequency, rough_frequency
+from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.interferometer.setting import FloatArray, Interferometer, Signals
 from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
@@ -91,7 +91,7 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Cali
     opened = [
         _open(part, name, calibration, section, folder) for part, name in parts if part.entry.excitation != "decay"
     ]
-    seen, choices = _looked_at(opened, setting)
+    opened, seen, choices = _looked_at(opened, setting)
     records: dict[str, Record] = {}
     moving = any(one.part.entry.excitation != "sine" for one in opened)
     for one, look, choice in zip(opened, seen, choices, strict=True):
@@ -129,11 +129,19 @@ def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
     return found
 
 
-def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[Survey], list[Choice]]:
+def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[_Opened], list[Survey], list[Choice]]:
+    """The records, those of a small motion without needless noise, with their ellipses."""
     seen = [survey(one.optical) for one in opened]
     if setting.kind == "heterodyne":
-        return seen, [of_carrier(look, index) for index, look in enumerate(seen)]
-    return seen, choose(seen, [one.name for one in opened])
+        return list(opened), seen, [of_carrier(look, index) for index, look in enumerate(seen)]
+    slow = [_slower(one, look) for one, look in zip(opened, seen, strict=True)]
+    seen = [look if one is was else survey(one.optical) for one, was, look in zip(slow, opened, seen, strict=True)]
+    return slow, seen, choose(seen, [one.name for one in opened])
+
+
+def _slower(one: _Opened, look: Survey) -> _Opened:
+    found = None if look.whole else slower(one.optical)
+    return one if found is None else replace(one, optical=found, offset_s=found.first / one.optical.rate_hz)
 
 
 def _open(part: Part, name: str, calibration: CalibrationFile, section: InterferometerSection, folder: Path) -> _Opened:
@@ -214,9 +222,9 @@ def _record(
     top = near or highest_frequency(one.optical, choice)
     thinned = one.beside or not sine
     every = alignment.thinning(one.response.samples, one.response.rate_hz, top, sine=sine) if thinned else 1
-    alike = one.beside and one.carrier_hz is None
+    alike = one.beside and one.offset_s == 0.0
     factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
-    found = demodulate(one.optical, setting, look, choice, factor, one.name, near, one.carrier_hz)
+    found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
     aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
     aligned = aligned.accelerated if moving else aligned
     to_response = calibration.response

@@ -1,0 +1,44 @@
+"""A faster converter with the same density of noise knows no less."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vibrident.interferometer.choice import choose
+from vibrident.interferometer.demodulation import demodulate
+from vibrident.interferometer.effects import effects
+from vibrident.interferometer.rough import slower
+from vibrident.interferometer.setting import Held, Interferometer
+from vibrident.interferometer.survey import survey
+
+SETTING = Interferometer("quadrature", 632.991e-9, direction=1)
+HERTZ, SECONDS, SLOWEST = 1e4, 0.04, 4e5
+
+
+def found(rate, swing, noise, seed):
+    """Error of a sine's amplitude, and its u by the ellipse, from a record of less than a fringe."""
+    random = np.random.default_rng([seed, int(rate)])
+    time = np.arange(int(rate * SECONDS)) / rate
+    phase = swing * np.cos(2.0 * np.pi * HERTZ * time + 0.3) + 0.7 + seed
+    u = np.stack([0.05 + np.cos(phase), -0.03 + 0.85 * np.sin(phase + 0.12)])
+    u = u + noise * np.sqrt(rate / SLOWEST) * random.standard_normal(u.shape)
+    signals = Held(u, rate)
+    signals = slower(signals) or signals
+    seen = survey(signals)
+    (choice,) = choose([seen], ["a"])
+    made = demodulate(signals, SETTING, seen, choice, 1, "a", HERTZ, HERTZ)
+    found = effects([made.answer])
+    assert not [effect for effect in found if effect.kind == "cyclic"]
+    reference = np.sqrt(2.0) * np.std(made.displacement_m) / SETTING.metres_per_radian
+    return reference / swing - 1.0, float(np.linalg.norm([effect.standard_uncertainty for effect in found]))
+
+
+@pytest.mark.parametrize(("swing", "noise"), [(0.5, 0.03), (1.0, 0.03), (1.5, 0.01)])
+def test_u_of_a_small_motion_does_not_rise_with_the_optical_rate(swing, noise):
+    """Nor is its turning taken for a cyclic error, which made u ten to a thousand times as large."""
+    slow, fast = ([found(rate, swing, noise, seed) for seed in (1, 2)] for rate in (SLOWEST, 4.0 * SLOWEST))
+    for (_, before), (_, after) in zip(slow, fast, strict=True):
+        assert after < 1.15 * before
+    for off, u in slow + fast:
+        assert abs(off) < 4.0 * u + 3.0 * noise / np.sqrt(SECONDS * SLOWEST)
