@@ -192,7 +192,7 @@ def _moving(
     if judgement.found:
         shape = patterns(judgement.found, coordinates, at.z, evidence.quantity, linear.frequency_hz)
         common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
-    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, (judgement.scatter or 1.0) ** 2, common)
+    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, _scatter(judgement), common)
     if judgement.tones is not None and estimate.criterion != "likelihood":
         alone = _of_points(evidence, estimate, judgement.points[0])
         largest = max((abs(size) for _, size in judgement.effects), default=1.0)
@@ -200,6 +200,13 @@ def _moving(
         fitted = functools.partial(MaximumLikelihood().fit, evidence) if evidence.bands is None else None
         warnings += estimators_disagree(alone, coordinates, estimate.z, spread, units, estimate.estimator, fitted)
     return warnings
+
+
+def _scatter(judgement: Judgement) -> float:
+    """Variance of the weighted residuals: what a table without uncertainties shows, or a model that is not rejected."""
+    if judgement.scatter is not None:
+        return judgement.scatter**2
+    return max(judgement.adequacy.chi2_reduced or 1.0, 1.0) if judgement.adequacy.adequate else 1.0
 
 
 def _regimes(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> list[ResultWarning]:

@@ -45,7 +45,7 @@ def band_sensitive(
         z: the estimate, shape (p,).
         covariance: of z, as stated, shape (p, p); a shift within its standard uncertainty is covered.
         units: of the parameters, by name.
-        variance_factor: of the rows, where no uncertainty was stated.
+        variance_factor: of the rows, by their scatter.
         common: systematic effects of unknown amount in the rows, in their standard deviations, shape (m, K).
     """
     frequencies = np.unique(linear.frequency_hz)
