@@ -36,7 +36,8 @@ from vibrident.fleet.schedulers import Answer
 from vibrident.io import write_calibration
 from vibrident.simulation import simulate, with_noise
 
-RECORDS, SAMPLES = 21, 2000
+RECORDS = 21
+SAMPLES = 2000
 
 
 def main(arguments: list[str] | None = None) -> int:

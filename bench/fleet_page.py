@@ -9,9 +9,12 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "docs" / "fleet.md"
-BEGIN, END = "<!-- fleet:begin -->", "<!-- fleet:end -->"
-#: Cores of the plan, and how often a data file is read: for its key, by its reader, and for its key once more.
-CORES, READS = (16, 100, 1000), 3
+BEGIN = "<!-- fleet:begin -->"
+END = "<!-- fleet:end -->"
+#: Cores of the plan.
+CORES = (16, 100, 1000)
+#: How often a data file is read: for its key, by its reader, and for its key once more.
+READS = 3
 MILLION = 1_000_000
 
 

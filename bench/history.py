@@ -18,7 +18,8 @@ from vibrident.history import control
 from vibrident.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
-BEGIN, END = "<!-- study:begin -->", "<!-- study:end -->"
+BEGIN = "<!-- study:begin -->"
+END = "<!-- study:end -->"
 LIVES = 500
 WIDTH = "width"
 #: Relative standard uncertainty of a calibration's noise.

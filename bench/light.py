@@ -32,7 +32,11 @@ from vibrident.simulation.interferometer import drawn, write_optical_calibration
 from vibrident.simulation.optics import Optics
 
 FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
-AMPLITUDE, RATE_HZ, SAMPLES, PHASE_NOISE, RESPONSE_NOISE = 10.0, 2e5, 60_000, 0.05, 1e-3
+AMPLITUDE = 10.0
+RATE_HZ = 2e5
+SAMPLES = 60_000
+PHASE_NOISE = 0.05
+RESPONSE_NOISE = 1e-3
 METRES_PER_RADIAN = 632.991e-9 / (4.0 * np.pi)
 SENSOR = "paper"
 
@@ -132,7 +136,13 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-ARCS, NOISES, DRAWS, POINTS = (6.28, 4.5, 3.0, 2.0, 1.0), (0.01, 0.05), 120, 600
+#: Parts of the circle, rad.
+ARCS = (6.28, 4.5, 3.0, 2.0, 1.0)
+#: Over the amplitude.
+NOISES = (0.01, 0.05)
+DRAWS = 120
+#: Samples of a draw.
+POINTS = 600
 #: Of the draws, the slowest peer takes one in so many.
 EVERY = 20
 

@@ -10,8 +10,17 @@ import numpy as np
 from vibrident import simulate
 from vibrident.records import Record
 
-RATE_HZ, RESPONSE_HZ, FREQUENCY_HZ, AMPLITUDE, CARRIER_HZ = 20e6, 51_200.0, 160.0, 10.0, 5e6
-BLOCK, CODES, NOISE = 1 << 20, 6000.0, 0.02
+RATE_HZ = 20e6
+RESPONSE_HZ = 51_200.0
+FREQUENCY_HZ = 160.0
+AMPLITUDE = 10.0
+CARRIER_HZ = 5e6
+#: Samples written at once.
+BLOCK = 1 << 20
+#: Steps of the converter for the amplitude of a signal.
+CODES = 6000.0
+#: Over the amplitude.
+NOISE = 0.02
 
 
 def codes_of(record: Record) -> list[str]:

@@ -22,7 +22,8 @@ from vibrident.present import markdown
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 DOCUMENT = ROOT / "docs" / "bench.md"
-BEGIN, END = "<!-- bench:begin -->", "<!-- bench:end -->"
+BEGIN = "<!-- bench:begin -->"
+END = "<!-- bench:end -->"
 SCHEMA = "vibrident.bench/1"
 STYLE = {"met": "green", "NOT met": "bold red", "not measured": "yellow", "": ""}
 

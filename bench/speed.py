@@ -25,8 +25,13 @@ from vibrident.simulation import simulate, with_noise
 FILTER_TARGETS = {"ipnn fit": 20.0, "ml fit": 15.0, "ipnn identify": 40.0, "ml identify": 40.0}
 BROAD_TARGETS = {"ipnn fit": 60.0, "ipnn identify": 90.0}
 BROAD = ("random", "sweep", "multisine", "shock")
-ADAM_TARGET, TWICE_TARGET = 100.0, 2.1
-ADAM_STEPS, ADAM_TIMED = 1500, 100
+ADAM_TARGET = 100.0
+#: For twice the samples.
+TWICE_TARGET = 2.1
+#: Steps of the paper's training.
+ADAM_STEPS = 1500
+#: Of these, timed.
+ADAM_TIMED = 100
 FILTER_PASSES = 15
 #: Sensors for the comparison with one by one.
 MANY = 12

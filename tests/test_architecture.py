@@ -113,7 +113,7 @@ DOOR_TO_JAX = "vibrident.backend"
 #: For arrays that are JAX's already: it may import JAX inside a function.
 LAZY_JAX = "vibrident.models.base"
 BUILT_ON_JAX = {"equinox", "optax", "optimistix", "lineax"}
-MAY_BUILD_ON_JAX = ("network", "problem", "estimators", "uncertainty")
+MAY_BUILD_ON_JAX = ("network", "problem", "estimators", "uncertainty", "paper")
 
 MOST_LINES_A_MODULE = 400
 

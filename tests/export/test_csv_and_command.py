@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 from vibrident.cli import app
 from vibrident.errors import InputError
 from vibrident.export import FORMATS, export
-from vibrident.export.missing import library
-from vibrident.export.options import OPTIONS
+from vibrident.export.options import OPTIONS, library
 from vibrident.result import Result
 
 pytestmark = pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning")

@@ -89,16 +89,6 @@ def test_control_and_scipy_modules_evaluate_to_the_model(name, tmp_path):
     np.testing.assert_array_equal(module.COVARIANCE, np.array(made.correlation.matrix) * np.outer(u, u))
 
 
-def test_objects_are_those_of_the_modules(tmp_path):
-    from vibrident.export import python_source
-
-    sensor = sensor_of(case("mems"))
-    f = sensor.band
-    np.testing.assert_allclose(python_source.control_object(sensor)(2j * np.pi * f), sensor.response(f), rtol=TOLERANCE)
-    _, h = python_source.scipy_object(sensor).freqresp(2 * np.pi * f)
-    np.testing.assert_allclose(h, sensor.response(f), rtol=TOLERANCE)
-
-
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
 def test_stationxml_evaluated_by_obspy_is_the_model(name, quantity, tmp_path):

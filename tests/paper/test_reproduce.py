@@ -12,10 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from vibrident.cli.application import app
-from vibrident.network.training import Schedule
 from vibrident.paper import methods, page, settings
-from vibrident.paper.sections import judge_of, recurrent_task, simulated_data
+from vibrident.paper.sections import simulated
 from vibrident.paper.settings import Settings
+from vibrident.paper.training import Schedule
 from vibrident.present.views import Table
 
 SMALL = Settings(
@@ -128,9 +128,9 @@ def test_a_document_without_marks_is_refused_before_anything_is_run(tmp_path: Pa
 
 
 def test_the_same_seed_gives_the_same_numbers(run: Run):
-    judge = judge_of(simulated_data(SMALL), SMALL)
+    judge = simulated(SMALL)
     before = {row["name"]: row for row in run.document["sections"][0]["methods"]}
-    for row in (recurrent_task(judge, "gru"), methods.CLOSED[methods.EXACT](judge)):
+    for row in (methods.recurrent(judge, "gru"), methods.CLOSED[methods.EXACT](judge)):
         assert row.metrics is not None
         assert {name: getattr(row.metrics, name) for name in NUMBERS} == before[row.name]["metrics"]
         assert row.parameters == before[row.name]["parameters"]

@@ -32,9 +32,7 @@ def network_error(calibration, name, parameters):
 
 @pytest.mark.parametrize("rate", [2560.0, 16000.0, 51200.0, 1e6])
 @pytest.mark.parametrize("start", ["rest", "steady"])
-@pytest.mark.quick(
-    "rest-2560.0", "rest-51200.0", "steady-2560.0", "steady-16000.0", "steady-51200.0", "steady-1000000.0"
-)
+@pytest.mark.quick("steady-2560.0", "rest-51200.0", "steady-1000000.0")
 def test_the_band_limited_network_is_the_truth(rate, start):
     """Sines from 10 to 1000 Hz with felt noise up to 0.4 fs at 20 dB, below 1e-6 at every rate."""
     calibration = simulate(

@@ -21,7 +21,7 @@ from scipy import fft
 
 from vibrident.correction.band import Band
 from vibrident.correction.quiet import Surroundings
-from vibrident.measure.lines import line_counts
+from vibrident.measure.lines import fast_length, line_counts
 from vibrident.models.slopes import ComplexArray
 from vibrident.records import FloatArray
 from vibrident.sensor import IdentifiedSensor
@@ -83,7 +83,7 @@ class Compensation:
     @cached_property
     def size(self) -> int:
         """Length of the transform."""
-        return int(fft.next_fast_len(self.samples + 2 * self.pad, real=True) or 1)
+        return fast_length(self.samples + 2 * self.pad)
 
     @cached_property
     def frequency_hz(self) -> FloatArray:
@@ -218,7 +218,7 @@ class Compensation:
     def _autocovariance(self, values: FloatArray) -> FloatArray:
         """Of the filter's input, lags 0 … 2 pad: of the response, or formally of its integrals."""
         window = np.hanning(values.size) if self.integrations else np.ones(values.size)
-        size = int(fft.next_fast_len(values.size + 2 * self.pad + 1, real=True) or 1)
+        size = fast_length(values.size + 2 * self.pad + 1)
         power = np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
         if self.integrations:
             power[0] = 0.0
@@ -231,7 +231,7 @@ class Compensation:
         pad, middle = self.pad, self.pad
         # An integral drifts; only its second difference, without the taper, has a variance.
         taper = np.ones(pad) if self.integrations else self._taper
-        size = int(fft.next_fast_len(4 * pad + 2, real=True) or 1)
+        size = fast_length(4 * pad + 2)
         circular = np.zeros(size)
         circular[: 2 * pad + 1] = covariance
         circular[-2 * pad :] = covariance[:0:-1]
@@ -255,6 +255,6 @@ class Compensation:
 def _convolved(values: FloatArray, kernel: FloatArray) -> FloatArray:
     """Convolution with a kernel of odd length, its middle at each sample; shape of ``values``."""
     whole = len(values) + len(kernel) - 1
-    size = fft.next_fast_len(whole, real=True)
+    size = fast_length(whole)
     product = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(kernel, size))
     return np.asarray(fft.irfft(product, size))[len(kernel) // 2 :][: len(values)]

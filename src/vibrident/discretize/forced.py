@@ -37,7 +37,10 @@ NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))
 ROUNDS_TOLERANCE = 1e-10
 #: The same for the derivative, relative to itself; it is used for the steps and the covariance.
 SLOPE_TOLERANCE = 1e-4
-FEWEST_ROUNDS, MOST_ROUNDS = 2, 24
+#: Fewest rounds of the iteration.
+FEWEST_ROUNDS = 2
+#: Most rounds for the force itself.
+MOST_ROUNDS = 24
 
 
 class ForcedWeights(NamedTuple):

@@ -70,11 +70,6 @@ class Weights(NamedTuple):
             "W4": self.feedthrough - back @ self.drive,
         }
 
-    @classmethod
-    def from_table(cls, w1: Any, w2: Any, w3: Any, w4: Any) -> Weights:
-        """The inverse of ``table``: y_k = W2 (W3 x_k + W1 c_k) + W4 c_k."""
-        return cls(transition=w3, drive=w1, output=w2 @ w3, feedthrough=w4 + w2 @ w1)
-
 
 @dataclass(frozen=True)
 class Method:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from vibrident.errors import ModelError
-from vibrident.estimators.base import Estimate, refuse_nonlinear
-from vibrident.estimators.likelihood import weighted_problem
+from vibrident.estimators.base import Estimate
+from vibrident.estimators.likelihood import responses, weighted_problem
 from vibrident.estimators.optimise import Progress, levenberg_marquardt
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
@@ -39,13 +39,12 @@ def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Es
     Raises:
         ModelError: there is no phase, a record is not a sine, or the model is nonlinear.
     """
-    refuse_nonlinear(evidence.model, name)
-    first = evidence.first_look
-    if first is None or any(r.excitation != "sine" for r in evidence.records) or not first.has_phase:
+    first = responses(name, evidence)
+    if not first.has_phase:
         raise ModelError(
             f"The estimator {name!r} needs complex responses.",
             expected="sine records, or a table with phase",
-            found="a table of magnitudes" if first is not None and not first.has_phase else "other excitation",
+            found="a table of magnitudes",
             where="estimator",
             remedy="use the estimator 'auto'",
         )

@@ -44,16 +44,7 @@ def fit(name: str, model_error: bool, evidence: Evidence, progress: Progress) ->
     Raises:
         ModelError: a record is not a sine, or the model is nonlinear.
     """
-    refuse_nonlinear(evidence.model, name)
-    first = evidence.first_look
-    if first is None or any(r.excitation != "sine" for r in evidence.records):
-        raise ModelError(
-            f"The estimator {name!r} works on sine records and tables.",
-            expected="excitation = 'sine' in every record, or [table]",
-            found=", ".join(sorted({r.excitation for r in evidence.records})),
-            where="estimator",
-            remedy="use the estimator 'auto'",
-        )
+    first = responses(name, evidence)
     model = evidence.model
     begin = find_start(first, model)
     start = begin.values
@@ -77,6 +68,25 @@ def fit(name: str, model_error: bool, evidence: Evidence, progress: Progress) ->
     if not model_error:
         return estimate
     return replace(estimate, if_rejected=lambda: _with_model_error(estimate, problem, progress))
+
+
+def responses(name: str, evidence: Evidence) -> FrequencyProblem:
+    """The problem of the complex responses, as the estimator ``name`` needs it.
+
+    Raises:
+        ModelError: a record is not a sine, or the model is nonlinear.
+    """
+    refuse_nonlinear(evidence.model, name)
+    first = evidence.first_look
+    if first is None or any(r.excitation != "sine" for r in evidence.records):
+        raise ModelError(
+            f"The estimator {name!r} needs complex responses: sine records, or a table.",
+            expected="excitation = 'sine' in every record, or [table]",
+            found=", ".join(sorted({r.excitation for r in evidence.records})),
+            where="estimator",
+            remedy="use the estimator 'auto'",
+        )
+    return first
 
 
 def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: Progress) -> Estimate:

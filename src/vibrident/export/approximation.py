@@ -77,11 +77,7 @@ def _not_held(addon: AddOn) -> InputError:
 
 
 def _averaged(length_s: float, s: np.ndarray) -> np.ndarray:
-    return _window(s * length_s)
-
-
-def _window(x: np.ndarray) -> np.ndarray:
-    return -np.expm1(-x) / x
+    return -np.expm1(-s * length_s) / (s * length_s)
 
 
 def _order(

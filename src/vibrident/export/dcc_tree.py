@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from vibrident.escaping import xml_text
-from vibrident.export.missing import library
+from vibrident.export.options import library
 
 #: Language of the texts written here, ISO 639-1.
 LANGUAGE = "en"
-DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
+#: Namespace of the certificate.
+DCC = "https://ptb.de/dcc"
+#: Namespace of the quantities.
+SI = "https://ptb.de/si"
 
 
 class Tree:

@@ -6,7 +6,7 @@ import re
 import warnings
 
 from vibrident.errors import InputError
-from vibrident.export.missing import library
+from vibrident.export.options import library
 
 _NAMES = {
     "V": "volt",

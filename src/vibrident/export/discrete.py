@@ -19,7 +19,7 @@ import numpy as np
 
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import Sensor
-from vibrident.models import Rational
+from vibrident.models.state_space import realise
 from vibrident.records import FloatArray
 
 
@@ -55,32 +55,19 @@ def cell_of(sensor: Sensor, interval_s: float) -> Cell:
     """The rational part of the sensor by first-order hold, in scaled companion states."""
     from scipy.linalg import expm
 
-    a, b, c, d = _companion(sensor.model.rational(sensor.values, sensor.quantity))
-    n = len(b)
+    system = realise(sensor.model.rational(sensor.values, sensor.quantity))
+    a, n = system.a, system.order
     step = np.zeros((n + 2, n + 2))
     step[:n, :n] = a * interval_s
-    step[:n, n] = b * interval_s
+    step[:n, n] = system.b * interval_s
     step[n, n + 1] = 1.0
     whole = np.asarray(expm(step))
     ramp = whole[:n, n + 1]
     twice = np.zeros((2 * n, 2 * n))
     twice[:n, :n] = twice[:n, n:] = a * interval_s
     growth = np.asarray(expm(twice))[:n, n:]  # φ1(AT) AT = e^{AT} − 1
-    return Cell(growth, whole[:n, n] - ramp, ramp, c, d, interval_s)
-
-
-def _companion(system: Rational) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """A, B, C, D in states scaled by the angular scale, the gain in B; the numerator's degree is the order at most."""
-    w, order = float(system.angular_scale), len(system.denominator) - 1
-    den = np.array([float(v) * w ** (k - order) for k, v in enumerate(system.denominator)])
-    num = np.zeros(order + 1)
-    num[: len(system.numerator)] = [float(v) * w ** (k - order) for k, v in enumerate(system.numerator)]
-    direct = num[-1]
-    a = np.eye(order, k=1)
-    a[-1] = -den[:-1]
-    b = np.zeros(order)
-    b[-1] = w * float(system.gain)
-    return w * a, b, num[:-1] - direct * den[:-1], float(direct * float(system.gain))
+    direct = float(system.d[0]) if system.d else 0.0  # a sensor differentiates no acceleration
+    return Cell(growth, whole[:n, n] - ramp, ramp, system.c, direct, interval_s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,10 @@ from vibrident.records import FloatArray
 
 #: Highest usable frequency over the sampling rate.
 USABLE = 0.45
-MODEL_TOLERANCE, CORRECTION_TOLERANCE = 1e-10, 1e-4
+#: Relative error of the model over the band at which no further taps are added.
+MODEL_TOLERANCE = 1e-10
+#: The same of the correction.
+CORRECTION_TOLERANCE = 1e-4
 #: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby 1984).
 _SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
 #: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.

@@ -70,10 +70,12 @@ def fitted(
         fewest: least number of taps.
     """
     best: Taps | None = None
-    for taps in (count for count in TAPS if count >= fewest):
-        found = _fit(wanted, base, band_hz, rate_hz, taps, shift, outside, size)
-        if best is None or found.error < 0.5 * best.error:
-            best = found
+    for count in (count for count in TAPS if count >= fewest):
+        latency = max(0, int(np.ceil(0.5 * (count - 1) - shift - 1e-9)))
+        lead = max(0, int(np.round(shift + latency - 0.5 * (count - 1))))
+        h, error = _fit(wanted, base, band_hz, rate_hz, lead + np.arange(count), latency, outside, size)
+        if best is None or error < 0.5 * best.error:
+            best = Taps(h, lead, latency, error)
         if best.error <= tolerance:
             break
     assert best is not None
@@ -85,22 +87,18 @@ def _fit(
     base: Response,
     band_hz: tuple[float, float],
     rate_hz: float,
-    taps: int,
-    shift: float,
+    order: np.ndarray,
+    latency: int,
     outside: float,
     size: float,
-) -> Taps:
-    low, high = band_hz
-    latency = max(0, int(np.ceil(0.5 * (taps - 1) - shift - 1e-9)))
-    lead = max(0, int(np.round(shift + latency - 0.5 * (taps - 1))))
-    points = 3 * taps + 40
+) -> tuple[np.ndarray, float]:
+    """Taps at these delays, and their largest relative error over the band."""
+    (low, high), taps, points = band_hz, len(order), 3 * len(order) + 40
     # Dense towards both ends, as a polynomial needs it.
     inside = low + (high - low) * 0.5 * (1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points))
     inside = np.concatenate([inside, np.geomspace(low, high, 40), [low, high]])
-    top = 0.5 * rate_hz
-    above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, 3 * taps + 40)
-    ts = 1.0 / rate_hz
-    order = lead + np.arange(taps)
+    top, ts = 0.5 * rate_hz, 1.0 / rate_hz
+    above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, points)
 
     def columns(f: FloatArray) -> np.ndarray:
         return base(f)[:, None] * np.exp(np.multiply.outer(-2j * np.pi * f * ts, order))
@@ -112,7 +110,5 @@ def _fit(
     rows = np.concatenate([own, outside / largest * columns(above), plain])
     right = np.concatenate([np.ones(len(inside)), np.zeros(len(above) + taps)])
     matrix = np.concatenate([rows.real, rows.imag])
-    vector = np.concatenate([right, np.zeros(len(right))])
-    h = np.linalg.lstsq(matrix, vector, rcond=1e-15)[0]
-    error = float(np.max(np.abs(rows[: len(inside)] @ h - 1.0)))
-    return Taps(h, lead, latency, error)
+    h = np.linalg.lstsq(matrix, np.concatenate([right, np.zeros(len(right))]), rcond=1e-15)[0]
+    return h, float(np.max(np.abs(rows[: len(inside)] @ h - 1.0)))

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
+from vibrident import extras
 from vibrident.errors import InputError
 
 _NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII)
@@ -70,3 +72,12 @@ class Options:
                 where="--name",
                 remedy="choose another",
             )
+
+
+def library(name: str, extra: str) -> Any:
+    """Import a library that only some formats need, from an extra.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    return extras.library(name, extra, "This format needs a library that is not installed.", "--format")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vibrident.escaping import python_docstring
 from vibrident.export.approximation import held
-from vibrident.export.missing import library
 from vibrident.export.options import Options
 from vibrident.export.sensor import Sensor, identity
 
@@ -40,28 +38,6 @@ def sensor():
 
 _CONTROL = "control.TransferFunction(GAIN * np.atleast_1d(np.poly(ZEROS).real), np.poly(POLES).real)"
 _SCIPY = "signal.ZerosPolesGain(ZEROS, POLES, GAIN)"
-
-
-def control_object(sensor: Sensor) -> Any:
-    """``control.TransferFunction`` of the whole sensor; delay and boxcar as Padé approximants.
-
-    Raises:
-        InputError: python-control is not installed, or the sensor has no form in poles and zeros.
-    """
-    control = library("control", "control")
-    return control.TransferFunction(*held(sensor)[0].polynomials())
-
-
-def scipy_object(sensor: Sensor) -> Any:
-    """``scipy.signal.ZerosPolesGain`` of the whole sensor; delay and boxcar as Padé approximants.
-
-    Raises:
-        InputError: the sensor has no form in poles and zeros.
-    """
-    from scipy import signal
-
-    system = held(sensor)[0]
-    return signal.ZerosPolesGain(system.zeros, system.poles, system.gain)
 
 
 def write_control(sensor: Sensor, folder: Path, options: Options) -> list[Path]:

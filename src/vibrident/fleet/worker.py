@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import InputError, VibridentError
+from vibrident.errors import VibridentError
 from vibrident.fleet import row as rows
 from vibrident.fleet.key import look, sensor_text
 from vibrident.fleet.orders import Orders
@@ -104,14 +104,6 @@ def _enter(folder: str, path: str) -> None:
         os.chdir(folder)
     except OSError as error:
         raise unreadable(path, error, "a calibration file") from error
-    if os.path.exists(path) and not os.path.isfile(path):
-        raise InputError(
-            "This is not a regular file.",
-            expected="a calibration file (TOML) on a disk",
-            found="a device, a pipe or a socket, which may never end",
-            where=os.path.basename(path),
-            remedy="name a file",
-        )
 
 
 def _held_bytes() -> int:

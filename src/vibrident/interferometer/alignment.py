@@ -13,9 +13,14 @@ from vibrident.interferometer.demodulation import Demodulated
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK
 
-#: So many samples are kept of a period of a sine and of a record of it, at least; of other motion.
-PER_PERIOD, FEWEST = 16.0, 1 << 14
-PER_HIGHEST, FEWEST_OF_OTHERS = 6.0, 1 << 10
+#: Fewest samples that are kept of a period of a sine.
+PER_PERIOD = 16.0
+#: Fewest that are kept of a record of it.
+FEWEST = 1 << 14
+#: Fewest of a period of the highest frequency of other motion.
+PER_HIGHEST = 6.0
+#: Fewest of a record of other motion.
+FEWEST_OF_OTHERS = 1 << 10
 #: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.
 FINER = 2.5
 

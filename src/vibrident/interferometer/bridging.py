@@ -8,8 +8,13 @@ from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.phase import TURN, Gap
 from vibrident.interferometer.setting import FloatArray, Signals
 
-#: Samples on either side, in gaps' lengths and at least and at most; degrees of the polynomial through both sides.
-LENGTHS, FEWEST, MOST = (1, 4), 24, 1 << 14
+#: Samples on either side, in lengths of the gap, tried in turn.
+LENGTHS = (1, 4)
+#: Fewest samples on either side.
+FEWEST = 24
+#: Most samples on either side.
+MOST = 1 << 14
+#: Degrees of the polynomial through both sides.
 DEGREES = (3, 5, 7, 9)
 #: Largest distance of the step from a whole number of turns, turns.
 WHOLE = 0.12

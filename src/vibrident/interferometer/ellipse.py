@@ -26,9 +26,16 @@ from vibrident.interferometer.setting import FloatArray
 
 #: Standard deviation of the prior of log(B/A) and of ε (rad).
 PRIOR = 0.25
-#: Part of a direction's information that noise may leave of what the samples as they are seem to hold.
-LEAST_PART, LEAST_SHOWN = 0.02, 0.08
-ITERATIONS, TOLERANCE, LONGEST_STEP = 100, 1e-9, 0.3
+#: Least part of a direction's apparent information that is taken for real, the rest being noise.
+LEAST_PART = 0.02
+#: An ellipse is not determined where this part is smaller.
+LEAST_SHOWN = 0.08
+#: Most iterations of the fit.
+ITERATIONS = 100
+#: Length of a step, relative to the amplitudes, that ends them.
+TOLERANCE = 1e-9
+#: Longest step.
+LONGEST_STEP = 0.3
 #: Largest change of the area from the start; beyond it the samples do not determine the ellipse.
 FURTHEST = 10.0
 #: Fewest blocks of samples from which the scatter beyond white noise is estimated.

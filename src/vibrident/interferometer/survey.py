@@ -25,9 +25,13 @@ MOST = 1 << 22
 FEWEST_BLOCKS = 64
 #: Fewest samples of a block.
 LEAST_BLOCK = 64
-#: A sample is lost below this radius, over the amplitude, or below so many standard deviations of the noise …
-LOST, LOST_SIGMA, MOST_LOST = 0.3, 6.0, 0.6
-#: … and above this one.
+#: A sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
+LOST_SIGMA = 6.0
+#: … but at least of this …
+LOST = 0.3
+#: … and at most of this.
+MOST_LOST = 0.6
+#: A sample is also lost above this radius.
 TOO_LARGE = 2.0
 #: Parts of the circle that are looked at, to see how much is covered.
 PARTS = 32

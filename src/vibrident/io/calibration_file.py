@@ -14,7 +14,7 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 from vibrident.effects import StatedKind, SystematicEffect
 from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
-from vibrident.io.columns import unreadable
+from vibrident.io.columns import require_regular, unreadable
 from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
 from vibrident.io.section import Column, NotNegative, Number, Positive, Section, Text
@@ -150,6 +150,7 @@ def read_calibration_file(path: Path) -> CalibrationFile:
 
 
 def _parse(path: Path) -> dict[str, Any]:
+    require_regular(path, "a calibration file (TOML)")
     try:
         with path.open("rb") as stream:
             text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -193,6 +194,22 @@ class ColumnFile(ABC):
         listed = ", ".join(repr(name[:_LONGEST_NAME]) for name in named[:_NAMES_IN_MESSAGE])
         more = len(named) - _NAMES_IN_MESSAGE
         return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
+
+
+def require_regular(path: Path, what: str) -> None:
+    """Refuse what may never end; for a missing file or a folder, the system's own error is clearer.
+
+    Raises:
+        InputError: the path is a device, a pipe or a socket.
+    """
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise InputError(
+            "This is not a regular file.",
+            expected=f"{what} on a disk",
+            found="a device, a pipe or a socket, which may never end",
+            where=str(path),
+            remedy="write its data into a file first",
+        )
 
 
 @contextmanager

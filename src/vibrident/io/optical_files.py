@@ -21,11 +21,10 @@ from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
 from vibrident.io.clocks import SAME_RATE, agreed_rate
 from vibrident.io.columns import ColumnFile
-from vibrident.io.header_units import seconds_per_unit
 from vibrident.io.interferometer_section import InterferometerSection
 from vibrident.io.readers import open_columns, sha256
-from vibrident.io.record_files import Part, named_parts, read_record, stated_rate
-from vibrident.io.sampling import Sampling, cut, sampling_from_times
+from vibrident.io.record_files import Part, named_parts, read_record, stated_rate, timed
+from vibrident.io.sampling import Sampling, cut
 from vibrident.records import Calibration, Provenance, Record
 
 _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
@@ -178,10 +177,7 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
     entry, column = part.entry, calibration.sampling.time_column
     if column is not None and entry.rate_hz is None:
         place = main.position_of(column, "[sampling] time_column")
-        (times,) = main.load([place])
-        main.require_finite(place, times, 0, "repair the time column, or give rate_hz")
-        found, seconds = sampling_from_times(times, lambda row: main.locate(place, row)), seconds_per_unit(main, place)
-        return Sampling(found.rate_hz / seconds, found.start_time_s * seconds)
+        return timed(main, place, *main.load([place]))
     agreed = stated_rate(part, calibration, [(main, at)])
     return Sampling(agreed.rate_hz, entry.start_time_s or 0.0)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from vibrident import registry
 from vibrident.errors import InputError
-from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.columns import ColumnFile, require_regular, unreadable
 from vibrident.io.reader import Reader
 
 
@@ -48,14 +47,7 @@ def open_columns(path: Path) -> ColumnFile:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise unknown_format(path.suffix, str(path))
-    if os.path.exists(path) and not (path.is_file() or path.is_dir()):  # for a folder, the system's error is clearer
-        raise InputError(
-            "This is not a regular file.",
-            expected="a file on a disk",
-            found="a device, a pipe or a socket, which may never end",
-            where=str(path),
-            remedy="write its data into a file first",
-        )
+    require_regular(path, "a file")
     return reader.open(path)
 
 

@@ -241,12 +241,21 @@ def _sampling(part: Part, calibration: CalibrationFile, channels: dict[str, _Cha
     time = channels.get("time")
     if time is None:
         return _stated_sampling(part, calibration, [*channels.values()])
-    time.source.require_finite(time.position, time.values, 0, "repair the time column, or give rate_hz")
-    seconds = seconds_per_unit(time.source, time.position)
-    sampling = sampling_from_times(time.values, lambda row: time.source.locate(time.position, row))
+    return timed(time.source, time.position, time.values)
+
+
+def timed(source: ColumnFile, position: int, times: FloatArray) -> Sampling:
+    """The sampling by a time column, in the unit of its header.
+
+    Raises:
+        InputError: a time is missing, or they are not evenly spaced.
+    """
+    source.require_finite(position, times, 0, "repair the time column, or give rate_hz")
+    seconds = seconds_per_unit(source, position)
+    sampling = sampling_from_times(times, lambda row: source.locate(position, row))
     if seconds == 1.0:
         return sampling
-    note = f"time: column {time.position + 1} ({time.source.names[time.position]!r}) × {seconds!r} → s, by the header"
+    note = f"time: column {position + 1} ({source.names[position]!r}) × {seconds!r} → s, by the header"
     return Sampling(sampling.rate_hz / seconds, sampling.start_time_s * seconds, note)
 
 

@@ -30,7 +30,10 @@ from vibrident.simulation import (
 )
 
 SENSOR = SENSORS["paper"]
-RATE_HZ, SAMPLES, SNR_DB = 51200.0, 16000, 20.0
+RATE_HZ = 51200.0
+SAMPLES = 16000
+#: Excitation over its noise, as the paper states it.
+SNR_DB = 20.0
 #: Below this frequency a record is sampled more slowly, so that it holds as many periods as this one does.
 SLOWER_BELOW_HZ = 10.0
 #: Share of the records that are trained on.

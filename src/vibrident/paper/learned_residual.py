@@ -9,13 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vibrident.estimators import Ipnn
+from vibrident.estimators.optimise import Progress, silent
 from vibrident.estimators.residual_network import ResidualIpnn
 from vibrident.identification import identify
-from vibrident.network.training import Progress
 from vibrident.prediction import predict
 from vibrident.simulation import SENSORS, simulate
 
-RATE_HZ, SAMPLES, NOISE = 12800.0, 800, 1e-3
+RATE_HZ = 12800.0
+SAMPLES = 800
+#: Of the responses that are trained on, over their rms.
+NOISE = 1e-3
 #: Frequencies trained on, and others that are predicted.
 TRAINED_HZ = (60.0, 125.0, 250.0, 315.0, 400.0, 500.0, 630.0, 800.0, 1000.0)
 OTHER_HZ = (80.0, 200.0, 280.0, 450.0, 560.0, 700.0, 900.0, 100.0, 160.0)
@@ -46,13 +49,12 @@ class Residual:
     moved: float
 
 
-def learned_residuals(*, seed: int, progress: Progress | None = None) -> list[Residual]:
+def learned_residuals(*, seed: int, progress: Progress = silent) -> list[Residual]:
     """Every sensor of ``SHOWN``, 0.1 % noise on the responses trained on."""
     found = []
     for number, name in enumerate(SHOWN, start=1):
         found.append(_of(name, seed))
-        if progress is not None:
-            progress(number, len(SHOWN), found[-1].together)
+        progress(number, len(SHOWN), found[-1].together)
     return found
 
 

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vibrident.errors import NotConverged
 from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import identify
-from vibrident.network.recurrent import Kind
-from vibrident.network.training import Progress, Schedule, Trained
-from vibrident.paper.black_box import fit_recurrent, predict_recurrent
+from vibrident.paper.black_box import Kind, fit_recurrent, predict_recurrent
 from vibrident.paper.dataset import Dataset
 from vibrident.paper.least_squares import from_extremes, from_sine_fits
 from vibrident.paper.metrics import Metrics
 from vibrident.paper.pinn import fit_pinn
+from vibrident.paper.training import Schedule, Trained
 from vibrident.paper.unrolled import Activation, Network, fit, network_for, plain_model
 from vibrident.paper.windows import scored
 from vibrident.records import FloatArray
 
-PUBLISHED, TANH = "IPNN as published (Euler, Adam)", "IPNN, Euler, tanh, Adam"
-EXACT_ADAM, EXACT = "IPNN, exact weights, Adam", "IPNN, exact weights, Gauss–Newton"
-PLAIN, EXTREMES = "LSM, plain, from sine fits", "LSM, from largest excursions"
-WEIGHTED, LIKELIHOOD, PINN = "LSM, weighted", "ML in frequency", "PINN (network of time)"
+# Names of the methods in the tables.
+PUBLISHED = "IPNN as published (Euler, Adam)"
+TANH = "IPNN, Euler, tanh, Adam"
+EXACT_ADAM = "IPNN, exact weights, Adam"
+EXACT = "IPNN, exact weights, Gauss–Newton"
+PLAIN = "LSM, plain, from sine fits"
+EXTREMES = "LSM, from largest excursions"
+WEIGHTED = "LSM, weighted"
+LIKELIHOOD = "ML in frequency"
+PINN = "PINN (network of time)"
 NAMES: Mapping[Kind, str] = {"gru": "GRU", "lstm": "LSTM"}
 
 
@@ -98,7 +104,7 @@ class Judge:
         return self.of(name, weights, network.predict(values, self.own.test), found, seconds, **more)
 
 
-def recurrent(judge: Judge, kind: Kind, progress: Progress | None = None) -> MethodResult:
+def recurrent(judge: Judge, kind: Kind, progress: Progress = silent) -> MethodResult:
     """GRU or LSTM."""
     begin = time.perf_counter()
     fitted = fit_recurrent(judge.published, kind, judge.schedule, seed=judge.seed, progress=progress)
@@ -113,7 +119,7 @@ def unrolled_network(
     near: Mapping[str, float],
     discretisation: str,
     activation: Activation = "linear",
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> MethodResult:
     """The unrolled network under Adam; ``near`` is the first estimate of the sensor."""
     core = plain_model(judge.published.calibration.model)
@@ -143,11 +149,11 @@ def least_squares(judge: Judge, name: str, method: Callable[..., dict[str, float
     return judge.sensor(name, len(found), found, time.perf_counter() - begin)
 
 
-def pinn(judge: Judge, near: Mapping[str, float], progress: Progress | None = None) -> MethodResult:
+def pinn(judge: Judge, near: Mapping[str, float], progress: Progress = silent) -> MethodResult:
     """The network of time; its sensor predicts the test records, which the network itself cannot."""
     core = plain_model(judge.published.calibration.model)
     begin = time.perf_counter()
-    own = Schedule(patience=judge.schedule.patience, most_epochs=PINN_EPOCHS * judge.schedule.most_epochs)
+    own = replace(judge.schedule, most_epochs=PINN_EPOCHS * judge.schedule.most_epochs)
     fitted = fit_pinn(judge.published, core, near, own, seed=judge.seed, progress=progress)
     seconds = time.perf_counter() - begin
     return judge.sensor(PINN, fitted.weights, fitted.parameters, seconds, trained=fitted.trained)

@@ -14,22 +14,24 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibrident.backend import jax, jnp
+from vibrident.estimators.optimise import Progress, silent
 from vibrident.models import SensorModel
-from vibrident.network.training import Progress, Schedule, Trained, train
 from vibrident.paper.dataset import Dataset
-from vibrident.paper.unrolled import START
-from vibrident.problem import Coordinates
+from vibrident.paper.training import Schedule, Trained, train
+from vibrident.paper.unrolled import start_of_training
 
 #: Steps of a record for training, from the middle: the longest that it learns in a minute or two.
 SPAN = 1024
-#: The network sees sine and cosine of so many multiples of half the span's fundamental, and two tanh layers follow.
-HARMONICS, HIDDEN = 64, 64
+#: The network sees sine and cosine of so many multiples of half the span's fundamental.
+HARMONICS = 64
+#: Neurons of each of the two tanh layers that follow.
+HIDDEN = 64
 #: Points a batch.
 BATCH = 128
 
@@ -58,7 +60,7 @@ def fit_pinn(
     schedule: Schedule,
     *,
     seed: int,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> FittedPinn:
     """Train on the middle of the training records, float64, from the same start values as the unrolled network.
 
@@ -79,9 +81,7 @@ def fit_pinn(
     points = Points(np.arange(span) / span, excitation, response)
     held = np.arange(span) % 5 == 4
     duration = span * records[0].sampling_interval_s
-    start = {name: near[name] * START[name] for name in model.parameter_names}
-    reach = (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0)
-    coordinates = Coordinates.at(model, start, reach)
+    coordinates = start_of_training(model, near)
     gain = dataset.reference.unit / dataset.response.unit
 
     def loss(whole: dict[str, Any], batch: Points) -> Any:
@@ -93,7 +93,7 @@ def fit_pinn(
         return jnp.mean(jnp.square(value - batch.response)) + jnp.mean(jnp.square(residual))
 
     begin = {"layers": _layers(len(records), seed), "sensor": jnp.asarray(coordinates.first)}
-    own = Schedule(schedule.learning_rate, BATCH, schedule.patience, schedule.least_gain, schedule.most_epochs)
+    own = replace(schedule, batch=BATCH)
     training, held_back = (Points(*(a[chosen] for a in points)) for chosen in (~held, held))
     rng = np.random.default_rng([seed, 2])
     trained = train(begin, loss, training, held_back, own, rng=rng, progress=progress)

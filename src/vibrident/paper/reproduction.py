@@ -11,17 +11,15 @@ from typing import Any, cast
 from joblib import Parallel, delayed
 
 from vibrident import __version__
-from vibrident.network.recurrent import Kind
+from vibrident.paper.black_box import Kind
 from vibrident.paper.experiment import interferometer, seismometer
 from vibrident.paper.learned_residual import Residual, learned_residuals
-from vibrident.paper.methods import Judge, MethodResult
+from vibrident.paper.methods import Judge, MethodResult, recurrent
 from vibrident.paper.sections import (
     Section,
     experiment,
     full_range,
-    judge_of,
-    recurrent_task,
-    simulated_data,
+    simulated,
     simulation,
 )
 from vibrident.paper.settings import Settings, Stages, silently
@@ -68,16 +66,7 @@ class Reproduction:
             "seed": self.settings.seed,
             "trial": self.settings.trial,
             "sections": [_section(section) for section in self.sections],
-            "rates": [
-                {
-                    "discretisation": p.discretisation,
-                    "rate_hz": p.rate_hz,
-                    "errors": None if p.errors is None else dict(p.errors),
-                    "mean_percent": p.mean_percent,
-                    "peak_percent": p.peak_percent,
-                }
-                for p in self.rates
-            ],
+            "rates": [asdict(p) for p in self.rates],
             "noise": [
                 {
                     "method": p.method,
@@ -111,14 +100,14 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     """
     begin = time.perf_counter()
     with stages("Making the data"):
-        first = judge_of(simulated_data(settings), settings)
+        first = simulated(settings)
         laser = interferometer(seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples)
         measured = None if settings.data is None else seismometer(settings.data, seed=settings.seed)
     experiments = [laser] if measured is None else [laser, measured]
     judges = [first, *(Judge(e.own, e.published, settings.schedule, settings.seed) for e in experiments)]
-    recurrent = _recurrent(judges, settings, stages)
-    section_4 = simulation(settings, recurrent[0], stages)
-    sections_5 = [experiment(e, settings, rows, stages) for e, rows in zip(experiments, recurrent[1:], strict=True)]
+    rows = _recurrent(judges, settings, stages)
+    section_4 = simulation(first, rows[0], stages)
+    sections_5 = [experiment(e, j, r, stages) for e, j, r in zip(experiments, judges[1:], rows[1:], strict=True)]
     whole = full_range(settings, stages) if settings.full_range else None
     with stages("Error against sampling rate") as progress:
         found = error_by_rate(settings.rates_hz, settings.discretisations, seed=settings.seed, progress=progress)
@@ -147,7 +136,7 @@ def _recurrent(judges: Sequence[Judge], settings: Settings, stages: Stages) -> l
     done: list[MethodResult] = []
     with stages(f"Training {len(tasks)} networks without physics (GRU, LSTM)") as progress:
         rows = Parallel(n_jobs=min(settings.jobs, len(tasks)), return_as="generator")(
-            delayed(recurrent_task)(judge, kind) for judge, kind in tasks
+            delayed(recurrent)(judge, kind) for judge, kind in tasks
         )
         for row in cast("Iterable[MethodResult]", rows):
             done.append(row)
@@ -163,17 +152,7 @@ def _section(section: Section) -> dict[str, Any]:
         "sha256": data.sha256,
         "test_records": [data.calibration.records[i].name for i in data.test],
         "outliers": data.outliers,
-        "methods": [
-            {
-                "name": row.name,
-                "weights": row.weights,
-                "metrics": None if row.metrics is None else asdict(row.metrics),
-                "parameters": row.parameters,
-                "epochs": row.epochs,
-                "converged": row.converged,
-            }
-            for row in section.rows
-        ],
+        "methods": [{k: v for k, v in asdict(row).items() if k != "seconds"} for row in section.rows],
         "deviations_percent": {
             name: {"mean": d.mean, "largest": d.largest, "at_peak": d.at_peak} for name, d in section.deviations.items()
         },

@@ -10,7 +10,6 @@ import numpy as np
 from vibrident.estimators import LeastSquares
 from vibrident.identification import identify
 from vibrident.models import parse
-from vibrident.network.recurrent import Kind
 from vibrident.paper import dataset as section_4
 from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR, Dataset
@@ -65,9 +64,16 @@ class Section:
         return next(row for row in self.rows if row.name == name)
 
 
-def simulation(settings: Settings, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
+def simulated(settings: Settings, *, full_range: bool = False) -> Judge:
+    """Judge of the data of section 4."""
+    data = section_4.section_4(
+        seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples, full_range=full_range
+    )
+    return Judge(data, data, settings.schedule, settings.seed)
+
+
+def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
     """Section 4: every method on the paper's simulated records."""
-    judge = judge_of(simulated_data(settings), settings)
     near = _first_look(judge)
     rows = list(recurrent)
     for name, discretisation, activation in TRAINED:
@@ -78,33 +84,20 @@ def simulation(settings: Settings, recurrent: Sequence[MethodResult], stages: St
     with stages("Identifying"):
         closed = [method(judge) for method in CLOSED.values()]
     rows += [closed[0], network_of_time, *closed[1:]]
-    truth = dict(SENSOR.parameters)
-    deviations = _from_truth(rows, truth, BAND_HZ)
-    none = np.empty(0)
-    return Section(
-        "simulation of section 4", True, judge.published, tuple(rows), deviations, (none, none), truth, BAND_HZ
-    )
+    return _against_truth("simulation of section 4", judge.published, rows, BAND_HZ)
 
 
 def full_range(settings: Settings, stages: Stages) -> Section:
     """The 41 records from 0.1 Hz on, by the methods that accept records of different sampling rates."""
     with stages("Simulating 0.1 to 1000 Hz"):
-        data = section_4.section_4(
-            seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples, full_range=True
-        )
-    judge = judge_of(data, settings)
+        judge = simulated(settings, full_range=True)
     with stages("Identifying from 0.1 to 1000 Hz"):
         rows = [CLOSED[name](judge) for name in IN_EXPERIMENT]
-    truth = dict(SENSOR.parameters)
-    deviations = _from_truth(rows, truth, FULL_BAND_HZ)
-    none = np.empty(0)
-    title = "full range of section 4"
-    return Section(title, True, data, tuple(rows), deviations, (none, none), truth, FULL_BAND_HZ)
+    return _against_truth("full range of section 4", judge.published, rows, FULL_BAND_HZ)
 
 
-def experiment(data: Experiment, settings: Settings, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
+def experiment(data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
     """Section 5: the same protocol, the interferometer's points as reference."""
-    judge = Judge(data.own, data.published, settings.schedule, settings.seed)
     near = _first_look(judge)
     kind = "simulated" if data.simulated else "measured"
     rows = list(recurrent)
@@ -121,21 +114,6 @@ def experiment(data: Experiment, settings: Settings, recurrent: Sequence[MethodR
     return Section(data.title, data.simulated, data.published, tuple(rows), deviations, points, data.truth, band)
 
 
-def simulated_data(settings: Settings) -> Dataset:
-    """The data of section 4."""
-    return section_4.section_4(seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples)
-
-
-def judge_of(data: Dataset, settings: Settings) -> Judge:
-    """Judge of data whose reference is an acceleration."""
-    return Judge(data, data, settings.schedule, settings.seed)
-
-
-def recurrent_task(judge: Judge, kind: Kind) -> MethodResult:
-    """GRU or LSTM as a task for another process."""
-    return methods.recurrent(judge, kind)
-
-
 def _first_look(judge: Judge) -> dict[str, float]:
     """Parameters near the sensor's, the same for every network; training starts at a distance from them."""
     result = identify(judge.own.training_calibration, None, LeastSquares())
@@ -143,11 +121,10 @@ def _first_look(judge: Judge) -> dict[str, float]:
     return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
 
 
-def _from_truth(
-    rows: Sequence[MethodResult], truth: dict[str, float], band_hz: tuple[float, float]
-) -> dict[str, CurveDeviation]:
-    model = parse(SENSOR.model)
-    return {row.name: curve_deviation(model, row.parameters, truth, band_hz) for row in rows if row.parameters}
+def _against_truth(title: str, data: Dataset, rows: Sequence[MethodResult], band_hz: tuple[float, float]) -> Section:
+    model, truth, none = parse(SENSOR.model), dict(SENSOR.parameters), np.empty(0)
+    deviations = {row.name: curve_deviation(model, row.parameters, truth, band_hz) for row in rows if row.parameters}
+    return Section(title, True, data, tuple(rows), deviations, (none, none), truth, band_hz)
 
 
 def _interferometer(data: Experiment) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from vibrident.network.training import Progress, Schedule
+from vibrident.estimators.optimise import Progress, silent
+from vibrident.paper.training import Schedule
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,7 @@ class Stages(Protocol):
         ...
 
 
-def _nothing(iteration: int, most: int, cost: float) -> None:
-    pass
-
-
 @contextlib.contextmanager
 def silently(what: str) -> Iterator[Progress]:
     """Stages that show nothing."""
-    yield _nothing
+    yield silent

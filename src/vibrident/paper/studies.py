@@ -9,9 +9,9 @@ import numpy as np
 
 from vibrident.errors import NotConverged
 from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import identify
 from vibrident.models import parse
-from vibrident.network.training import Progress
 from vibrident.paper.bound import Bound, cramer_rao
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.least_squares import from_sine_fits
@@ -24,7 +24,9 @@ from vibrident.simulation import simulate, with_noise
 BAND_HZ = (10.0, 1000.0)
 #: Motions of the study of rates: the same at every rate, so the excitation's noise ends below half the lowest rate.
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
-RATE_DURATION_S, RATE_NOISE_HZ = 0.16, 4000.0
+RATE_DURATION_S = 0.16
+#: Highest frequency of the excitation's noise.
+RATE_NOISE_HZ = 4000.0
 PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
 #: Start of the search for the optimum.
 NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
@@ -50,7 +52,7 @@ class RatePoint:
 
 
 def error_by_rate(
-    rates_hz: Sequence[float], discretisations: Sequence[str], *, seed: int, progress: Progress | None = None
+    rates_hz: Sequence[float], discretisations: Sequence[str], *, seed: int, progress: Progress = silent
 ) -> list[RatePoint]:
     """Optimum of the plain mean squared error for each discretisation, on the same exact motion at every rate."""
     points = []
@@ -67,8 +69,7 @@ def error_by_rate(
         )
         for name in discretisations:
             points.append(_at_rate(calibration, name, rate))
-            if progress is not None:
-                progress(len(points), len(rates_hz) * len(discretisations), points[-1].mean_percent or np.nan)
+            progress(len(points), len(rates_hz) * len(discretisations), points[-1].mean_percent or np.nan)
     return points
 
 
@@ -158,7 +159,7 @@ class NoiseStudy:
 
 
 def error_by_noise(
-    dataset: Dataset, levels: Sequence[float], draws: int, *, seed: int, progress: Progress | None = None
+    dataset: Dataset, levels: Sequence[float], draws: int, *, seed: int, progress: Progress = silent
 ) -> NoiseStudy:
     """Every method on the training records with white noise on the response, ``draws`` times at every level."""
     truth = dataset.training_calibration
@@ -182,8 +183,7 @@ def error_by_noise(
                     float(np.sqrt(np.mean([(curve.at_peak or 0.0) ** 2 for curve in curves]))),
                 )
             )
-            if progress is not None:
-                progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)
+            progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)
     # A normal deviate's absolute value has the mean √(2/π) of its standard deviation.
     mean = float(np.sqrt(2.0 / np.pi) * np.mean(bound.curve_percent(model, dict(SENSOR.parameters), BAND_HZ)))
     return NoiseStudy(tuple(points), bound, mean, draws)

@@ -17,10 +17,11 @@ import numpy as np
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.discretize import method
+from vibrident.estimators.optimise import Progress, silent
 from vibrident.models import SensorModel, parse
 from vibrident.models.state_space import realise
-from vibrident.network.training import Progress, Schedule, Trained, train
 from vibrident.paper.dataset import Dataset
+from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.windows import Seen, Windows, cut, scored, whole_records
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
@@ -126,7 +127,7 @@ def fit(
     schedule: Schedule,
     *,
     seed: int,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Fitted:
     """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
 
@@ -139,9 +140,7 @@ def fit(
     """
     records = network.dataset.calibration.records
     interval = records[network.dataset.training[0]].sampling_interval_s
-    start = {name: near[name] * START[name] for name in network.model.parameter_names}
-    reach = (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0)
-    coordinates = Coordinates.at(network.model, start, reach)
+    coordinates = start_of_training(network.model, near)
 
     def loss(z: Any, batch: Windows) -> Any:
         outputs = network(coordinates.physical(z), jnp.moveaxis(batch.inputs, 0, -1), interval)
@@ -152,6 +151,12 @@ def fit(
     rng = np.random.default_rng([seed, 1])
     trained = train(begin, loss, windows, held_back, schedule, rng=rng, few=True, progress=progress)
     return Fitted(network, coordinates.values(np.asarray(trained.model)), trained)
+
+
+def start_of_training(model: SensorModel, near: Mapping[str, float]) -> Coordinates:
+    """Coordinates at ``START`` times a first estimate of the sensor."""
+    start = {name: near[name] * START[name] for name in model.parameter_names}
+    return Coordinates.at(model, start, (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0))
 
 
 def weighted_mse(outputs: Any, batch: Windows) -> Any:

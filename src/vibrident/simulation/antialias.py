@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft
 
+from vibrident.measure.lines import fast_length
 from vibrident.records import FloatArray
 
 #: Ratio of the simulated rate to the sampling rate. For a corner's 1/f² spectrum, aliasing at the fine rate is smaller
@@ -54,7 +55,7 @@ def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, 
     half = len(taps) // 2
     count = (samples + margin_samples()) * OVERSAMPLING
     values = fine(sampling_rate_hz * OVERSAMPLING, count)
-    size = fft.next_fast_len(count + 2 * half, real=True)
+    size = fast_length(count + 2 * half)
     spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
     smooth = np.asarray(fft.irfft(spectrum, size))
     return smooth[half : half + samples * OVERSAMPLING : OVERSAMPLING].copy()

@@ -4,9 +4,9 @@ With V = V_lin + W, V_lin the exact response of the linear sensor,
 
     Ẅ + 2 δ ωn Ẇ + ωn² W = −ωn² k3 (V_lin + W)³,
 
-integrated by Cooper & Verner's eighth-order method of eleven stages (SIAM J. Numer. Anal. 9 (1972) 389; Hairer, Nørsett
-& Wanner 1993, II.5). V_lin is smoother than the acceleration by two derivatives, so corners of a shock do no harm.
-Steps, method and unknowns are independent of the network's.
+integrated by SciPy's DOP853 (Hairer, Nørsett & Wanner 1993, II.5) with a fixed step. V_lin is smoother than the
+acceleration by two derivatives, so corners of a shock do no harm. Steps, method and unknowns
+are independent of the network's.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.integrate import DOP853
 
 from vibrident.backend import jax, jnp, lax
 from vibrident.records import FloatArray
@@ -28,26 +29,10 @@ PHASE = 0.15
 #: A steady state is reached when the free motion has decayed to this.
 FORGOTTEN = 1e-14
 
-_S = math.sqrt(21.0)
-#: Instants of the stages in the step: only five different ones.
-PLACES = (0.0, 0.5, (7.0 + _S) / 14.0, (7.0 - _S) / 14.0, 1.0)
-_STAGE_PLACE = (0, 1, 1, 2, 2, 1, 3, 3, 1, 2, 4)
-_A: tuple[tuple[float, ...], ...] = (
-    (),
-    (1 / 2,),
-    (1 / 4, 1 / 4),
-    (1 / 7, (-7 - 3 * _S) / 98, (21 + 5 * _S) / 49),
-    ((11 + _S) / 84, 0, (18 + 4 * _S) / 63, (21 - _S) / 252),
-    ((5 + _S) / 48, 0, (9 + _S) / 36, (-231 + 14 * _S) / 360, (63 - 7 * _S) / 80),
-    ((10 - _S) / 42, 0, (-432 + 92 * _S) / 315, (633 - 145 * _S) / 90, (-504 + 115 * _S) / 70, (63 - 13 * _S) / 35),
-    (1 / 14, 0, 0, 0, (14 - 3 * _S) / 126, (13 - 3 * _S) / 63, 1 / 9),
-    (1 / 32, 0, 0, 0, (91 - 21 * _S) / 576, 11 / 72, (-385 - 75 * _S) / 1152, (63 + 13 * _S) / 128),
-    (1 / 14, 0, 0, 0, 1 / 9, (-733 - 147 * _S) / 2205, (515 + 111 * _S) / 504, (-51 - 11 * _S) / 56,
-     (132 + 28 * _S) / 245),
-    (0, 0, 0, 0, (-42 + 7 * _S) / 18, (-18 + 28 * _S) / 45, (-273 - 53 * _S) / 72, (301 + 53 * _S) / 72,
-     (28 - 28 * _S) / 45, (49 - 7 * _S) / 18),
-)  # fmt: skip
-_B = (1 / 20, 0, 0, 0, 0, 0, 0, 49 / 180, 16 / 45, 49 / 180, 1 / 20)
+#: Stages of DOP853: instants in the step, and weights of the slopes before each stage and at the end.
+PLACES = tuple(DOP853.C.tolist())
+_A: tuple[tuple[float, ...], ...] = tuple(tuple(row[:i]) for i, row in enumerate(DOP853.A.tolist()))
+_B: tuple[float, ...] = tuple(DOP853.B.tolist())
 
 
 def cubic_response(
@@ -155,12 +140,12 @@ def _integrated(first: jax.Array, drive: jax.Array, angle: float, k3: float, wn:
 
     def step(state: tuple[jax.Array, jax.Array], v: jax.Array) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
         slopes: list[tuple[jax.Array, jax.Array]] = []
-        for row, place in zip(_A, _STAGE_PLACE, strict=True):
+        for row, linear in zip(_A, v, strict=True):
             at = [
                 x + angle * sum((a * s[i] for a, s in zip(row, slopes, strict=True) if a), start=jnp.zeros(()))
                 for i, x in enumerate(state)
             ]
-            slopes.append(slope(at[0], at[1], v[place]))
+            slopes.append(slope(at[0], at[1], linear))
         moved = [x + angle * sum(b * s[i] for b, s in zip(_B, slopes, strict=True) if b) for i, x in enumerate(state)]
         return (moved[0], moved[1]), jnp.stack(moved)
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vibrident.nominal import NOMINAL
+from vibrident.nominal import nominal_value
 from vibrident.records import FloatArray
 from vibrident.simulation.checks import require, require_positive
 
@@ -52,5 +52,4 @@ def nominal_frequency_name(frequency_hz: float) -> str:
     n = round(10.0 * math.log10(frequency_hz))
     if abs(frequency_hz / 10.0 ** (n / 10.0) - 1.0) > _NAME_TOLERANCE:
         return f"{frequency_hz:.6g}"
-    decade, place = divmod(n, 10)
-    return f"{NOMINAL[place] * 10.0**decade:.3g}" if decade < 3 else f"{NOMINAL[place] * 10.0**decade:.0f}"
+    return f"{nominal_value(n):.6g}"

@@ -16,8 +16,7 @@ import numpy as np
 from vibrident.errors import InputError
 from vibrident.escaping import xml_text
 from vibrident.export.form import Format
-from vibrident.export.missing import library
-from vibrident.export.options import Options
+from vibrident.export.options import Options, library
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
 from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
 from vibrident.export.sensor import Sensor, identity

@@ -8,22 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 import optax
 
 from vibrident.backend import jax, jnp, lax
+from vibrident.estimators.optimise import Progress, silent
 
 Loss = Callable[[Any, Any], Any]
-
-
-class Progress(Protocol):
-    """Called after each epoch with the epoch, the most there can be, and the loss on the held-back windows."""
-
-    def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Show progress."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +75,7 @@ def train(
     *,
     rng: np.random.Generator,
     few: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Trained:
     """Train the inexact arrays of ``model`` on ``windows``.
 
@@ -129,8 +123,7 @@ def train(
         waited = 0 if judged[-1] < (1.0 - schedule.least_gain) * least else waited + 1
         if waited == 0:
             best, least, best_epoch = moving, judged[-1], number
-        if progress is not None:
-            progress(number, schedule.most_epochs, judged[-1])
+        progress(number, schedule.most_epochs, judged[-1])
         if waited >= schedule.patience:
             converged = True
             break
