@@ -108,6 +108,13 @@ for estimator in ("auto", "huber", "ipnn"):
         assert abs(p.value - true) < 5 * p.standard_uncertainty, (estimator, name, p)
     assert result.fit.adequate and not result.warnings, (estimator, result.warnings)
     out[estimator] = done.output
+words = ["identify", "c.toml", "--estimator", "huber", "--no-pictures", "--out", "set", "--set"]
+wrong = {"limt=0.5": "did you mean 'limit'", "steps=9": "--steps", "limit": "NAME=VALUE"}
+for setting, found in {"limit=0.5": "", **wrong}.items():
+    done = CliRunner().invoke(app, [*words, setting], catch_exceptions=False)
+    assert done.exit_code == (2 if found else 0) and (not found or found in done.output), done.output
+one, other = (vibrident.Result.load(f"{name}/result.json").parameters["sensitivity"].value for name in ("huber", "set"))
+assert one != other
 assert "cut-off frequency" in out["auto"] and "thermal time constant" in out["auto"]
 done = CliRunner().invoke(app, ["compare", "c.toml", "--out", "beside"], catch_exceptions=False)
 assert done.exit_code == 0 and "huber" in done.output, done.output

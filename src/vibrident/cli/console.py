@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.escaping import terminal
@@ -45,6 +45,12 @@ def printable(text: str) -> str:
 def note(text: str) -> None:
     """A line on stderr."""
     err().print(printable(text), soft_wrap=True)
+
+
+def warn(findings: Iterable[Any]) -> None:
+    """Findings or warnings, each with its code, on stderr."""
+    for finding in findings:
+        note(f"Warning ({finding.code}): {finding.message}")
 
 
 def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:

@@ -1,8 +1,13 @@
-"""Names of files that are made for records."""
+"""Files that are made for records: their names, and samples as CSV."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vibrident.records import Record
 
 _UNSAFE = re.compile(r"[^\w.+-]+")
 #: Devices of Windows, with any ending.
@@ -22,3 +27,12 @@ def record_files(records: list[str]) -> list[str]:
         candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
         stems.append(next(name for name in candidates if name.casefold() not in used))
     return [f"{stem}.csv" for stem in stems]
+
+
+def write_samples(path: Path, record: Record, **columns: Any) -> None:
+    """A row a sample: ``time_s``, the file's own clock, and the columns; blank where a value is not a number."""
+    times = (record.start_time_s + record.time_s).tolist()
+    rows = zip(times, *(values.tolist() for values in columns.values()), strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(",".join(("time_s", *columns)) + "\n")
+        stream.writelines(",".join(["" if v != v else repr(v) for v in row]) + "\n" for row in rows)

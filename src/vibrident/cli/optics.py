@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.errors import InputError, did_you_mean
+from vibrident.workflow.folder import write_json
 
 if TYPE_CHECKING:
     from vibrident.simulation.optics import Optics
@@ -119,4 +120,4 @@ def write_optical(folder: Path, sensor: str, excitation: str, optics: Optics, *,
     write_truth(path, chosen, calibration, seed)
     document = json.loads(path.read_text(encoding="utf-8"))
     document["interferometer"] = asdict(optics)
-    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -24,26 +25,48 @@ STARTS = ("rest", "steady")
 METHODS = ("exact", "rk4")
 FORMATS = ("html", "pdf", "md")
 
-CalibrationFile = Annotated[Path, typer.Argument(metavar="CAL.toml", help="Calibration file.", show_default=False)]
-
-
 #: Names to choose from, or a function that returns them.
 Names = Sequence[str] | Callable[[], Sequence[str]]
 
 
-def choice(name: str, allowed: Names, help: str, metavar: str | None = None, **more: Any) -> Any:
+def argument(metavar: str, help: str, default: str = "") -> Any:
+    """An argument of a command; ``default`` says in words what holds without it."""
+    return typer.Argument(metavar=metavar, help=help, show_default=default or False)
+
+
+def option(
+    name: str, metavar: str, help: str, default: str | bool = True, panel: str | None = None, **more: Any
+) -> Any:
+    """An option with a value; ``default``: what holds without it, in words, or whether to print the default."""
+    return typer.Option(name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more)
+
+
+def flag(*names: str, help: str, panel: str | None = None, hidden: bool = False) -> Any:
+    """An option without a value."""
+    return typer.Option(*names, help=help, rich_help_panel=panel, hidden=hidden)
+
+
+def choice(
+    name: str, allowed: Names, help: str, metavar: str = "", default: str | bool = True, panel: str | None = None
+) -> Any:
     """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them.
 
     Names that plug-ins may add to are loaded on demand: ``metavar`` is then a key of ``REGISTERED``.
     """
-    return typer.Option(
+    return option(
         name,
-        metavar=metavar or "|".join(_given(allowed)),
-        help=help,
+        metavar or "|".join(_given(allowed)),
+        help,
+        default,
+        panel,
         callback=lambda value: None if value is None else one_of(name, value, _given(allowed)),
         autocompletion=lambda: list(_given(allowed)),
-        **more,
     )
+
+
+CalibrationFile = Annotated[Path, argument("CAL.toml", "Calibration file.")]
+ResultFile = Annotated[Path, argument("RESULT", "result.json of an identification.")]
+ResultFiles = Annotated[list[Path], argument("RESULT...", "result.json, one or more.")]
 
 
 def _given(names: Names) -> Sequence[str]:
@@ -121,6 +144,50 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
         return list(dict.fromkeys(checked))
 
     return split
+
+
+def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
+    """Names and values of ``NAME=VALUE``.
+
+    Raises:
+        InputError: a text is not of this form.
+    """
+    found = {}
+    for text in given:
+        key, separator, value = (part.strip() for part in text.partition("="))
+        if not (key and separator and value):
+            raise InputError(
+                f"{name} cannot be read.",
+                expected=f"NAME=VALUE, such as {example}",
+                found=repr(text),
+                where=name,
+                remedy="write a name, = and a value",
+            )
+        found[key] = value
+    return found
+
+
+def settings(given: Sequence[str]) -> dict[str, Any]:
+    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text.
+
+    Raises:
+        InputError: a text is not of this form, or the setting has an option of its own.
+    """
+    found: dict[str, Any] = {}
+    for name, text in pairs("--set", given, "limit=2").items():
+        if name in SETTINGS:
+            raise InputError(
+                f"The setting {name!r} has an option of its own.",
+                expected=f"--{name.replace('_', '-')}",
+                found=f"--set {name}={text}",
+                where="--set",
+                remedy="use that option",
+            )
+        try:
+            found[name] = json.loads(text)
+        except ValueError:
+            found[name] = text
+    return found
 
 
 def band(text: str | None) -> tuple[float, float] | None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from vibrident.errors import InputError
 from vibrident.workflow.interruption import tidied_up
@@ -77,6 +79,16 @@ def written_whole(target: Path) -> Iterator[Folder]:
     finally:
         discard()
     folder.files.sort(key=lambda file: (file.name != _LAST, file))
+
+
+def json_text(document: Any) -> str:
+    """A document as JSON, RFC 8259: no NaN, no Infinity."""
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a document as JSON."""
+    path.write_text(json_text(document), encoding="utf-8")
 
 
 def refuse_used(target: Path, *, force: bool) -> None:

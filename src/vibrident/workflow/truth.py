@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from vibrident.workflow.folder import write_json
 
 if TYPE_CHECKING:
     from vibrident.records import Calibration
@@ -38,4 +39,4 @@ def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int)
             name: {"value": value, "unit": units[name].format(**fields)} for name, value in true_values(sensor).items()
         },
     }
-    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, document)

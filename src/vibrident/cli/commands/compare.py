@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
+from vibrident.cli.options import argument, flag, option
 from vibrident.errors import InputError, ModelError, NotConverged
 from vibrident.registry import ESTIMATORS
 from vibrident.workflow.estimators import estimator, estimators_with
-from vibrident.workflow.folder import written_whole
+from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
@@ -39,37 +37,21 @@ class Method:
 
 
 def compare(
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="CAL.toml | RESULT...", help="A calibration file, or results.", show_default=False),
-    ],
+    files: Annotated[list[Path], argument("CAL.toml | RESULT...", "A calibration file, or results.")],
     estimators: Annotated[
-        str | None,
-        typer.Option(
-            "--estimators", metavar="A,B", help="Of {estimators by name}.", show_default="all that suit the data"
-        ),
+        str | None, option("--estimators", "A,B", "Of {estimators by name}.", "all that suit the data")
     ] = None,
-    models: Annotated[
-        str | None, typer.Option("--models", metavar="A,B", help="Sensor models.", show_default="the file's")
-    ] = None,
+    models: Annotated[str | None, option("--models", "A,B", "Sensor models.", "the file's")] = None,
     discretisations: Annotated[
-        str | None,
-        typer.Option(
-            "--discretisations",
-            metavar="A,B",
-            help=f"Network: of {', '.join(options.DISCRETISATIONS)}.",
-            show_default=False,
-        ),
+        str | None, option("--discretisations", "A,B", f"Network: of {', '.join(options.DISCRETISATIONS)}.", False)
     ] = None,
-    truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="truth.json of a simulation, as the reference.")
-    ] = None,
+    truth: Annotated[Path | None, option("--truth", "FILE", "truth.json of a simulation, as the reference.")] = None,
     validate: Annotated[
-        bool, typer.Option("--cross-validate", help="Fit again without each fifth of the records, and predict it.")
+        bool, flag("--cross-validate", help="Fit again without each fifth of the records, and predict it.")
     ] = False,
-    folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for comparison.json, and each result.")
-    ] = Path("vibrident-comparison"),
+    folder: Annotated[Path, option("--out", "DIR", "Folder for comparison.json, and each result.")] = Path(
+        "vibrident-comparison"
+    ),
 ) -> None:
     """Compare methods side by side: parameters, fit, and time; deviations are from the first one.
 
@@ -97,8 +79,7 @@ def compare(
         else:
             _refuse_for_results({"--estimators": named, "--models": names, "--discretisations": steps})
             results, scores = _loaded(files), {}
-        text = json.dumps(document(results, known, scores), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        (output.path / "comparison.json").write_text(text, encoding="utf-8")
+        write_json(output.path / "comparison.json", document(results, known, scores))
     from vibrident import terminal
 
     console = out()
@@ -200,9 +181,9 @@ def _loaded(files: list[Path]) -> dict[str, Result]:
 
 
 def _refuse_for_results(given: dict[str, object]) -> None:
-    for option, value in given.items():
+    for name, value in given.items():
         if value:
-            raise _misplaced(option, "a calibration file (.toml)", "results, which exist already")
+            raise _misplaced(name, "a calibration file (.toml)", "results, which exist already")
 
 
 def _misplaced(option: str, expected: str, found: str) -> InputError:

@@ -2,49 +2,31 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import Annotated, Any
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out, wrote
-from vibrident.cli.files import record_files
-from vibrident.workflow.folder import written_whole
+from vibrident.cli.console import out, warn, wrote
+from vibrident.cli.files import record_files, write_samples
+from vibrident.cli.options import flag, option
+from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
 
-if TYPE_CHECKING:
-    from vibrident.correction import Correction
+_CHOSEN = "chosen from noise, motion, sensor and sampling rate"
 
 
 def correct(
-    result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)
-    ],
+    result: options.ResultFile,
     calibration: options.CalibrationFile,
     folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the CSV files, correction.json and the picture.")
+        Path, option("--out", "DIR", "Folder for the CSV files, correction.json and the picture.")
     ] = Path("vibrident-correction"),
-    band: Annotated[
-        str | None,
-        typer.Option(
-            "--band",
-            metavar="LOW:HIGH",
-            help="Hz: the band to restore.",
-            show_default="chosen from noise, motion, sensor and sampling rate",
-        ),
-    ] = None,
+    band: Annotated[str | None, option("--band", "LOW:HIGH", "Hz: the band to restore.", _CHOSEN)] = None,
     noise: Annotated[
         float | None,
-        typer.Option(
-            "--noise",
-            metavar="RMS",
-            help="White noise of the response, in its unit.",
-            show_default="estimated from each record",
-        ),
+        option("--noise", "RMS", "White noise of the response, in its unit.", "estimated from each record"),
     ] = None,
-    no_plots: Annotated[bool, typer.Option("--no-pictures", "--no-plots", help="Draw no picture.")] = False,
+    no_plots: Annotated[bool, flag("--no-pictures", "--no-plots", help="Draw no picture.")] = False,
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 
@@ -66,27 +48,16 @@ def correct(
             corrections = run(known, data, band_hz=limits, noise=noise)
             files = record_files([c.record.name for c in corrections.corrections])
             for file, correction in zip(files, corrections.corrections, strict=True):
-                _write_csv(output.path / file, correction)
+                a, u = correction.acceleration, correction.standard_uncertainty
+                write_samples(output.path / file, correction.record, acceleration=a, standard_uncertainty=u)
             document = summary(corrections, files)
-            text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-            (output.path / "correction.json").write_text(text, encoding="utf-8")
+            write_json(output.path / "correction.json", document)
             if not no_plots:
                 from vibrident import plots
 
                 plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
-    for finding in corrections.findings:
-        note(f"Warning ({finding.code}): {finding.message}")
+    warn(corrections.findings)
     _show(document, folder, corrections.motion, drawn=not no_plots)
-
-
-def _write_csv(path: Path, correction: Correction) -> None:
-    """Columns time_s (the file's own clock), acceleration, standard_uncertainty; blank where unknown."""
-    record = correction.record
-    times = (record.start_time_s + record.time_s).tolist()
-    rows = zip(times, correction.acceleration.tolist(), correction.standard_uncertainty.tolist(), strict=True)
-    with path.open("w", encoding="ascii", newline="\n") as stream:
-        stream.write("time_s,acceleration,standard_uncertainty\n")
-        stream.writelines(f"{t!r},{a!r},{u!r}\n" if a == a else f"{t!r},,\n" for t, a, u in rows)
 
 
 def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:

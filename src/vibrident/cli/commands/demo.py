@@ -6,9 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from vibrident.cli.console import out, printable
+from vibrident.cli.options import option
 from vibrident.workflow.folder import written_whole
 from vibrident.workflow.simulated import RESPONSE_NOISE, SAMPLES, SENSOR, SNR_DB, write_demo
 
@@ -22,9 +21,7 @@ SHOWN_HZ = (10.0, 160.0, 630.0, 1000.0)
 
 
 def demo(
-    folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for everything; other files in it stay.")
-    ] = Path("demo"),
+    folder: Annotated[Path, option("--out", "DIR", "Folder for everything; other files in it stay.")] = Path("demo"),
 ) -> None:
     """Simulate a calibration, identify the sensor, compare with the truth, write a report."""
     with written_whole(folder) as output:

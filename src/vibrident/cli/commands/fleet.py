@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli.console import note, out
-from vibrident.cli.options import choice
+from vibrident.cli.options import argument, choice, flag, option
 from vibrident.errors import InputError
 from vibrident.workflow.estimators import AUTO, estimator_names
 
@@ -25,69 +25,43 @@ DOUBTFUL = 3
 _LINE_S = 30.0
 
 
-_TimeLimit = Annotated[float, typer.Option("--time-limit", metavar="S", help="Most seconds of one calibration.")]
-_MemoryLimit = Annotated[
-    float | None,
-    typer.Option(
-        "--memory-limit",
-        metavar="MB",
-        help="Most memory of one process.",
-        show_default="its share of the machine's, at least 4 GB",
-    ),
-]
-_Limits = Annotated[
-    Path | None,
-    typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type (TOML), for the page."),
-]
-
-
 def fleet(
     patterns: Annotated[
         list[str],
-        typer.Argument(
-            metavar="PATTERN...",
-            help="Calibration files; folders, for all .toml files in and below them; globs in quotes.",
-            show_default=False,
-        ),
+        argument("PATTERN...", "Calibration files; folders, for all .toml files in and below them; globs in quotes."),
     ],
-    folder: Annotated[
-        Path,
-        typer.Option("--out", metavar="DIR", help="Folder for the table, the page and the parts needed to resume."),
-    ],
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", metavar="N", min=1, help="Processes on this machine.", show_default="all cores"),
-    ] = None,
+    folder: Annotated[Path, option("--out", "DIR", "Folder for the table, the page and the parts needed to resume.")],
+    workers: Annotated[int | None, option("--workers", "N", "Processes on this machine.", "all cores", min=1)] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--scheduler",
-            metavar="ADDRESS|FILE.json",
-            help="A running Dask scheduler, in place of this machine's processes; extra cluster.",
+            "ADDRESS|FILE.json",
+            "A running Dask scheduler, in place of this machine's processes; extra cluster.",
         ),
     ] = None,
-    model: Annotated[
-        str | None, typer.Option("--model", metavar="NAME", help="Sensor model for all, in place of each file's.")
-    ] = None,
+    model: Annotated[str | None, option("--model", "NAME", "Sensor model for all, in place of each file's.")] = None,
     estimator: Annotated[
         str,
         choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", "{estimators}"),
     ] = AUTO,
-    resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Resume with what is in DIR, or start afresh.")
-    ] = True,
-    time_limit_s: _TimeLimit = 300.0,
-    memory_limit_mb: _MemoryLimit = None,
-    limits: _Limits = None,
-    results: Annotated[bool, typer.Option("--results/--no-results", help="Keep whole results in DIR/results.")] = True,
+    resume: Annotated[bool, flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.")] = True,
+    time_limit_s: Annotated[float, option("--time-limit", "S", "Most seconds of one calibration.")] = 300.0,
+    memory_limit_mb: Annotated[
+        float | None,
+        option("--memory-limit", "MB", "Most memory of one process.", "its share of the machine's, at least 4 GB"),
+    ] = None,
+    limits: Annotated[
+        Path | None, option("--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page.")
+    ] = None,
+    results: Annotated[bool, flag("--results/--no-results", help="Keep whole results in DIR/results.")] = True,
     store: Annotated[
-        str | None,
-        typer.Option("--store", metavar="URL", help="Add the results to this history too; see `vibrident history`."),
+        str | None, option("--store", "URL", "Add the results to this history too; see `vibrident history`.")
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful.")
+        bool, flag("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
+    quiet: Annotated[bool, flag("--quiet", "-q", help="Print nothing but errors.")] = False,
 ) -> None:
     """Identify many sensors: DIR/fleet.parquet, a row each, and DIR/fleet.html.
 

@@ -11,7 +11,7 @@ import typer
 from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.history_options import question, read_date, read_tolerance
 from vibrident.cli.history_output import PICTURES, print_history, print_json, print_pairs, print_table, write
-from vibrident.cli.options import choice, one_of
+from vibrident.cli.options import ResultFiles, argument, choice, one_of, option
 from vibrident.errors import InputError
 from vibrident.workflow.folder import written_whole
 from vibrident.workflow.results import load_result
@@ -26,62 +26,44 @@ KINDS = ("repaired", "recalled", "superseded")
 
 _Store = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--store",
-        metavar="URL",
-        help="sqlite:///FILE, FILE.db or postgresql://USER@HOST/DATABASE.",
-        show_default="VIBRIDENT_STORE, else a file in the user's data folder",
+        "URL",
+        "sqlite:///FILE, FILE.db or postgresql://USER@HOST/DATABASE.",
+        "VIBRIDENT_STORE, else a file in the user's data folder",
     ),
 ]
-_Serial = Annotated[str, typer.Argument(metavar="SERIAL", help="Serial number.", show_default=False)]
-_Type = Annotated[str | None, typer.Option("--type", metavar="TYPE", help="Of sensors with one serial number.")]
-_Axis = Annotated[str | None, typer.Option("--axis", metavar="AXIS", help="Of sensors with several.")]
+_Serial = Annotated[str, argument("SERIAL", "Serial number.")]
+_Calibration = Annotated[int, argument("ID", "Number of the calibration.")]
+_Type = Annotated[str | None, option("--type", "TYPE", "Of sensors with one serial number.")]
+_Axis = Annotated[str | None, option("--axis", "AXIS", "Of sensors with several.")]
 _Form = Annotated[str, choice("--format", FORMS, "Tables, or one JSON document.")]
-_By = Annotated[
-    str | None, typer.Option("--by", metavar="NAME", help="Author of the entry.", show_default="the account")
-]
-_Note = Annotated[str, typer.Option("--note", metavar="TEXT", help="Why.")]
+_By = Annotated[str | None, option("--by", "NAME", "Author of the entry.", "the account")]
+_Note = Annotated[str, option("--note", "TEXT", "Why.")]
 _Quantity = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--quantity",
-        metavar="NAME",
-        help="A parameter of the results, such as natural_frequency.",
-        show_default="the sensitivity at the reference frequency",
+        "NAME",
+        "A parameter of the results, such as natural_frequency.",
+        "the sensitivity at the reference frequency",
     ),
 ]
-_Frequency = Annotated[
-    float | None,
-    typer.Option("--frequency", metavar="HZ", help="The sensitivity at this nominal frequency.", show_default=False),
-]
-_Tolerance = Annotated[
-    str | None,
-    typer.Option("--tolerance", metavar="REL", help="Tolerance: 1% or 0.01.", show_default=False),
-]
-_Nominal = Annotated[
-    float | None,
-    typer.Option("--nominal", metavar="VALUE", help="Value it is used with.", show_default="the last calibration's"),
-]
+_Frequency = Annotated[float | None, option("--frequency", "HZ", "The sensitivity at this nominal frequency.", False)]
+_Tolerance = Annotated[str | None, option("--tolerance", "REL", "Tolerance: 1% or 0.01.", False)]
+_Nominal = Annotated[float | None, option("--nominal", "VALUE", "Value it is used with.", "the last calibration's")]
 _Limits = Annotated[
-    Path | None,
-    typer.Option("--limits", metavar="FILE", help="Nominal values and tolerances by type, as for `vibrident fleet`."),
+    Path | None, option("--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`.")
 ]
-_Interval = Annotated[
-    float | None,
-    typer.Option("--interval", metavar="YEARS", help="In force.", show_default="between the last two calibrations"),
-]
+_Interval = Annotated[float | None, option("--interval", "YEARS", "In force.", "between the last two calibrations")]
 
 
 @history.command("add")
 def add(
-    results: Annotated[
-        list[Path], typer.Argument(metavar="RESULT...", help="result.json, one or more.", show_default=False)
-    ],
+    results: ResultFiles,
     store: _Store = None,
-    serial: Annotated[str | None, typer.Option("--serial", metavar="SERIAL", help="For results without one.")] = None,
-    date: Annotated[
-        str | None, typer.Option("--date", metavar="DATE", help="Of the calibration, for results without one.")
-    ] = None,
+    serial: Annotated[str | None, option("--serial", "SERIAL", "For results without one.")] = None,
+    date: Annotated[str | None, option("--date", "DATE", "Of the calibration, for results without one.")] = None,
 ) -> None:
     """Add results. An existing result stays unchanged."""
     day = read_date(date, "--date")
@@ -123,19 +105,13 @@ def show(
     axis: _Axis = None,
     quantity: _Quantity = None,
     frequency: _Frequency = None,
-    at: Annotated[
-        str | None,
-        typer.Option("--at", metavar="DATE", help="Predict for it.", show_default="the end of the interval"),
-    ] = None,
+    at: Annotated[str | None, option("--at", "DATE", "Predict for it.", "the end of the interval")] = None,
     tolerance: _Tolerance = None,
     nominal: _Nominal = None,
     limits: _Limits = None,
     interval: _Interval = None,
     form: _Form = "text",
-    target: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help="Write it as .html, .png, .svg, .pdf or .json too."),
-    ] = None,
+    target: Annotated[Path | None, option("--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too.")] = None,
 ) -> None:
     """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
     from vibrident.history import query
@@ -157,9 +133,7 @@ def show(
 
 @history.command("due")
 def due(
-    serial: Annotated[
-        str | None, typer.Argument(metavar="[SERIAL]", help="Serial number.", show_default="all sensors")
-    ] = None,
+    serial: Annotated[str | None, argument("[SERIAL]", "Serial number.", "all sensors")] = None,
     tolerance: _Tolerance = None,
     store: _Store = None,
     type_name: _Type = None,
@@ -205,7 +179,7 @@ def due(
 
 @history.command("approve")
 def approve(
-    number: Annotated[int, typer.Argument(metavar="ID", help="Number of the calibration.", show_default=False)],
+    number: _Calibration,
     store: _Store = None,
     by: _By = None,
     note_text: _Note = "",
@@ -224,11 +198,9 @@ def approve(
 @history.command("event")
 def event(
     serial: _Serial,
-    kind: Annotated[str, choice("--kind", KINDS, "What happened.", show_default=False)],
-    date: Annotated[str | None, typer.Option("--date", metavar="DATE", help="When.", show_default="today")] = None,
-    calibration: Annotated[
-        int | None, typer.Option("--calibration", metavar="ID", help="Of this calibration, not of the sensor.")
-    ] = None,
+    kind: Annotated[str, choice("--kind", KINDS, "What happened.", default=False)],
+    date: Annotated[str | None, option("--date", "DATE", "When.", "today")] = None,
+    calibration: Annotated[int | None, option("--calibration", "ID", "Of this calibration, not of the sensor.")] = None,
     note_text: _Note = "",
     by: _By = None,
     store: _Store = None,
@@ -249,8 +221,8 @@ def event(
 
 @history.command("result")
 def result(
-    number: Annotated[int, typer.Argument(metavar="ID", help="Number of the calibration.", show_default=False)],
-    target: Annotated[Path, typer.Option("--out", metavar="FILE", help="result.json to write.", show_default=False)],
+    number: _Calibration,
+    target: Annotated[Path, option("--out", "FILE", "result.json to write.", False)],
     store: _Store = None,
 ) -> None:
     """Write a stored result to a file."""
@@ -264,7 +236,7 @@ def result(
 
 @history.command("export")
 def export(
-    target: Annotated[Path, typer.Argument(metavar="FILE.parquet|FILE.csv", help="File to write.", show_default=False)],
+    target: Annotated[Path, argument("FILE.parquet|FILE.csv", "File to write.")],
     store: _Store = None,
 ) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out
-from vibrident.cli.options import choice
+from vibrident.cli.console import note, out, warn
+from vibrident.cli.options import argument, choice, flag, option
 from vibrident.workflow.estimators import AUTO, estimator_names
 from vibrident.workflow.folder import written_whole
 from vibrident.workflow.identification import Request, run
@@ -18,10 +18,6 @@ from vibrident.workflow.identification import Request, run
 WARNED = 3
 _DETAILS = "Settings of an estimator"
 
-_Estimator = Annotated[
-    str,
-    choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", "{estimators}"),
-]
 _Discretisation = Annotated[
     str | None,
     choice(
@@ -29,8 +25,8 @@ _Discretisation = Annotated[
         options.DISCRETISATIONS,
         f"Network: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
         "NAME",
-        rich_help_panel=_DETAILS,
-        show_default="bandlimited",
+        "bandlimited",
+        _DETAILS,
     ),
 ]
 _Optimiser = Annotated[
@@ -39,29 +35,8 @@ _Optimiser = Annotated[
         "--optimiser",
         options.OPTIMISERS,
         "Network: Levenberg-Marquardt, or Adam as in the paper.",
-        rich_help_panel=_DETAILS,
-        show_default="lm",
-    ),
-]
-_Steps = Annotated[
-    int | None,
-    typer.Option(
-        "--steps",
-        metavar="N",
-        min=1,
-        help="Network with adam: training steps.",
-        rich_help_panel=_DETAILS,
-        show_default="1500",
-    ),
-]
-_LearningRate = Annotated[
-    float | None,
-    typer.Option(
-        "--learning-rate",
-        metavar="X",
-        help="Network with adam: step size.",
-        rich_help_panel=_DETAILS,
-        show_default="0.001",
+        default="lm",
+        panel=_DETAILS,
     ),
 ]
 _Weighting = Annotated[
@@ -70,21 +45,21 @@ _Weighting = Annotated[
         "--weighting",
         options.WEIGHTINGS,
         "Least squares on the response: by uncertainty, or plain as in the paper.",
-        rich_help_panel=_DETAILS,
+        panel=_DETAILS,
     ),
 ]
 _Residual = Annotated[
     bool,
-    typer.Option(
+    flag(
         "--residual",
         help="Network: learn the residual by a small network beside the physics; kept only where it "
         "predicts held-out data better.",
-        rich_help_panel=_DETAILS,
+        panel=_DETAILS,
     ),
 ]
 _Posterior = Annotated[
     bool,
-    typer.Option(
+    flag(
         "--posterior",
         help="ml: also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
     ),
@@ -93,25 +68,23 @@ _Posterior = Annotated[
 
 def identify(
     calibrations: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="CAL.toml...",
-            help="Calibration file; several of one sensor are fitted together.",
-            show_default=False,
-        ),
+        list[Path], argument("CAL.toml...", "Calibration file; several of one sensor are fitted together.")
     ],
     model: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--model",
-            metavar="NAME",
-            help="Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
+            "NAME",
+            "Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
             "one for all, or one each, joined by commas.",
         ),
     ] = None,
-    estimator_name: _Estimator = AUTO,
+    estimator_name: Annotated[
+        str,
+        choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", "{estimators}"),
+    ] = AUTO,
     folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for result.json and pictures; other files in it stay.")
+        Path, option("--out", "DIR", "Folder for result.json and pictures; other files in it stay.")
     ] = Path("vibrident-out"),
     uncertainty: Annotated[
         str,
@@ -123,28 +96,32 @@ def identify(
     ] = "auto",
     share: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--share",
-            metavar="A,B",
-            help="Several files: the parameters they share, no others.",
-            show_default="the oscillator, and gains of equal outputs",
+            "A,B",
+            "Several files: the parameters they share, no others.",
+            "the oscillator, and gains of equal outputs",
         ),
     ] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 if the result carries a warning.")] = False,
-    pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.")
-    ] = True,
-    plots: Annotated[bool | None, typer.Option("--plots/--no-plots", hidden=True)] = None,  # the older name
-    weights: Annotated[
-        bool, typer.Option("--weights", help="Print the network's weights, the paper's Table 1.")
-    ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")] = False,
+    strict: Annotated[bool, flag("--strict", help="Exit with 3 if the result carries a warning.")] = False,
+    pictures: Annotated[bool, flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.")] = True,
+    plots: Annotated[bool | None, flag("--plots/--no-plots", help="", hidden=True)] = None,  # the older name
+    weights: Annotated[bool, flag("--weights", help="Print the network's weights, the paper's Table 1.")] = False,
+    quiet: Annotated[bool, flag("--quiet", "-q", help="Print nothing but errors and warnings.")] = False,
     discretisation: _Discretisation = None,
     optimiser: _Optimiser = None,
-    steps: _Steps = None,
-    learning_rate: _LearningRate = None,
+    steps: Annotated[
+        int | None, option("--steps", "N", "Network with adam: training steps.", "1500", _DETAILS, min=1)
+    ] = None,
+    learning_rate: Annotated[
+        float | None, option("--learning-rate", "X", "Network with adam: step size.", "0.001", _DETAILS)
+    ] = None,
     weighting: _Weighting = None,
     residual: _Residual = False,
+    others: Annotated[
+        list[str] | None,
+        option("--set", "NAME=VALUE", "A setting of another package's estimator; may be repeated.", panel=_DETAILS),
+    ] = None,
     posterior: _Posterior = False,
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
@@ -155,7 +132,7 @@ def identify(
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
     """
     values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
-    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True))
+    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(others or ())
     shared = options.listed("--share")(share)
     request = Request(estimator_name, settings, _models(model), uncertainty, shared, posterior, weights)
     request.check(len(calibrations))
@@ -218,8 +195,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
             note(text)
         written = files if result is results[-1] else []
         if quiet:
-            for warning in result.warnings:
-                note(f"Warning ({warning.code}): {warning.message}")
+            warn(result.warnings)
         else:
             if len(results) > 1:
                 joint = result.settings["joint"]

@@ -6,10 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from vibrident.cli import options
 from vibrident.cli.console import note, out, printable, wrote
+from vibrident.cli.options import option
 from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:
@@ -20,10 +19,7 @@ if TYPE_CHECKING:
 
 def inspect(
     calibration: options.CalibrationFile,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Folder for the picture.", show_default="./CAL.inspect.png"),
-    ] = None,
+    folder: Annotated[Path | None, option("--out", "DIR", "Folder for the picture.", "./CAL.inspect.png")] = None,
 ) -> None:
     """Show calibration data: their description, findings, and a picture."""
     from vibrident.io import read_guarded

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
-from vibrident.cli.options import choice
+from vibrident.cli.options import choice, flag, option
 from vibrident.errors import InputError
-from vibrident.workflow.folder import written_whole
+from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
@@ -25,15 +22,15 @@ _SENSOR, _POINTS, _CHOICE = "Sensor", "Points", "Choice of frequencies"
 _NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
 
 
-def _number(name: str, metavar: str, help: str, panel: str, **more: Any) -> Any:
-    return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **more)
-
-
 _Source = Annotated[
     Path | None,
-    _number("--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", _SENSOR),
+    option(
+        "--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", panel=_SENSOR
+    ),
 ]
-_Parameter = Annotated[list[str] | None, _number("--parameter", "NAME=VALUE", "Any other; may be repeated.", _SENSOR)]
+_Parameter = Annotated[
+    list[str] | None, option("--parameter", "NAME=VALUE", "Any other; may be repeated.", panel=_SENSOR)
+]
 _Quantity = Annotated[
     str | None,
     choice(
@@ -41,68 +38,70 @@ _Quantity = Annotated[
         options.QUANTITIES,
         f"Of the reference: {', '.join(options.QUANTITIES)}.",
         "NAME",
-        rich_help_panel=_SENSOR,
-        show_default="acceleration",
+        panel=_SENSOR,
+        default="acceleration",
     ),
 ]
 _Frequencies = Annotated[
     str | None,
-    _number(
+    option(
         "--frequencies",
         "LOW:HIGH|A,B",
         "Hz: one-third octaves in a range, or a list.",
-        _POINTS,
-        show_default="those of the result",
+        panel=_POINTS,
+        default="those of the result",
     ),
 ]
 _Amplitude = Annotated[
-    float | None, _number("--amplitude", "A", "Peak acceleration, m/s².", _POINTS, show_default="9.80665")
+    float | None, option("--amplitude", "A", "Peak acceleration, m/s².", panel=_POINTS, default="9.80665")
 ]
-_ResponseNoise = Annotated[float, _number("--response-noise", "REL", "White, relative to the response's rms.", _POINTS)]
-_ResponseRms = Annotated[float, _number("--response-noise-rms", "RMS", "White, in the response's unit.", _POINTS)]
+_ResponseNoise = Annotated[
+    float, option("--response-noise", "REL", "White, relative to the response's rms.", panel=_POINTS)
+]
+_ResponseRms = Annotated[float, option("--response-noise-rms", "RMS", "White, in the response's unit.", panel=_POINTS)]
 _ReferenceNoise = Annotated[
-    float, _number("--reference-noise", "REL", "White, relative to the reference's rms.", _POINTS)
+    float, option("--reference-noise", "REL", "White, relative to the reference's rms.", panel=_POINTS)
 ]
-_ReferenceRms = Annotated[float, _number("--reference-noise-rms", "RMS", "White, in the reference's unit.", _POINTS)]
+_ReferenceRms = Annotated[
+    float, option("--reference-noise-rms", "RMS", "White, in the reference's unit.", panel=_POINTS)
+]
 _Magnitude = Annotated[
-    float | None, _number("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", _POINTS)
+    float | None, option("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", panel=_POINTS)
 ]
-_Phase = Annotated[float | None, _number("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", _POINTS)]
-_Longer = Annotated[float, _number("--times-as-long", "X", "With --from alone: records X times as long.", _POINTS)]
+_Phase = Annotated[float | None, option("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", panel=_POINTS)]
+_Longer = Annotated[float, option("--times-as-long", "X", "With --from alone: records X times as long.", panel=_POINTS)]
 _Systematic = Annotated[
-    float, _number("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", _POINTS)
+    float, option("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", panel=_POINTS)
 ]
-_Best = Annotated[int | None, _number("--best", "N", "Choose N of the frequencies.", _CHOICE, show_default="all")]
+_Best = Annotated[int | None, option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all")]
 _Criterion = Annotated[
     str,
     choice(
         "--criterion",
         ("D", "A"),
         "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
-        rich_help_panel=_CHOICE,
+        panel=_CHOICE,
     ),
 ]
-_Repeats = Annotated[
-    bool, typer.Option("--repeats", help="A frequency may be chosen several times.", rich_help_panel=_CHOICE)
-]
-_Folder = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for plan.json and a picture.", show_default="none")
-]
+_Repeats = Annotated[bool, flag("--repeats", help="A frequency may be chosen several times.", panel=_CHOICE)]
+_Folder = Annotated[Path | None, option("--out", "DIR", "Folder for plan.json and a picture.", "none")]
 
 
 def plan(
-    model: Annotated[str | None, _number("--model", "MODEL", "Such as accelerometer+delay.", _SENSOR)] = None,
+    model: Annotated[str | None, option("--model", "MODEL", "Such as accelerometer+delay.", panel=_SENSOR)] = None,
     source: _Source = None,
-    natural_frequency: Annotated[float | None, _number("--natural-frequency", "HZ", "In Hz.", _SENSOR)] = None,
-    damping: Annotated[float | None, _number("--damping", "RATIO", "Damping ratio.", _SENSOR)] = None,
-    sensitivity: Annotated[float | None, _number("--sensitivity", "S", "Accelerometer: V/(m/s²).", _SENSOR)] = None,
-    constant: Annotated[float | None, _number("--generator-constant", "G", "Pickup: V/(m/s).", _SENSOR)] = None,
+    natural_frequency: Annotated[float | None, option("--natural-frequency", "HZ", "In Hz.", panel=_SENSOR)] = None,
+    damping: Annotated[float | None, option("--damping", "RATIO", "Damping ratio.", panel=_SENSOR)] = None,
+    sensitivity: Annotated[
+        float | None, option("--sensitivity", "S", "Accelerometer: V/(m/s²).", panel=_SENSOR)
+    ] = None,
+    constant: Annotated[float | None, option("--generator-constant", "G", "Pickup: V/(m/s).", panel=_SENSOR)] = None,
     parameter: _Parameter = None,
     quantity: _Quantity = None,
     frequencies: _Frequencies = None,
     amplitude: _Amplitude = None,
-    rate: Annotated[float | None, _number("--rate", "HZ", "Sampling rate.", _POINTS)] = None,
-    samples: Annotated[int | None, _number("--samples", "N", "Samples of every record.", _POINTS)] = None,
+    rate: Annotated[float | None, option("--rate", "HZ", "Sampling rate.", panel=_POINTS)] = None,
+    samples: Annotated[int | None, option("--samples", "N", "Samples of every record.", panel=_POINTS)] = None,
     response_noise: _ResponseNoise = 0.0,
     response_noise_rms: _ResponseRms = 0.0,
     reference_noise: _ReferenceNoise = 0.0,
@@ -160,20 +159,17 @@ def _sensor(model: str | None, source: Path | None, values: dict[str, float]) ->
 
 def _parameters(given: list[str]) -> dict[str, float]:
     values = {}
-    for text in given:
-        name, separator, number = text.partition("=")
+    for name, number in options.pairs("--parameter", given, "delay=1e-5").items():
         try:
-            values[name.strip()] = float(number)
+            values[name] = float(number)
         except ValueError:
-            separator = ""
-        if not separator:
             raise InputError(
                 "A parameter cannot be read.",
                 expected="NAME=VALUE, such as delay=1e-5",
-                found=repr(text),
+                found=repr(f"{name}={number}"),
                 where="--parameter",
                 remedy="write the value as a number in SI units, frequencies in Hz",
-            )
+            ) from None
     return values
 
 
@@ -217,7 +213,6 @@ def _write(planned: Plan, folder: Path) -> None:
     from vibrident.planning import summary
 
     with written_whole(folder) as output:
-        text = json.dumps(summary(planned), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        (output.path / "plan.json").write_text(text, encoding="utf-8")
+        write_json(output.path / "plan.json", summary(planned))
         plots.save(plots.plan(planned), output.path / "plan.png")
     wrote(output.files)

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from vibrident.cli import options
-from vibrident.cli.console import note, out, wrote
-from vibrident.cli.files import record_files
-from vibrident.workflow.folder import written_whole
+from vibrident.cli.console import out, warn, wrote
+from vibrident.cli.files import record_files, write_samples
+from vibrident.cli.options import option
+from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
-    from vibrident.prediction import Prediction, Predictions
+    from vibrident.prediction import Predictions
 
 
 def predict(
-    result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="result.json of an identification.", show_default=False)
-    ],
+    result: options.ResultFile,
     calibration: options.CalibrationFile,
-    folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the CSV files and prediction.json.")
-    ] = Path("vibrident-prediction"),
+    folder: Annotated[Path, option("--out", "DIR", "Folder for the CSV files and prediction.json.")] = Path(
+        "vibrident-prediction"
+    ),
 ) -> None:
     """Predict the response of other records: a CSV file each, and their rmse in prediction.json.
 
@@ -46,23 +42,12 @@ def predict(
             predictions = run(known, data)
         files = record_files([p.record.name for p in predictions.predictions])
         for file, prediction in zip(files, predictions.predictions, strict=True):
-            _write_csv(output.path / file, prediction)
+            record = prediction.record
+            write_samples(output.path / file, record, response=record.response, predicted=prediction.predicted)
         document = {"model": known.model, **summary(predictions, files, data.response_unit)}
-        text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        (output.path / "prediction.json").write_text(text, encoding="utf-8")
-    for finding in predictions.findings:
-        note(f"Warning ({finding.code}): {finding.message}")
+        write_json(output.path / "prediction.json", document)
+    warn(predictions.findings)
     _show(document, predictions, folder)
-
-
-def _write_csv(path: Path, prediction: Prediction) -> None:
-    """Columns time_s (the file's own clock), response and predicted; blank without a prediction."""
-    record = prediction.record
-    times = (record.start_time_s + record.time_s).tolist()
-    rows = zip(times, record.response.tolist(), prediction.predicted.tolist(), strict=True)
-    with path.open("w", encoding="ascii", newline="\n") as stream:
-        stream.write("time_s,response,predicted\n")
-        stream.writelines(f"{t!r},{y!r},{p!r}\n" if p == p else f"{t!r},{y!r},\n" for t, y, p in rows)
 
 
 def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> None:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from vibrident.cli import options
 from vibrident.cli.console import note, wrote
+from vibrident.cli.options import choice, option
 from vibrident.errors import InputError
 from vibrident.workflow.folder import written_whole
 from vibrident.workflow.results import load_result
@@ -23,30 +22,27 @@ _COMPARISON = Path("vibrident-comparison")
 
 
 def report(
-    results: Annotated[
-        list[Path], typer.Argument(metavar="RESULT...", help="result.json, one or more.", show_default=False)
-    ],
+    results: options.ResultFiles,
     target: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--out",
-            metavar="DIR|FILE",
-            help="Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
-            show_default="beside each result",
+            "DIR|FILE",
+            "Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
+            "beside each result",
         ),
     ] = None,
     form: Annotated[
         str | None,
-        options.choice(
+        choice(
             "--format",
             options.FORMATS,
             "html: interactive, one file; pdf: calibration certificate; md: Markdown with pictures.",
-            show_default="by the ending of --out, or md",
+            default="by the ending of --out, or md",
         ),
     ] = None,
     store: Annotated[
-        str | None,
-        typer.Option("--store", metavar="URL", help="Add what this history holds of the sensor; not in a certificate."),
+        str | None, option("--store", "URL", "Add what this history holds of the sensor; not in a certificate.")
     ] = None,
 ) -> None:
     """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""

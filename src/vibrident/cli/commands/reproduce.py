@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from vibrident.cli.console import note, out
+from vibrident.cli.options import flag, option
 from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:
@@ -20,18 +19,16 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the page; other files in it stay.")
-    ] = Path("reproduction"),
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A trial of two minutes; networks are not fully trained.")
-    ] = False,
+    folder: Annotated[Path, option("--out", "DIR", "Folder for the page; other files in it stay.")] = Path(
+        "reproduction"
+    ),
+    quick: Annotated[bool, flag("--quick", help="A trial of two minutes; networks are not fully trained.")] = False,
     full_range: Annotated[
-        bool, typer.Option("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz.")
+        bool, flag("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz.")
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.")] = 20251111,
+    seed: Annotated[int, option("--seed", "N", "Of everything random.", min=0)] = 20251111,
     into: Annotated[
-        Path | None, typer.Option("--into", metavar="FILE.md", help="Also put the tables between the marks of FILE.md.")
+        Path | None, option("--into", "FILE.md", "Also put the tables between the marks of FILE.md.")
     ] = None,
 ) -> None:
     """Reproduce the paper: every table and figure, and further ones, on one page (Markdown and HTML).

@@ -4,39 +4,25 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from vibrident.cli.console import note, out
+from vibrident.cli.options import flag, option
 from vibrident.workflow.choices import LOOPBACK
+
+_STORE = "on loopback VIBRIDENT_STORE, else a file in the user's data folder; none otherwise"
 
 
 def serve(
     host: Annotated[
-        str,
-        typer.Option(
-            "--host", metavar="ADDRESS", help="Where to listen; other addresses than loopback open it to others."
-        ),
+        str, option("--host", "ADDRESS", "Where to listen; other addresses than loopback open it to others.")
     ] = "127.0.0.1",
-    port: Annotated[
-        int,
-        typer.Option("--port", metavar="N", help="Port.", show_default="8080, or one that is free"),
-    ] = 0,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser.")] = False,
-    limit_mb: Annotated[
-        float, typer.Option("--limit-mb", metavar="MB", help="Most megabytes of one user's files.")
-    ] = 100.0,
+    port: Annotated[int, option("--port", "N", "Port.", "8080, or one that is free")] = 0,
+    no_browser: Annotated[bool, flag("--no-browser", help="Open no browser.")] = False,
+    limit_mb: Annotated[float, option("--limit-mb", "MB", "Most megabytes of one user's files.")] = 100.0,
     name: Annotated[
-        list[str] | None,
-        typer.Option("--name", metavar="NAME", help="A further host name of the page; may be repeated."),
+        list[str] | None, option("--name", "NAME", "A further host name of the page; may be repeated.")
     ] = None,
     store: Annotated[
-        str | None,
-        typer.Option(
-            "--store",
-            metavar="URL",
-            help="History to show and add to; see `vibrident history`.",
-            show_default="on loopback VIBRIDENT_STORE, else a file in the user's data folder; none otherwise",
-        ),
+        str | None, option("--store", "URL", "History to show and add to; see `vibrident history`.", _STORE)
     ] = None,
 ) -> None:
     """Open a page in the browser: drop files, confirm columns, identify, view, download. Ctrl-C ends it.

@@ -5,55 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from vibrident.cli import options
 from vibrident.cli.console import out, wrote
 from vibrident.cli.optics import INTERFEROMETERS, KEYS, optics_of, write_optical
-from vibrident.cli.options import choice
+from vibrident.cli.options import choice, flag, option
 from vibrident.workflow.folder import refuse_used, written_whole
 from vibrident.workflow.simulated import write
 
 _NOISE, _LIGHT = "Noise", "Raw light"
 
-_ExcitationSnr = Annotated[
-    float | None,
-    typer.Option(
-        "--excitation-snr", metavar="DB", help="Excitation over noise motion of the base.", rich_help_panel=_NOISE
-    ),
-]
-_ReferenceNoise = Annotated[
-    float, typer.Option("--reference-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE)
-]
-_ResponseNoise = Annotated[
-    float, typer.Option("--response-noise", metavar="REL", help="White, relative to the rms.", rich_help_panel=_NOISE)
-]
 _Interferometer = Annotated[
     str | None,
     choice(
         "--interferometer",
         INTERFEROMETERS,
         "Write an interferometer's raw signals in place of the reference.",
-        rich_help_panel=_LIGHT,
-    ),
-]
-_Optics = Annotated[
-    str | None,
-    typer.Option(
-        "--optics",
-        metavar="KEY=VALUE,…",
-        help=f"Its faults: {', '.join(KEYS)}.",
-        show_default=False,
-        rich_help_panel=_LIGHT,
+        panel=_LIGHT,
     ),
 ]
 
 
 def simulate(
-    folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.", show_default=False)],
-    sensor: Annotated[
-        str, typer.Option("--sensor", metavar="NAME", help=f"Of {', '.join(options.SENSORS)}.")
-    ] = "paper",
+    folder: Annotated[Path, option("--out", "DIR", "Folder for the files.", False)],
+    sensor: Annotated[str, option("--sensor", "NAME", f"Of {', '.join(options.SENSORS)}.")] = "paper",
     excitation: Annotated[
         str,
         choice(
@@ -63,18 +37,11 @@ def simulate(
             "NAME",
         ),
     ] = "sine",
-    rate: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate.", show_default="the sensor's usual")
-    ] = None,
-    samples: Annotated[int, typer.Option("--samples", metavar="N", help="Samples of every record.")] = 16000,
+    rate: Annotated[float | None, option("--rate", "HZ", "Sampling rate.", "the sensor's usual")] = None,
+    samples: Annotated[int, option("--samples", "N", "Samples of every record.")] = 16000,
     frequencies: Annotated[
         str | None,
-        typer.Option(
-            "--frequencies",
-            metavar="LOW:HIGH|A,B",
-            help="Hz: one-third octaves in a range, or a list.",
-            show_default="the sensor's band",
-        ),
+        option("--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", "the sensor's band"),
     ] = None,
     quantity: Annotated[
         str, choice("--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "NAME")
@@ -88,15 +55,21 @@ def simulate(
     method: Annotated[
         str, choice("--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.")
     ] = "exact",
-    excitation_snr: _ExcitationSnr = None,
-    reference_noise: _ReferenceNoise = 0.0,
-    response_noise: _ResponseNoise = 0.0,
+    excitation_snr: Annotated[
+        float | None, option("--excitation-snr", "DB", "Excitation over noise motion of the base.", panel=_NOISE)
+    ] = None,
+    reference_noise: Annotated[
+        float, option("--reference-noise", "REL", "White, relative to the rms.", panel=_NOISE)
+    ] = 0.0,
+    response_noise: Annotated[
+        float, option("--response-noise", "REL", "White, relative to the rms.", panel=_NOISE)
+    ] = 0.0,
     interferometer: _Interferometer = None,
-    optics: _Optics = None,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.", rich_help_panel=_NOISE)
-    ] = 0,
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
+    optics: Annotated[
+        str | None, option("--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", False, _LIGHT)
+    ] = None,
+    seed: Annotated[int, option("--seed", "N", "Of everything random.", panel=_NOISE, min=0)] = 0,
+    force: Annotated[bool, flag("--force", help="Write into a folder that is not empty.")] = False,
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
     refuse_used(folder, force=force)
