@@ -1,13 +1,14 @@
-"""The page of a sensor's history, made from its document alone."""
+"""What is shown of a sensor's history, on pages and on a terminal, made from its document alone."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from vibrident.history import figures, tables
 from vibrident.present.numbers import sensor_name
-from vibrident.present.views import Block, Document, Facts, Section, Sentence, document, section
+from vibrident.present.views import Block, Document, Section, document, section
 
 
 def shown(life: Mapping[str, Any]) -> Document:
@@ -17,27 +18,26 @@ def shown(life: Mapping[str, Any]) -> Document:
 
 def sections(life: Mapping[str, Any]) -> list[Section]:
     """The parts of the page, for other pages too."""
+    name = tables.quantity_name(life)
     return [
-        section(
-            "values", f"History of the {tables.quantity_name(life)}", figures.values(life), tables.calibrations(life)
-        ),
-        section("drift", "Drift", *_facts(tables.drift(life)), *(Sentence(text) for text in tables.series(life))),
-        section("due", "Next calibration", *_facts(tables.due(life))),
-        section("control", "Control charts", figures.control(life), *_facts(tables.control(life))),
+        section("values", f"History of the {name}", figures.values(life), tables.calibrations(life)),
+        section("drift", "Drift", tables.drift(life), *tables.series(life)),
+        section("due", "Next calibration", tables.due(life)),
+        section("control", "Control charts", figures.control(life), tables.control(life)),
         section("events", "Events", tables.events(life)),
     ]
 
 
-def _facts(rows: list[tuple[str, str]]) -> list[Block]:
-    return [Facts(tuple(rows))] if rows else []
-
-
-def history_html(life: Mapping[str, Any]) -> str:
-    """The page as HTML.
-
-    Raises:
-        InputError: plotly, whose script the page embeds, is not installed.
-    """
-    from vibrident.present import html
-
-    return html.render(shown(life))
+def printed(life: Mapping[str, Any]) -> tuple[Block | None, ...]:
+    """The same for a terminal, with a chart of letters in place of pictures."""
+    title = f"{sensor_name(life['sensor'])}: {tables.quantity_name(life)}"
+    calibrations, events = replace(tables.calibrations(life), title=title), tables.events(life)
+    return (
+        calibrations,
+        tables.chart(life),
+        *tables.series(life),
+        tables.drift(life),
+        tables.control(life),
+        tables.due(life),
+        None if events is None else replace(events, title="Events"),
+    )

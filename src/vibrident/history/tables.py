@@ -1,14 +1,14 @@
-"""A history as tables and sentences: for the terminal and the page. Made from the document alone."""
+"""A history as tables, lists and sentences, made from its document alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from vibrident.comparison import COVERAGE_FACTOR as K
 from vibrident.naming import Scale, in_words, pretty, scaled
 from vibrident.present.numbers import NONE, frequency_text, pair, plain
-from vibrident.present.views import Column, Table, columns
+from vibrident.present.views import Column, Facts, Sentence, Table, columns
 
 Document = Mapping[str, Any]
 
@@ -74,13 +74,13 @@ def _en(value: float | None) -> str:
     return NONE if value is None else f"{value:+.2f}".replace("-0.00", "+0.00")
 
 
-def chart(document: Document, width: int = 54) -> list[tuple[str, str]]:
-    """The values as text, by date: the unshared part of U as a bar, and the prediction."""
+def chart(document: Document, width: int = 54) -> Facts | None:
+    """The values as text, by date: the unshared part of U as a bar, and the prediction; None for a single value."""
     rows = [
         (row["date"], row["value"], K * (row["u_own"] or row["u"])) for row in document["calibrations"] if row["counts"]
     ]
     if len(rows) < 2:
-        return []
+        return None
     if not document["drift"]["why"]:
         ahead = document["drift"]["prediction"]
         rows.append((f"{ahead['date']} expected", ahead["reading"]["value"], ahead["reading"]["U"]))
@@ -95,29 +95,31 @@ def chart(document: Document, width: int = 54) -> list[tuple[str, str]]:
         bar = ["─" if left <= i <= right else " " for i in range(width)]
         bar[left], bar[right], bar[middle] = "├", "┤", "●"
         lines.append((date, "".join(bar).rstrip()))
-    return lines
+    return Facts(tuple(lines), "Each with the part of U that it does not share")
 
 
-def series(document: Document) -> list[str]:
+def series(document: Document) -> list[Sentence]:
     """A sentence for each series after the first."""
-    return [f"Series {row['series']} begins on {row['from']}: {row['why']}." for row in document["series"][1:]]
+    rows = document["series"][1:]
+    return [Sentence(f"Series {row['series']} begins on {row['from']}: {row['why']}.") for row in rows]
 
 
-def drift(document: Document) -> list[tuple[str, str]]:
-    """The drift, as pairs of name and text."""
+def drift(document: Document) -> Facts:
+    """The drift, and the prediction."""
     found, scale = document["drift"], scale_of(document)
     if found["why"]:
-        return [("drift", f"not known: {found['why']}")]
+        return Facts((("drift", f"not known: {found['why']}"),), "Drift")
     rate, prediction = found["rate_per_year"], found["prediction"]
     percent = f"; {100 * rate['relative']:+.2g} %/a, U = {200 * rate['relative_u']:.2g} %/a"
     likely = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found["probability"].items())
-    return [
+    rows = (
         ("steady drift, if there is one", f"{_with_u(rate, scale, '/a')}{percent}"),
         ("random walk, if it is one", f"{plain(found['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a"),
         ("probability", likely),
         (f"sensor on {prediction['date']}", _with_u(prediction, scale)),
         (f"calibration on {prediction['date']}", f"{_with_u(prediction['reading'], scale)}, by the same reference"),
-    ]
+    )
+    return Facts(rows, "Drift")
 
 
 def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
@@ -126,25 +128,25 @@ def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
     return f"({value} ± {expanded}) {unit}".rstrip()
 
 
-def control(document: Document) -> list[tuple[str, str]]:
-    """The control charts, as pairs of name and text."""
+def control(document: Document) -> Facts | None:
+    """What the control charts say; None without charts."""
     found = document["control"]
     if found is None:
-        return []
+        return None
     over = f"{100 * found['false_alarm_probability']:g} % over {found['false_alarm_over']} comparisons"
     rows = []
     for chart in found["charts"]:
         length = f"mean {chart['average_run_length']:.0f} to a false alarm"
         said = f"alarm on {', '.join(chart['alarm_dates'])}" if chart["alarm"] else "no alarm"
         rows.append((chart["name"], f"{said} (false alarms: {over}; {length})"))
-    return rows
+    return Facts(tuple(rows), "Control charts")
 
 
-def due(document: Document) -> list[tuple[str, str]]:
-    """The due date, as pairs of name and text."""
+def due(document: Document) -> Facts | None:
+    """The due date; None where none was asked for."""
     found, scale = document["due"], scale_of(document)
     if found is None:
-        return []
+        return None
     low, high = (plain(limit * scale.factor, 6) for limit in found["limits"])
     rows = [
         ("tolerance", f"±{100 * found['tolerance']:g} %: {low} to {high} {scale.unit}"),
@@ -156,7 +158,7 @@ def due(document: Document) -> list[tuple[str, str]]:
     if found["risk_today"] is not None:
         rows.append(("risk today", _percent(found["risk_today"])))
         rows.append((f"risk on {found['by_interval']}", _percent(found["risk_at_end"])))
-    return rows
+    return Facts(tuple(rows), "Next calibration")
 
 
 def _percent(value: float | None) -> str:
@@ -175,16 +177,9 @@ def events(document: Document) -> Table | None:
 
 def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The due dates of many sensors."""
-    heads = (
-        *columns("serial number", "type"),
-        Column("calibrations", "number"),
-        *columns("last", "due by risk", "by interval", "by staircase", "risk today"),
-    )
-    body = tuple(
+    heads = columns("last", "due by risk", "by interval", "by staircase", "risk today")
+    cells = (
         (
-            _named(row),
-            row.get("type", ""),
-            str(row["calibrations"]),
             row["last"],
             row["date"] or row["why"],
             row["by_interval"],
@@ -193,28 +188,26 @@ def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
         )
         for row in rows
     )
-    return Table(heads, body)
+    return _sensors(rows, ("type",), heads, cells)
 
 
 def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The sensors of a store."""
-    heads = (
-        *columns("serial number", "type", "manufacturer"),
-        Column("calibrations", "number"),
-        *columns("first", "last"),
+    return _sensors(rows, ("type", "manufacturer"), columns("first", "last"), ((r["first"], r["last"]) for r in rows))
+
+
+def _sensors(
+    rows: Sequence[Mapping[str, Any]],
+    told: tuple[str, ...],
+    heads: tuple[Column, ...],
+    cells: Iterable[tuple[str, ...]],
+) -> Table:
+    """A row a sensor: what it is, its number of calibrations, and further cells."""
+    body = (
+        (_named(row), *(row.get(key, "") for key in told), str(row["calibrations"]), *more)
+        for row, more in zip(rows, cells, strict=True)
     )
-    body = tuple(
-        (
-            _named(row),
-            row.get("type", ""),
-            row.get("manufacturer", ""),
-            str(row["calibrations"]),
-            row["first"],
-            row["last"],
-        )
-        for row in rows
-    )
-    return Table(heads, body)
+    return Table((*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body))
 
 
 def _named(row: Mapping[str, Any]) -> str:

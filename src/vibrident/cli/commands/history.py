@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,19 +12,20 @@ import typer
 
 from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.history_options import question, read_date, read_tolerance
-from vibrident.cli.history_output import PICTURES, print_history, print_json, print_pairs, print_table, write
 from vibrident.cli.options import ResultFiles, argument, choice, one_of, option
 from vibrident.errors import InputError
-from vibrident.workflow.folder import written_whole
+from vibrident.workflow.folder import json_text, write_json, written_whole
 from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
+    from vibrident.present.views import Block
     from vibrident.result import Result
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
 
 FORMS = ("text", "json")
 KINDS = ("repaired", "recalled", "superseded")
+PICTURES = (".png", ".svg", ".pdf")
 
 _Store = Annotated[
     str | None,
@@ -91,10 +94,7 @@ def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "t
 
     with Store(store) as opened:
         rows = listed(query.overviews(opened, type_name))
-    if form == "json":
-        print_json(rows)
-    else:
-        print_table(tables.listed(rows), count(len(rows), "sensor"))
+    _print(form, rows, lambda: [replace(tables.listed(rows), title=count(len(rows), "sensor"))])
 
 
 @history.command("show")
@@ -114,7 +114,7 @@ def show(
     target: Annotated[Path | None, option("--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too.")] = None,
 ) -> None:
     """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
-    from vibrident.history import query
+    from vibrident.history import page, query
     from vibrident.history.document import shown
     from vibrident.history.store import Store
 
@@ -123,12 +123,9 @@ def show(
     asked = question(quantity, frequency, read_tolerance(tolerance, nominal), limits, interval, read_date(at, "--at"))
     with Store(store) as opened:
         document = shown(opened, query.find(opened, serial, type_name, axis), asked)
-    if form == "json":
-        print_json(document)
-    else:
-        print_history(document)
+    _print(form, document, lambda: page.printed(document))
     if target is not None:
-        write(document, target)
+        _write(document, target)
 
 
 @history.command("due")
@@ -168,13 +165,12 @@ def due(
             found = query.find(opened, serial, type_name, axis)
             document = shown(opened, found, asked)
             rows = all_due(opened, asked, type_name, found.id)
-    if form == "json":
-        print_json(rows)
-    elif serial is None:
-        within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
-        print_table(tables.all_due(rows), f"{count(len(rows), 'sensor')}, the soonest first; {within}")
-    else:
-        print_pairs("Next calibration", tables.due(document))
+    if serial is not None:
+        _print(form, rows, lambda: [tables.due(document)])
+        return
+    within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
+    title = f"{count(len(rows), 'sensor')}, the soonest first; {within}"
+    _print(form, rows, lambda: [replace(tables.all_due(rows), title=title)])
 
 
 @history.command("approve")
@@ -272,3 +268,32 @@ def _named(path: Path, use: Any) -> Result:
         told = {"expected": error.expected, "found": error.found, "remedy": error.remedy}
         raise InputError(error.problem, where=f"{path}, {error.where}", **told) from error
     return loaded
+
+
+def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:
+    """The content as one JSON document, or the blocks made of it."""
+    from vibrident.present.terminal import shown
+
+    if form == "json":
+        typer.echo(json_text(content), nl=False)
+    else:
+        out().print(shown(*blocks()))
+
+
+def _write(document: Mapping[str, Any], target: Path) -> None:
+    """Write the history of one sensor in the form that the file's ending names."""
+    with written_whole(target.parent) as output:
+        file = output.path / target.name
+        if target.suffix.lower() in PICTURES:
+            from vibrident import plots
+            from vibrident.history.figures import picture
+
+            plots.save(picture(document), file)
+        elif target.suffix.lower() == ".html":
+            from vibrident.history import page
+            from vibrident.present import html
+
+            file.write_text(html.render(page.shown(document)), encoding="utf-8")
+        else:
+            write_json(file, document)
+    wrote(output.files)
