@@ -45,6 +45,10 @@ class InputError(VibridentError):
                 lines.append(f"  {label + ':':<10}{text}")
         return "\n".join(lines)
 
+    def at(self, where: str) -> InputError:
+        """The same error, of another place."""
+        return type(self)(**{**vars(self), "where": where})
+
     def __reduce__(self) -> tuple[object, ...]:  # pickling keeps keyword-only arguments
         return (_rebuild_input_error, (type(self), self.__dict__.copy()))
 

@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from vibrident.naming import parameter_name, pretty, scaled
-from vibrident.present import methods, tables
+from vibrident.present import tables
 from vibrident.present.coverage import interval_text, parameter_factor
 from vibrident.present.numbers import NONE, fit_unit, plain, sensor_name
-from vibrident.present.terminal import Shown, Written, shown, written
+from vibrident.present.terminal import Shown, shown
+from vibrident.present.terminal import written as paths_written
 from vibrident.present.views import Column, Sentence, Table, columns
 from vibrident.result import Result
 
-__all__ = [
-    "Shown",
-    "compare_table",
-    "fit_line",
-    "inspection_table",
-    "joint_table",
-    "model_table",
-    "parameter_table",
-    "posterior_table",
-    "summary",
-    "truth_table",
-    "weights_table",
-    "written_lines",
-]
+__all__ = ["fit_line", "inspection_table", "parameter_table", "posterior_table", "summary", "weights_table"]
 
 _UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": "V"}
 
@@ -37,7 +26,7 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> A
     from rich.console import Group
 
     said = shown(parameter_table(result), fit_line(result), *tables.doubts(result))
-    return Group(said, written_lines(written)) if written else said
+    return Group(said, paths_written(written)) if written else said
 
 
 def parameter_table(result: Result) -> Table:
@@ -82,18 +71,10 @@ def fit_line(result: Result) -> Sentence:
     return Sentence(f"Fit: {', '.join(parts)}:", said[0], end=said[1])  # type: ignore[arg-type]
 
 
-def written_lines(paths: Sequence[str | os.PathLike[str]]) -> Written:
-    """Where files were written, one path a line; long paths are not broken."""
-    return written(paths)
-
-
 def weights_table(result: Result) -> Shown:
     """The identified weights as in the paper's Table 1, a row of a matrix a line."""
-    found = tables.weights(result)
-    if found is None:
-        return shown()
-    rows = tuple((*row[:-1], row[-1].replace("; ", "\n")) for row in found.rows)
-    return shown(Table(found.columns, rows, title="Weights of the network"))
+    found = tables.weights(result, between="\n")
+    return shown(None if found is None else replace(found, notes=(), title="Weights of the network"))
 
 
 def posterior_table(result: Result) -> Shown:
@@ -108,40 +89,6 @@ def posterior_table(result: Result) -> Shown:
     return shown(
         Table((Column("parameter"), *columns(*heads, kind="number")), tuple(rows), title="Posterior distribution")
     )
-
-
-def compare_table(
-    results: Sequence[Result], names: Sequence[str] = (), truth: Mapping[str, float] | None = None
-) -> Shown:
-    """Compare several results of one sensor.
-
-    Args:
-        results: at least one.
-        names: what to call each; by default its estimator, with the model where models differ.
-        truth: true values by parameter name in the unit of the first result that has the parameter; deviations are
-            from these where given, from the first result otherwise.
-
-    Returns:
-        two tables: parameters as ``value(u)`` with the deviation in percent, and fit metrics by method with the
-        time it took where the settings hold one.
-    """
-    called = list(names) or methods.labels(results)
-    return shown(methods.parameters(results, called, truth or {}), methods.metrics(results, called))
-
-
-def truth_table(result: Result, truth: Mapping[str, float]) -> Shown:
-    """Identified values beside the true ones, with their difference in units of u."""
-    return shown(methods.beside_truth(result, truth))
-
-
-def model_table(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]) -> Shown:
-    """What speaks for each model, and which to take; ``left_out`` are the cross-validations made."""
-    return shown(*methods.models(results, left_out), Sentence(""))
-
-
-def joint_table(result: Result) -> Shown:
-    """What calibrations that were fitted together share, from the settings of any of their results."""
-    return shown(*methods.joint(result), Sentence(""))
 
 
 def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibration data") -> Shown:

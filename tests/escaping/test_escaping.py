@@ -29,7 +29,8 @@ from vibrident.cli.files import record_files
 from vibrident.errors import InputError
 from vibrident.export import Options, export, sensor_of
 from vibrident.export.formats.fmu import slave
-from vibrident.present import html
+from vibrident.present import html, methods
+from vibrident.present.terminal import shown
 from vibrident.report import content
 
 XML_BANNED = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
@@ -202,9 +203,9 @@ def test_the_page_and_its_charts_have_the_same_structure_whatever_the_text(monke
         assert tags.seen == harmless.seen, text
         assert tags.attributes <= harmless.attributes
         figures = json.loads(re.search(r'id="figures">(.*?)</script>', made, re.DOTALL)[1])
-        for shown in strings_of(figures):
-            assert set(re.findall(r"<[^>]*>?", shown)) <= {"<br>", "<extra>", "</extra>"}, text
-            assert set(re.findall(r"%\{[^}]*\}", shown)) <= set(TEMPLATES), text
+        for words in strings_of(figures):
+            assert set(re.findall(r"<[^>]*>?", words)) <= {"<br>", "<extra>", "</extra>"}, text
+            assert set(re.findall(r"%\{[^}]*\}", words)) <= set(TEMPLATES), text
 
 
 TEMPLATES = ("%{text}", "%{customdata}", "%{x}", "%{y:+.3g}", "%{x:.6g}", "%{x:.2f}", "%{y}", "%{y:.4g}")
@@ -230,9 +231,9 @@ def test_a_terminal_gets_no_sequence_and_no_markup_of_others():
         console = Console(file=stream, force_terminal=True, width=200, color_system="standard")
         result = made_of(text)
         console.print(terminal.summary(result, [f"out/{text}"]))
-        console.print(terminal.compare_table([result, result], [text, "other"]))
+        console.print(shown(*methods.compared([result, result], [text, "other"])))
         console.print(terminal.inspection_table([{"record": text, text: 1.0}] * 3, text))
-        console.print(terminal.model_table({text: result, "other": result}, {}))
+        console.print(shown(*methods.models({text: result, "other": result}, {})))
         rest = re.sub(r"\x1b\[[0-9;]*m", "", stream.getvalue())
         assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e]", rest), text
         assert "stolen.example" not in re.findall(r"\x1b\]8[^\x1b]*", stream.getvalue())

@@ -6,7 +6,8 @@ from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only
 
 from vibrident import terminal
 from vibrident.present import words
-from vibrident.present.methods import planned
+from vibrident.present.methods import compared, planned
+from vibrident.present.terminal import shown
 
 
 def printed(renderable, width=100):
@@ -60,13 +61,13 @@ def test_compare(width):
     lsm = table_only()
     lower = replace(lsm.parameters["sensitivity"], value=S0 * 0.99)
     lsm = replace(lsm, model="accelerometer+delay", parameters={**lsm.parameters, "sensitivity": lower}, settings={})
-    text = printed(terminal.compare_table([table2(), lsm]), width)
+    text = printed(shown(*compared([table2(), lsm])), width)
     assert "104.04(11)" in text
     assert "-1.0 %" in text
     assert "deviation from ipnn" in text
     assert "0.84" in text  # time of the one that states it
     truth = {"sensitivity": S0, "delay": 0.0}
-    text = printed(terminal.compare_table([table2(), lsm], ["network", "least squares"], truth), width)
+    text = printed(shown(*compared([table2(), lsm], ["network", "least squares"], truth)), width)
     assert "+0.030 %" in text
     assert "+12.4" in text  # no relative deviation from zero
     assert "the true value" in text
@@ -74,7 +75,7 @@ def test_compare(width):
 
 
 def test_compare_across_models_and_repeats():
-    text = printed(terminal.compare_table([table2(), table2(), pickup()]), 120)
+    text = printed(shown(*compared([table2(), table2(), pickup()])), 120)
     assert "#1" in text
     assert "#2" in text
     assert "velocity-pickup" in text

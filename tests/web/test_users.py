@@ -134,7 +134,7 @@ def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
 def test_a_job_tells_separate_starts_apart():
     job = Job()
     for iteration in (1, 2, 3, 1, 2, 1):
-        job.heard(iteration, 60, 10.0 / iteration)
+        job.add(iteration, 60, 10.0 / iteration)
     assert [len(start) for start in job.starts] == [3, 2, 1]
     assert job.words.startswith("Start 3, iteration 1 of at most 60")
 

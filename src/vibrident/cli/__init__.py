@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from vibrident.cli.application import app
 from vibrident.cli.console import forgiving_streams
-from vibrident.workflow.interruption import heed_signals
+from vibrident.workflow.interruption import end_on_signals
 
 __all__ = ["app", "main"]
 
 
 def main() -> None:
     """Run the command line and exit: 0 done, 2 bad input, 3 with ``--strict`` and a warning, 130 interrupted."""
-    heed_signals()
+    end_on_signals()
     forgiving_streams()
     app()

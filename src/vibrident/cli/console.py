@@ -55,9 +55,9 @@ def warn(findings: Iterable[Any]) -> None:
 
 def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
     """Paths of written files, on stdout, unbroken."""
-    from vibrident.terminal import written_lines
+    from vibrident.present.terminal import written
 
-    out().print(written_lines(paths), soft_wrap=True)
+    out().print(written(paths), soft_wrap=True)
 
 
 def show_error(error: VibridentError) -> None:

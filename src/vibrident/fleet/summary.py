@@ -9,9 +9,8 @@ from vibrident.fleet.coordinator import Outcome
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.fleet.table import Tally
 from vibrident.present import words
-from vibrident.present.terminal import shown
+from vibrident.present.terminal import shown, written
 from vibrident.present.views import Column, Sentence, Table, columns
-from vibrident.terminal import written_lines
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -24,7 +23,7 @@ def summary(outcome: Outcome) -> Group:
     whole = max(outcome.tally.rows, 1)
     rows = tuple((what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally))
     table = Table((Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet")
-    return Group(shown(table, Sentence(_rate(outcome))), written_lines(outcome.files))
+    return Group(shown(table, Sentence(_rate(outcome))), written(outcome.files))
 
 
 def _lines(tally: Tally) -> Iterator[tuple[str, int]]:

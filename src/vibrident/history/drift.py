@@ -166,25 +166,25 @@ class Drift:
         """Probability that the sensor is outside limits, at each of the times, shape (len(time),)."""
         mean, deviation = self._predicted(time, np.zeros(self.time.size), 0.0)
         beyond = ndtr((low - mean) / deviation) + ndtr((mean - high) / deviation)
-        return self.weight[self._heard] @ beyond
+        return self.weight[self._weighty] @ beyond
 
     def _mixture(self, time: float, shared: FloatArray, variance: float) -> Mixture:
         mean, deviation = self._predicted(np.array([time]), shared, variance)
-        weight = self.weight[self._heard]
+        weight = self.weight[self._weighty]
         return Mixture(weight / weight.sum(), mean[:, 0], deviation[:, 0])
 
     @cached_property
-    def _heard(self) -> NDArray[np.int_]:
+    def _weighty(self) -> NDArray[np.int_]:
         """Nodes with a weight that is not negligible."""
         return np.flatnonzero(self.weight > _LEAST_WEIGHT)
 
     def _predicted(self, time: FloatArray, shared: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation at each node and time, each of shape (such nodes, len(time))."""
-        solved, heard = self._solved, self._heard
-        line, walk = (kind[heard, None] for kind in self._variances[:2])
-        gain, back, projector = solved.gain[heard], solved.back[heard], solved.projector[heard]
+        solved, weighty = self._solved, self._weighty
+        line, walk = (kind[weighty, None] for kind in self._variances[:2])
+        gain, back, projector = solved.gain[weighty], solved.back[weighty], solved.projector[weighty]
         present = self.group == self.group[-1]
-        k = self._process(self.time, time, present[:, None])[heard] + shared[:, None]
+        k = self._process(self.time, time, present[:, None])[weighty] + shared[:, None]
         elapsed = time - self.time[0]
         own = line * elapsed**2 + walk * elapsed + variance
         level = self._levels[-1]  # of the present series

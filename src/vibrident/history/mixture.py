@@ -33,9 +33,9 @@ class Mixture:
 
     def quantile(self, probability: float) -> float:
         """The value that is exceeded with 1 − ``probability``."""
-        heard = self.weight > 1e-12
-        reach = 40.0 * self.deviation[heard]
-        low, high = float(np.min(self.mean[heard] - reach)), float(np.max(self.mean[heard] + reach))
+        weighty = self.weight > 1e-12
+        reach = 40.0 * self.deviation[weighty]
+        low, high = float(np.min(self.mean[weighty] - reach)), float(np.max(self.mean[weighty] + reach))
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self.below(middle) < probability else (low, middle)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from vibrident.comparison import criteria, deviations, recommendation
+from vibrident.comparison import criteria, recommendation
 from vibrident.naming import Scale, parameter_name, pretty, scaled
 from vibrident.nominal import Nominal
 from vibrident.present import words
@@ -31,7 +31,22 @@ def labels(results: Sequence[Result]) -> list[str]:
     return [f"{name} #{i}" if name in repeated else name for i, name in enumerate(names, 1)]
 
 
-def parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[str, float]) -> Table:
+def compared(
+    results: Sequence[Result], names: Sequence[str] = (), truth: Mapping[str, float] | None = None
+) -> tuple[Table, Table]:
+    """Several results of one sensor: their parameters, and how they fit.
+
+    Args:
+        results: at least one.
+        names: what to call each; by default its estimator, with the model where models differ.
+        truth: true values by parameter name in the unit of the first result that has the parameter; deviations are
+            from these where given, from the first result otherwise.
+    """
+    called = list(names) or labels(results)
+    return _parameters(results, called, truth or {}), _metrics(results, called)
+
+
+def _parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[str, float]) -> Table:
     """Each parameter as ``value(u)`` by method, and below it the deviation from the truth, or from the first."""
     base = "the true value" if truth else names[0]
     rows = []
@@ -68,7 +83,7 @@ def _deviation(value: float | None, zero: float, factor: float) -> str:
     return percent(100 * (value / zero - 1)) if zero else f"{'+' if value >= 0 else ''}{plain(value * factor, 3)}"
 
 
-def metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
+def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     """Fit metrics by method, and the time it took where the settings hold one."""
     units = {fit_unit(result) for result in results}
     times = [next((r.settings[k] for k in _TIME_KEYS if k in r.settings), None) for r in results]
@@ -81,25 +96,6 @@ def metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     heads = [*(words.METRICS[field].label.replace("χ", "chi") for field in _FIELDS), "warn.", *(["time/s"] * timed)]
     title = f"Fit{f' (RMSE, MAE in {pretty(units.pop())})' if len(units) == 1 else ''}"
     return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
-
-
-def beside_truth(result: Result, truth: Mapping[str, float]) -> Table:
-    """Identified values beside the true ones, with their difference in units of u.
-
-    Args:
-        result: of simulated data.
-        truth: true values by parameter name, in the result's units; parameters without one are left out.
-    """
-    rows = []
-    for key, off in deviations(result, truth).items():
-        parameter = result.parameters[key]
-        number = stated(parameter)
-        scale = scaled(parameter.unit, abs(parameter.value))
-        difference = NONE if off.in_u is None else f"{off.in_u:+.1f}".replace("-0.0", "+0.0")
-        true = plain(off.true * scale.factor, 8)
-        rows.append((parameter_name(key).words, true, number.value, number.standard, number.unit, difference))
-    heads = (*columns("true", "identified", "u", kind="number"), Column("unit"), Column("difference / u", "number"))
-    return Table((Column("parameter"), *heads), tuple(rows), title="Identified and true values")
 
 
 def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]) -> tuple[Table, Sentence]:

@@ -243,11 +243,14 @@ def training(result: Result) -> str:
     return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
 
 
-def weights(result: Result) -> Table | None:
-    """The network's weights as the paper's Table 1."""
+def weights(result: Result, between: str = "; ") -> Table | None:
+    """The network's weights as the paper's Table 1; ``between``: what separates rows of a matrix."""
     if not result.weights:
         return None
-    rows = tuple((row.name, row.layer, row.meaning, "; ".join(row.lines)) for row in weight_rows(result.weights))
+    rows = tuple(
+        (row.name, row.layer, row.meaning, between.join("  ".join(numbers) for numbers in row.numbers))
+        for row in weight_rows(result.weights)
+    )
     single = {key: value for key, value in result.weights.items() if not isinstance(value, Mapping | list | tuple)}
     others = ", ".join(f"{_spoken(key)} {leaf(value)}" for key, value in single.items())
     notes = ("Rows of a matrix are separated by semicolons.", *((f"Of the network: {others}.",) if others else ()))

@@ -32,11 +32,6 @@ class WeightRow:
     meaning: str
     numbers: tuple[tuple[str, ...], ...]
 
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Rows of the matrix, each in a line."""
-        return tuple("  ".join(row) for row in self.numbers)
-
 
 def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
     """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""

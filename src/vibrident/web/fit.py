@@ -151,8 +151,8 @@ class FitStep:
             self.timer.deactivate()
             return
         self.status.text = job.status
-        if (heard := sum(map(len, job.starts))) != self.drawn:
-            self.drawn = heard
+        if (iterations := sum(map(len, job.starts))) != self.drawn:
+            self.drawn = iterations
             self._draw(job.starts)
         if not job.over:
             return

@@ -110,7 +110,7 @@ class Job:
         """The status, with the elapsed seconds."""
         return self.words if self.over else f"{self.words} ({time.monotonic() - self.began:.0f} s)"
 
-    def heard(self, iteration: int, most: int, cost: float) -> None:
+    def add(self, iteration: int, most: int, cost: float) -> None:
         """Record an iteration; if the count does not increase, another start has begun."""
         if not self.starts or iteration <= len(self.starts[-1]):
             self.starts.append([])
@@ -168,7 +168,7 @@ class User:
             async with self.users.identifying:
                 job.words = Job.BEGINNING
                 async for step in self.worker.run({**choices.task, "result": str(made)}, copy):
-                    job.heard(*step)
+                    job.add(*step)
             job.words = "Reading the result …"
             model, estimator = await self.look(facts, made)
             self.keep(f"{self._number()}: {model}, {estimator}", made, copy / choices.calibration, choices)

@@ -25,7 +25,7 @@ def tidied_up(tidy_up: Callable[[], None]) -> Iterator[None]:
         _tidy_ups.remove(tidy_up)
 
 
-def heed_signals() -> None:
+def end_on_signals() -> None:
     """End on termination signals, with exit code 128 plus their number."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # a shell's background job ignores Ctrl-C

@@ -33,5 +33,4 @@ def load_result(path: Path) -> Result:
     except InputError as error:
         if error.where:
             raise
-        fields = {"expected": error.expected, "found": error.found, "remedy": error.remedy}
-        raise InputError(error.problem, where=str(path), **fields) from error
+        raise error.at(str(path)) from error

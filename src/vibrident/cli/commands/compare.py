@@ -80,12 +80,14 @@ def compare(
             _refuse_for_results({"--estimators": named, "--models": names, "--discretisations": steps})
             results, scores = _loaded(files), {}
         write_json(output.path / "comparison.json", document(results, known, scores))
-    from vibrident import terminal
+    from vibrident.present import methods
+    from vibrident.present.terminal import shown
+    from vibrident.present.views import Sentence
 
     console = out()
-    console.print(terminal.compare_table(list(results.values()), list(results), known))
+    console.print(shown(*methods.compared(list(results.values()), list(results), known)))
     if len({result.model for result in results.values()}) > 1:
-        console.print(terminal.model_table(results, scores))
+        console.print(shown(*methods.models(results, scores), Sentence("")))
     wrote(output.files)
 
 

@@ -19,7 +19,6 @@ from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
     from vibrident.present.views import Block
-    from vibrident.result import Result
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
 
@@ -75,7 +74,11 @@ def add(
     from vibrident.present.views import count
 
     for path in results:  # check all before adding any
-        _named(path, lambda result: rows_of(result, serial, day))
+        loaded = load_result(path)
+        try:
+            rows_of(loaded, serial, day)
+        except InputError as error:
+            raise error.at(f"{path}, {error.where}") from error
     with Store(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
         for path, (new, number) in zip(results, added, strict=True):
@@ -257,17 +260,6 @@ def upgrade(store: _Store = None) -> None:
         before, after = opened.upgrade()
         what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
         out().print(printable(f"{opened.shown} {what}; schema {after}"), soft_wrap=True)
-
-
-def _named(path: Path, use: Any) -> Result:
-    """A readable result; errors name its path."""
-    loaded = load_result(path)
-    try:
-        use(loaded)
-    except InputError as error:
-        told = {"expected": error.expected, "found": error.found, "remedy": error.remedy}
-        raise InputError(error.problem, where=f"{path}, {error.where}", **told) from error
-    return loaded
 
 
 def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:
