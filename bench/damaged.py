@@ -16,6 +16,7 @@ from bench.damaged_bombs import GROUPS
 from bench.damaged_files import DAMAGES
 from bench.damaged_runs import CELLS, FILES, MEMORY_BYTES, block
 from bench.study import Study
+from vibrident.present import markdown
 
 HEAD = """# A thousand damaged files
 
@@ -28,9 +29,7 @@ traceback, at most {memory:.0f} MB, and no file outside `--out`.
 
 {verdict}
 
-| file | {damages} |
-|---|{rule}
-{rows}
+{table}
 
 Each cell: read, refused, anything else. A file that was read may have lost its tail, or have values changed that its
 format does not protect.
@@ -52,18 +51,16 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
         f"the command line reads binary files in, {sum(rescued.values())} of them would not have been"
         + (f" ({', '.join(f'{count} {name}' for name, count in rescued.items())})." if rescued else ".")
     )
-    rows = [f"| `{file}` | " + " | ".join(_counts(found[file, damage]) for damage in DAMAGES) + " |" for file in FILES]
+    rows = [(f"`{file}`", *(_counts(found[file, damage]) for damage in DAMAGES)) for file in FILES]
     bombs = [run for group in GROUPS for run in found[group, "bombs"]]
-    rows.append(f"| bombs | {_counts(bombs)} |" + " |" * (len(DAMAGES) - 1))
+    rows.append(("bombs", _counts(bombs), *("" for _ in range(1, len(DAMAGES)))))
     page = HEAD.format(
         commit=commit,
         count=len(runs),
         bombs=len(bombs),
         memory=MEMORY_BYTES / 1e6,
         verdict=verdict,
-        damages=" | ".join(DAMAGES),
-        rule="--:|" * len(DAMAGES),
-        rows="\n".join(rows),
+        table=markdown.table(("file", *DAMAGES), rows, range(1, 1 + len(DAMAGES))),
     )
     return page + "".join(f"\n- `{run['outcome']}`: {run['said'][-300:]!r}" for run in wrong)
 

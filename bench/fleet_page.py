@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from vibrident.present import markdown
+
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "docs" / "fleet.md"
@@ -64,8 +66,7 @@ def _measured(kept: dict[str, Any]) -> str:
         ),
         ("time of the coordinator for a row", f"{many['milliseconds_a_row']:.2f} ms"),
     ]
-    lines = ["| `python -m bench.fleet …` | |", "|---|---|", *(f"| {what} | {value} |" for what, value in rows)]
-    return "\n".join(lines)
+    return markdown.table(("`python -m bench.fleet …`", ""), rows)
 
 
 def _million(kept: dict[str, Any]) -> str:
@@ -75,7 +76,6 @@ def _million(kept: dict[str, Any]) -> str:
     data, result = speed["bytes_of_a_calibration"], speed["bytes_of_a_result"]
     files, batch = speed["files_of_a_calibration"], max(1, round(10 / cost))
     each_s = many["milliseconds_a_row"] / 1e3
-    header = "| cores | " + " | ".join(f"{cores}" for cores in CORES) + " |"
     rates = {cores: cores / cost for cores in CORES}
     rows = [
         ("hours", [f"{MILLION / rate / 3600:.1f}" for rate in rates.values()]),
@@ -89,8 +89,8 @@ def _million(kept: dict[str, Any]) -> str:
             [f"{rate * each_s:.0%}" for rate in rates.values()],
         ),
     ]
-    table = [header, "|---" * (len(CORES) + 1) + "|"]
-    table += [f"| {what} | " + " | ".join(values) + " |" for what, values in rows]
+    numbers = range(1, 1 + len(CORES))
+    table = markdown.table(("cores", *map(str, CORES)), [(what, *values) for what, values in rows], numbers)
     coordinator = (many["most_mb"] + memory["bytes_a_row"] * (MILLION - many["rows"]) / 1e6) / 1e3
     table_bytes = many["files_bytes"]["fleet.parquet"] / many["rows"] * MILLION
     parts_bytes = many["bytes_a_row_in_parts"] * MILLION
@@ -101,4 +101,4 @@ def _million(kept: dict[str, Any]) -> str:
         f"`--no-results`), {parts_bytes / 1e9:.2g} GB for {MILLION / batch:.0f} parts, {table_bytes / 1e9:.2g} GB for "
         f"the table, and {coordinator:.1f} GB of memory for the coordinator. The page stays as it is."
     )
-    return "\n\n".join([sizes, "\n".join(table)])
+    return f"{sizes}\n\n{table}"

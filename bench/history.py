@@ -16,6 +16,7 @@ import numpy as np
 
 from vibrident.history import control
 from vibrident.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
+from vibrident.present import markdown
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
 BEGIN = "<!-- study:begin -->"
@@ -153,21 +154,21 @@ def _alarms(lived: Life) -> float:
 
 def table(lives: int) -> str:
     """The study as a Markdown table."""
-    lines = [
+    lead = (
         f"{lives} lives a row; noise {100 * NOISE:g} %, reference {100 * REFERENCE:g} % (in half of the lives "
-        "calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, unless said otherwise.",
-        "",
-        "| sensors | next calibration within its 95 % | sensor within its 95 % | median U of the next calibration, "
-        "in U of its noise | E_n within ±1 | ordinary E_n within ±1 | new series a life | EWMA or CUSUM alarm |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+        "calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, unless said otherwise."
+    )
+    heads = ("sensors", "next calibration within its 95 %", "sensor within its 95 %")
+    heads += ("median U of the next calibration, in U of its noise", "E_n within ±1", "ordinary E_n within ±1")
+    heads += ("new series a life", "EWMA or CUSUM alarm")
+    rows = []
     for number, kind in enumerate(KINDS):
         found = measured(kind, lives, number)
         shares = (f"{100 * found[name]:.1f} %" for name in ("reading", "sensor"))
         agreeing = (f"{100 * found[name]:.0f} %" for name in ("en", "ordinary"))
         rest = (f"{found['breaks']:.3f}", f"{100 * found['alarm']:.1f} %")
-        lines.append(f"| {' | '.join([kind.name, *shares, f'{found[WIDTH]:.1f}', *agreeing, *rest])} |")
-    return "\n".join(lines)
+        rows.append((kind.name, *shares, f"{found[WIDTH]:.1f}", *agreeing, *rest))
+    return f"{lead}\n\n{markdown.table(heads, rows, range(1, len(heads)))}"
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.scenario_bound import bound
 from bench.scenario_cells import CELLS, NOISES, Cell
+from vibrident.present import markdown
 
 #: Largest |bias| of a cell, in σ.
 BIAS = 0.15
@@ -31,7 +32,7 @@ def table(lines: list[dict], commit: str) -> str:
         if misses:
             failures.append(f"- `{cell.name}`: {'; '.join(misses)}")
     runs = max((sum(line["count"] for line in lines if line["cell"] == cell.name) for cell in CELLS), default=0)
-    head = [
+    page = [
         "# Every noise, every excitation",
         "",
         "Written by `python -m bench.scenarios`; do not edit. "
@@ -45,10 +46,9 @@ def table(lines: list[dict], commit: str) -> str:
         "each for gain · natural frequency · damping ratio. For noise **a** nothing is random: the largest relative "
         "error stands instead.",
         "",
-        "| cell | bias / σ | scatter / bound | scatter / u | coverage % | warnings % |",
-        "|---|---|---|---|---|---|",
+        markdown.table(("cell", "bias / σ", "scatter / bound", "scatter / u", "coverage %", "warnings %"), rows),
+        "",
     ]
-    page = [*head, *rows, ""]
     if together:
         scatter = np.sqrt(np.mean([s[0] ** 2 for s in together]))
         stated = np.sqrt(np.mean([s[1] ** 2 for s in together]))
@@ -63,7 +63,7 @@ def table(lines: list[dict], commit: str) -> str:
     return "\n".join([*page, f"## {title}", "", *(failures or ["None."]), ""])
 
 
-def _row(cell: Cell, lines: list[dict]) -> tuple[str, list[str], tuple[float, float, float, float] | None]:
+def _row(cell: Cell, lines: list[dict]) -> tuple[tuple[str, ...], list[str], tuple[float, float, float, float] | None]:
     error = np.array([e for line in lines for e in line["error"]])
     failed = sum(line["failed"] for line in lines)
     misses = [f"{failed} runs failed"] if failed else []
@@ -73,7 +73,7 @@ def _row(cell: Cell, lines: list[dict]) -> tuple[str, list[str], tuple[float, fl
         worst = np.max(np.abs(error))
         if worst > 1e-6:
             misses.append(f"relative error {worst:.1e}")
-        return f"| `{cell.name}` | error {worst:.1e} | | | | {said} |", misses, None
+        return (f"`{cell.name}`", f"error {worst:.1e}", "", "", "", said), misses, None
     u = np.array([e for line in lines for e in line["u"]])
     covered = np.array([e for line in lines for e in line["covered"]], dtype=float)
     runs = len(error)
@@ -93,7 +93,7 @@ def _row(cell: Cell, lines: list[dict]) -> tuple[str, list[str], tuple[float, fl
     cells = (_three(bias, "+.2f"), _three(over, ".2f"), _three(stated, ".2f"), _three(100 * held, ".0f"))
     summary = tuple(float(np.sqrt(np.mean(v**2))) for v in (over, stated))
     alarm = flags["lack_of_fit"] / runs
-    return f"| `{cell.name}` | {' | '.join(cells)} | {said} |", misses, (*summary, float(np.mean(held)), alarm)
+    return (f"`{cell.name}`", *cells, said), misses, (*summary, float(np.mean(held)), alarm)
 
 
 def _three(values: np.ndarray, form: str) -> str:

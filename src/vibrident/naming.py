@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 from vibrident.registry import MODELS
 
@@ -88,6 +88,19 @@ class Scale:
     factor: float
     unit: str
 
+    @property
+    def printed(self) -> str:
+        """The unit; empty for the unit one."""
+        return "" if self.unit == "1" else self.unit
+
+    @overload
+    def times(self, value: float) -> float: ...
+    @overload
+    def times(self, value: float | None) -> float | None: ...
+    def times(self, value: float | None) -> float | None:
+        """A value in the unit; None stays None."""
+        return None if value is None else value * self.factor
+
 
 def pretty(unit: str) -> str:
     """Write a unit with superscripts: ``m/s^2`` becomes ``m/s²``; no unit becomes ``1``."""
@@ -128,4 +141,4 @@ def scaled(unit: str, size: float) -> Scale:
 def amount(value: float, unit: str, digits: int = 5) -> str:
     """A number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
     scale = scaled(unit, value)
-    return f"{value * scale.factor:.{digits}g} {'' if scale.unit == '1' else scale.unit}".rstrip()
+    return f"{value * scale.factor:.{digits}g} {scale.printed}".rstrip()

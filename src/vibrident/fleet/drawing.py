@@ -21,7 +21,7 @@ def distribution(found: Distribution) -> Figure:
     """A histogram of a parameter, with its limits and its nominal value."""
     scale = scaled(found.unit, max(abs(found.least), abs(found.greatest)))
     name = parameter_name(found.parameter).words
-    label = f"{name} in {scale.unit}" if scale.unit != "1" else name
+    label = f"{name} in {scale.printed}" if scale.printed else name
     return histogram(found.histogram, label, scale.factor, found.limit)
 
 

@@ -203,7 +203,7 @@ def _row(one: Distribution) -> tuple[str, ...]:
         judged = (span, str(one.count - one.conforming), str(one.count - one.certain))
     return (
         parameter_name(one.parameter).words,
-        "" if scale.unit == "1" else scale.unit,
+        scale.printed,
         str(one.count),
         *(f"{value * scale.factor:.5g}" for value in sizes),
         NONE if one.median_u is None else f"{one.median_u * scale.factor:.2g}",
@@ -231,7 +231,7 @@ def _outliers(found: Statistics, named: _Names, results: bool) -> Iterator[Block
                 parameter_name(one.parameter).words,
                 f"{one.value * scale.factor:.6g}",
                 NONE if one.u is None else f"{2 * one.u * scale.factor:.2g}",
-                "" if scale.unit == "1" else scale.unit,
+                scale.printed,
                 f"{one.distance:.1f}",
                 "outside" if one.outside else "",
                 calibration,

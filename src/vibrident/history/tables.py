@@ -51,7 +51,7 @@ def calibrations(document: Document) -> Table:
     heads = (
         Column("id", "number"),
         Column("date"),
-        Column("value", "number", "" if scale.unit == "1" else scale.unit),
+        Column("value", "number", scale.printed),
         *columns("U", "series", "E_n", "ordinary E_n", kind="number"),
         *columns("left out", "standing", "warnings"),
     )
@@ -124,7 +124,7 @@ def drift(document: Document) -> Facts:
 
 def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
     value, expanded = pair(values["value"] * scale.factor, values["U"] * scale.factor)
-    unit = f"{scale.unit}{per}" if scale.unit != "1" else per.replace("/", "1/")
+    unit = f"{scale.printed}{per}" if scale.printed else per.replace("/", "1/")
     return f"({value} ± {expanded}) {unit}".rstrip()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from vibrident.naming import parameter_name, pretty, scaled
+from vibrident.naming import Scale, parameter_name, pretty, scaled
 from vibrident.present.numbers import NONE, plain
 from vibrident.present.views import Column, Table, columns
 from vibrident.result import Parameter, Result
@@ -32,13 +32,13 @@ def budget(result: Result) -> Table | None:
             str(row.get("kind") or NONE),
             _stated(row),
             plain(row.get("degrees_of_freedom"), 4),
-            *(_times(row["contributions"].get(name), units[name].factor) for name in names),
+            *(_size(row["contributions"].get(name), units[name]) for name in names),
         )
         for row in rows
     ]
-    together = (_times(result.parameters[name].standard_uncertainty, units[name].factor) for name in names)
+    together = (_size(result.parameters[name].standard_uncertainty, units[name]) for name in names)
     body.append(("u of the result", "", "", "", "", *together))
-    heads = [Column(parameter_name(name).words, "number", units[name].unit.removeprefix("1")) for name in names]
+    heads = [Column(parameter_name(name).words, "number", units[name].printed) for name in names]
     heads = (*columns("source", "type", "kind"), *columns("u", "ν", kind="number"), *heads)
     return Table(heads, tuple(body), notes=(_NOTE,))
 
@@ -47,13 +47,13 @@ def _is_row(row: Any) -> bool:
     return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
 
 
-def _scale(parameter: Parameter) -> Any:
+def _scale(parameter: Parameter) -> Scale:
     known = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if x is not None]
     return scaled(parameter.unit, max(known, default=0.0))
 
 
-def _times(value: float | None, factor: float) -> str:
-    return plain(None if value is None else value * factor, 2)
+def _size(value: float | None, scale: Scale) -> str:
+    return plain(scale.times(value), 2)
 
 
 def _stated(row: Mapping[str, Any]) -> str:

@@ -216,7 +216,7 @@ def _at_the_same(points: Sequence[Point | None]) -> list[Point | None]:
 def _lines(row: Quantity, chunk: Sequence[int], reasons: Sequence[str]) -> list[tuple[str, ...]]:
     values = [row.values[i] for i in chunk]
     printed = [printed_value(value, row.scale.factor) for value in values]
-    unit = "" if row.scale.unit == "1" else row.scale.unit
+    unit = row.scale.printed
     lines = [(row.label, unit, "value ± U", *(text if u == NONE else f"{text} ± {u}" for text, u in printed))]
     if values[0] is None:
         return lines

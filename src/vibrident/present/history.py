@@ -109,7 +109,7 @@ def drift_table(history: History) -> Table:
     """Each quantity at each date, its change from the first date, and E_n to the first and to the one before."""
     rows = []
     for quantity in history.quantities:
-        unit = "" if quantity.scale.unit == "1" else quantity.scale.unit
+        unit = quantity.scale.printed
         for i, (label, value) in enumerate(zip(history.labels, quantity.values, strict=True)):
             first, before = _base(quantity, 0), _base(quantity, i - 1)
             rows.append(

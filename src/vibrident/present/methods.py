@@ -57,11 +57,11 @@ def _parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[
         cells, below = [], []
         for i, result in enumerate(results):
             parameter = result.parameters.get(key)
-            cells.append(NONE if parameter is None else _short(parameter, scale.factor, owners[0].unit))
+            cells.append(NONE if parameter is None else _short(parameter, scale, owners[0].unit))
             off = parameter is not None and zero is not None and (truth or i > 0) and parameter.unit == owners[0].unit
             below.append(_deviation(parameter.value, zero, scale.factor) if off else "")  # type: ignore[union-attr]
         true = [NONE if zero is None else plain(zero * scale.factor)] if truth else []
-        rows.append((parameter_name(key).words, "" if scale.unit == "1" else scale.unit, *true, *cells))
+        rows.append((parameter_name(key).words, scale.printed, *true, *cells))
         if any(below):
             rows.append(("", "", *("" for _ in true), *below))
     heads = (*columns("parameter", "unit"), *columns(*(["true"] if truth else []), *names, kind="number"))
@@ -69,12 +69,15 @@ def _parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[
     return Table(heads, tuple(rows), notes=notes, title="Parameters: value(u in its last digits)")
 
 
-def _short(parameter: Parameter, factor: float, unit: str) -> str:
+def _short(parameter: Parameter, scale: Scale, unit: str) -> str:
     if parameter.unit != unit:  # another quantity with the same name: show its unit
         return f"{concise(parameter.value, parameter.standard_uncertainty)} {parameter.unit}"
-    u = parameter.standard_uncertainty
-    text = concise(None if parameter.value is None else parameter.value * factor, None if u is None else u * factor)
+    text = _with_u(parameter.value, parameter.standard_uncertainty, scale)
     return text if parameter.identifiable else f"{text} ?"
+
+
+def _with_u(value: float | None, u: float | None, scale: Scale) -> str:
+    return concise(scale.times(value), scale.times(u))
 
 
 def _deviation(value: float | None, zero: float, factor: float) -> str:
@@ -135,9 +138,8 @@ def joint(result: Result) -> tuple[Table | Sentence, ...]:
     for row in found["shared"]:
         scale = scaled(row["unit"], abs(row["joint"]["value"]))
         values = [row["joint"], *(row["separate"].get(file) for file in files)]
-        cells = [NONE if value is None else _concise(value, scale.factor) for value in values]
-        unit = "" if scale.unit == "1" else scale.unit
-        rows.append((parameter_name(row["name"]).words, unit, *cells, plain(row["probability"], 2)))
+        cells = [NONE if one is None else _with_u(one["value"], one["standard_uncertainty"], scale) for one in values]
+        rows.append((parameter_name(row["name"]).words, scale.printed, *cells, plain(row["probability"], 2)))
     heads = columns("joint", *(f"{file} alone" for file in files), "p", kind="number")
     title = f"Joint fit of {len(files)} calibrations: value(u in its last digits)"
     notes = ("p: chance of a difference at least as large between calibrations that agree",)
@@ -152,11 +154,6 @@ def joint(result: Result) -> tuple[Table | Sentence, ...]:
     fine = whole["consistent"]
     verdict = Sentence(line, "fine" if fine else "doubt", end="consistent" if fine else "inconsistent")
     return (table, *said, verdict)
-
-
-def _concise(number: Mapping[str, Any], factor: float) -> str:
-    u = number["standard_uncertainty"]
-    return concise(number["value"] * factor, None if u is None else u * factor)
 
 
 def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_curve: Mapping[float, float]) -> Table:
@@ -195,10 +192,9 @@ def _against(
     name: str, scale: Scale, true: float, pairs: Sequence[tuple[float, float | None] | None]
 ) -> list[tuple[str, ...]]:
     """Values with u beside the true one, and how many u they are from it."""
-    factor, unit = scale.factor, "" if scale.unit == "1" else scale.unit
-    cells = [NONE if p is None else concise(p[0] * factor, None if p[1] is None else p[1] * factor) for p in pairs]
+    cells = [NONE if p is None else _with_u(*p, scale) for p in pairs]
     off = ["" if p is None or not p[1] else f"{(p[0] - true) / p[1]:+.1f} u".replace("-0.0", "+0.0") for p in pairs]
-    return [(name, unit, plain(true * factor, 8), *cells), ("", "", "", *off)]
+    return [(name, scale.printed, plain(scale.times(true), 8), *cells), ("", "", "", *off)]
 
 
 def _by_two(numbers: tuple[str, ...]) -> list[str]:

@@ -134,22 +134,16 @@ def stated(parameter: Parameter, k: float = COVERAGE_FACTOR) -> Stated:
     u = parameter.standard_uncertainty
     sizes = [abs(x) for x in (parameter.value, u) if x is not None and math.isfinite(x)]
     scale = scaled(parameter.unit, max(sizes, default=0.0))
-    value = _times(parameter.value, scale.factor)
-    u = _times(u, scale.factor)
-    expanded = _times(u, k)
-    texts = _aligned(value, u, [u, expanded])
-    low, high = (_times(limit, scale.factor) for limit in parameter.interval_95)
+    value, u = scale.times(parameter.value), scale.times(u)
+    texts = _aligned(value, u, [u, None if u is None else k * u])
+    low, high = map(scale.times, parameter.interval_95)
     return Stated(
         value=texts[0],
         standard=texts[1],
         expanded=texts[2],
         interval=_interval(low, high, u, stated_open=_known(u) or not parameter.identifiable),
-        unit="" if scale.unit == "1" else scale.unit,
+        unit=scale.printed,
     )
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
 
 
 def _interval(low: float | None, high: float | None, u: float | None, *, stated_open: bool) -> str:
