@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from vibrident.registry import REGISTRIES
 
 #: Python versions that the pinned JAX has wheels for.
-OLDEST, NEWEST = (3, 11), (3, 14)
+#: Versions of Python that are tested.
+OLDEST = (3, 11)
+NEWEST = (3, 14)
 #: Largest relative error of the arithmetic that faulty JAX releases get wrong.
 LEAST_ERROR = 1e-12
 #: A sound estimate lies this close to the truth, in standard uncertainties.

@@ -27,7 +27,10 @@ from vibrident.cli.console import show_error
 from vibrident.cli.options import filled
 from vibrident.errors import VibridentError
 
-BAD_INPUT, INTERRUPTED = 2, 130
+#: Exit code of input that cannot be used.
+BAD_INPUT = 2
+#: Exit code after Ctrl-C.
+INTERRUPTED = 130
 
 
 class Commands(TyperGroup):

@@ -11,10 +11,12 @@ from vibrident.naming import parameter_name, scaled
 from vibrident.present import axes
 from vibrident.present.views import BLACK, SKY, VERMILION, Axis, Figure, Look, Panel, Series, Stack
 
-_BARS, _OUTSIDE = Look(SKY), Look("#fbeee6", width=0.0)
+_BARS = Look(SKY)
+_OUTSIDE = Look("#fbeee6", width=0.0)
 #: Beside the bars, as a part of their range: half of a tick's label.
 _ROOM = 0.03
-_LIMIT, _NOMINAL = Look(VERMILION, width=1.6), Look(BLACK, "dashed", 1.4)
+_LIMIT = Look(VERMILION, width=1.6)
+_NOMINAL = Look(BLACK, "dashed", 1.4)
 
 
 def distribution(found: Distribution) -> Figure:

@@ -34,8 +34,10 @@ from vibrident.present.views import (
     section,
 )
 
-#: Number of messages shown, and of calibrations named beside each.
-MOST_KINDS, MOST_NAMES = 40, 5
+#: Messages shown.
+MOST_KINDS = 40
+#: Calibrations named beside each message.
+MOST_NAMES = 5
 #: Types shown in the table of yields.
 _MOST_TYPES = 100
 #: Rows in memory at the same time.

@@ -16,17 +16,23 @@ from vibrident.fleet.limits import K, Limit, Specification
 from vibrident.fleet.row import IDENTIFIED
 from vibrident.fleet.table import Tally
 
-#: Fewest values for a search for outliers, and its false-alarm probability for a normal distribution of any size.
-FEWEST, FALSE_ALARM = 20, 0.01
+#: Fewest values for a search for outliers.
+FEWEST = 20
+#: False-alarm probability of that search, for a normal distribution of any size.
+FALSE_ALARM = 0.01
 #: From the median absolute deviation to the standard deviation of a normal distribution.
 _TO_SD = 1.482602218505602
 #: The spread of few values is uncertain: the limit is wider by a factor 1 + _SMALL / n. By simulation.
 _SMALL = 12.0
-#: Number of groups shown, and of rows listed.
-MOST_GROUPS, MOST_OUTLIERS = 12, 200
+#: Groups shown.
+MOST_GROUPS = 12
+#: Outliers listed.
+MOST_OUTLIERS = 200
 #: Margin drawn outside a limit, relative to the width between the limits.
 _MARGIN = 0.06
-_FEWEST_BINS, _MOST_BINS = 8, 48
+#: Bins of a histogram.
+_FEWEST_BINS = 8
+_MOST_BINS = 48
 #: Rows read at the same time.
 _ROWS = 4096
 FloatArray = NDArray[np.float64]

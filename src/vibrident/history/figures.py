@@ -17,7 +17,8 @@ CAPTION = (
     "Each calibration with U (k = 2), thick the part that it does not share with others; and in the band, with 95 % "
     "probability, the sensor itself from the last calibration on. Green: tolerance; grey upright: repaired."
 )
-_LIMIT, _TOLERANCE = Look(GREY, "dashed", 1.2), Look(GREEN, "dashed", 1.2)
+_LIMIT = Look(GREY, "dashed", 1.2)
+_TOLERANCE = Look(GREEN, "dashed", 1.2)
 
 
 def picture(document: Mapping[str, Any]) -> Figure:

@@ -12,8 +12,10 @@ from vibrident.present.numbers import plain
 from vibrident.present.views import Axis, FloatArray
 
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-#: Steps of a linear axis, and of one of angles in degrees.
-_STEPS, _ANGLES = (1.0, 2.0, 2.5, 5.0, 10.0), (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.0)
+#: Steps of a linear axis.
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+#: Steps of an axis of angles in degrees.
+_ANGLES = (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.0)
 
 
 def usable(values: FloatArray, *, positive: bool = False) -> FloatArray:

@@ -14,7 +14,10 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.io.file_order import natural
 from vibrident.io.readers import READERS, unknown_format
 
-CALIBRATION, RESULT = "calibration.toml", "result.json"
+#: Name of the calibration file that the page writes.
+CALIBRATION = "calibration.toml"
+#: Name of a result when it is downloaded.
+RESULT = "result.json"
 MEGABYTE = 1_000_000
 MOST_FILES = 500
 #: Most results of one page; the oldest are evicted.

@@ -7,8 +7,16 @@ from typing import Any
 
 from vibrident.workflow.truth import write_truth
 
-#: The demonstration: a sensor and its calibration as in the paper's section 4, at a low rate, for small files.
-SENSOR, RATE_HZ, SAMPLES, SNR_DB, RESPONSE_NOISE, SEED = "paper", 12800.0, 4000, 20.0, 0.01, 1
+# The demonstration: a sensor and its calibration as in the paper's section 4, at a low rate, for small files.
+SENSOR = "paper"
+RATE_HZ = 12800.0
+#: Of each record.
+SAMPLES = 4000
+#: Motion over the noise that the sensor measures too.
+SNR_DB = 20.0
+#: Of the response, relative to its rms.
+RESPONSE_NOISE = 0.01
+SEED = 1
 
 
 def write_demo(folder: Path) -> None:

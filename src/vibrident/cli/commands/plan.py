@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from vibrident.planning import Plan, Recording
     from vibrident.result import Result
 
-_SENSOR, _POINTS, _CHOICE = "Sensor", "Points", "Choice of frequencies"
+# Panels of the help.
+_SENSOR = "Sensor"
+_POINTS = "Points"
+_CHOICE = "Choice of frequencies"
 #: Options for one parameter each; --parameter NAME=VALUE sets any.
 _NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
 

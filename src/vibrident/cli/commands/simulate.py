@@ -12,7 +12,9 @@ from vibrident.cli.options import choice, flag, option
 from vibrident.workflow.folder import refuse_used, written_whole
 from vibrident.workflow.simulated import write
 
-_NOISE, _LIGHT = "Noise", "Raw light"
+# Panels of the help.
+_NOISE = "Noise"
+_LIGHT = "Raw light"
 
 _Interferometer = Annotated[
     str | None,
