@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 from vibrident.registry import REGISTRIES
 
-#: Python versions that the pinned JAX has wheels for.
-#: Versions of Python that are tested.
+# Python versions that the pinned JAX has wheels for.
 OLDEST = (3, 11)
 NEWEST = (3, 14)
 #: Largest relative error of the arithmetic that faulty JAX releases get wrong.

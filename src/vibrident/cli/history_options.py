@@ -13,7 +13,7 @@ from vibrident.errors import InputError
 if TYPE_CHECKING:
     from vibrident.history.document import Question
     from vibrident.history.due import Tolerance
-    from vibrident.history.query import Sensor
+    from vibrident.history.query import StoredSensor
 
 
 def read_date(text: str | None, option: str) -> datetime.date | None:
@@ -90,7 +90,7 @@ def question(
     return asked if limits is None else replace(asked, tolerances=_by_type(limits, asked))
 
 
-def _by_type(limits: Path, asked: Question) -> Callable[[Sensor], Tolerance | None]:
+def _by_type(limits: Path, asked: Question) -> Callable[[StoredSensor], Tolerance | None]:
     """The tolerance of a sensor, from a limits file; of the reference sensitivity as of the sensitivity."""
     from vibrident.fleet.limits import read_limits
     from vibrident.history.due import Tolerance
@@ -98,7 +98,7 @@ def _by_type(limits: Path, asked: Question) -> Callable[[Sensor], Tolerance | No
     known = read_limits(limits)
     name = "sensitivity" if asked.quantity == "reference_sensitivity" else asked.quantity
 
-    def tolerance(sensor: Sensor) -> Tolerance | None:
+    def tolerance(sensor: StoredSensor) -> Tolerance | None:
         limit = known.limit(sensor.type or None, name)
         if limit is None or not limit.nominal or asked.frequency_hz is not None:
             return None

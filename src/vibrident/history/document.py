@@ -15,7 +15,7 @@ from vibrident.history import control, query
 from vibrident.history.due import RISK, Due, Tolerance, due, interval_in_force, later
 from vibrident.history.life import Entry, Life, covariance, life, years_between
 from vibrident.history.mixture import Mixture
-from vibrident.history.query import Sensor
+from vibrident.history.query import StoredSensor
 from vibrident.history.schema import REFERENCE_SENSITIVITY
 from vibrident.history.store import Store
 from vibrident.result import Result
@@ -46,15 +46,15 @@ class Question:
     tolerance: Tolerance | None = None
     interval_years: float | None = None
     today: datetime.date | None = None
-    tolerances: Callable[[Sensor], Tolerance | None] | None = None
+    tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
 
 
-def _of(sensor: Sensor, question: Question) -> Question:
+def _of(sensor: StoredSensor, question: Question) -> Question:
     """The question for one sensor, with its own tolerance."""
     return question if question.tolerances is None else replace(question, tolerance=question.tolerances(sensor))
 
 
-def shown(store: Store, sensor: Sensor, question: Question = Question()) -> dict[str, Any]:
+def shown(store: Store, sensor: StoredSensor, question: Question = Question()) -> dict[str, Any]:
     """The whole document of one sensor.
 
     Raises:
@@ -87,7 +87,7 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
     return None if sensor is None else shown(store, sensor)
 
 
-def _no_such_quantity(store: Store, sensor: Sensor, question: Question) -> InputError:
+def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
     at = question.frequency_hz
     known = (
         query.quantities(store, sensor.id) if at is None else map("{:g}".format, query.frequencies(store, sensor.id))

@@ -10,14 +10,14 @@ import sqlalchemy as sa
 from vibrident.errors import InputError
 from vibrident.history import query
 from vibrident.history.entry import record
-from vibrident.history.query import Sensor
+from vibrident.history.query import StoredSensor
 from vibrident.history.schema import calibration, event
 from vibrident.history.store import Store
 
 
 def add_event(
     store: Store,
-    sensor: Sensor,
+    sensor: StoredSensor,
     kind: str,
     *,
     date: datetime.date | None = None,

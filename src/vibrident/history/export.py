@@ -9,15 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.escaping import csv_cell
-from vibrident.extras import library
 
 
 def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
-    """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``.
-
-    Raises:
-        InputError: pyarrow, which writes Parquet, is not installed.
-    """
+    """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     if file.suffix.lower() == ".csv":
         with file.open("w", newline="", encoding="utf-8") as stream:
@@ -25,8 +20,9 @@ def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
             table.writerow(names)
             table.writerows([[_cell(row.get(name)) for name in names] for row in rows])
         return
-    problem = "Parquet files need pyarrow, which is not installed."
-    arrow, parquet = (library(name, "parquet", problem, str(file)) for name in ("pyarrow", "pyarrow.parquet"))
+    import pyarrow as arrow
+    from pyarrow import parquet
+
     columns = {name: arrow.array([row.get(name) for row in rows], type=_type(arrow, rows, name)) for name in names}
     parquet.write_table(arrow.table(columns), file)
 

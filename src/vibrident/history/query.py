@@ -24,7 +24,7 @@ _STANDINGS = ("approved", "superseded", "recalled")
 
 
 @dataclass(frozen=True)
-class Sensor:
+class StoredSensor:
     """A sensor, as its results name it."""
 
     id: int
@@ -49,7 +49,7 @@ class Sensor:
 class Overview:
     """A sensor in the list of all: how often it was calibrated and when last."""
 
-    sensor: Sensor
+    sensor: StoredSensor
     calibrations: int
     first: datetime.date
     last: datetime.date
@@ -70,7 +70,7 @@ def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
         return [Overview(_sensor(row), row.times, row.first, row.last) for row in connection.execute(asked)]
 
 
-def find(store: Store, serial_number: str, type_name: str | None = None, axis: str | None = None) -> Sensor:
+def find(store: Store, serial_number: str, type_name: str | None = None, axis: str | None = None) -> StoredSensor:
     """The sensor of a serial number.
 
     Raises:
@@ -101,7 +101,7 @@ def find(store: Store, serial_number: str, type_name: str | None = None, axis: s
     )
 
 
-def known(store: Store, told: Mapping[str, object]) -> Sensor | None:
+def known(store: Store, told: Mapping[str, object]) -> StoredSensor | None:
     """The sensor that a result names; None if the store holds no calibration of it."""
     named = [column == str(told.get(column.name) or "").strip() for column in sensor.c if column.name != "id"]
     with store.reading() as connection:
@@ -109,8 +109,8 @@ def known(store: Store, told: Mapping[str, object]) -> Sensor | None:
     return None if row is None else _sensor(row)
 
 
-def _sensor(row: Any) -> Sensor:
-    return Sensor(row.id, row.manufacturer, row.type, row.serial_number, row.axis)
+def _sensor(row: Any) -> StoredSensor:
+    return StoredSensor(row.id, row.manufacturer, row.type, row.serial_number, row.axis)
 
 
 def entries(

@@ -28,9 +28,9 @@ from vibrident.present.views import (
     Beside,
     Column,
     Document,
+    Fact,
     Facts,
     Letterhead,
-    Row,
     Sentence,
     Signatures,
     Table,
@@ -95,7 +95,7 @@ def letterhead(result: Result) -> Letterhead:
     )
 
 
-def signatures(result: Result) -> tuple[Row, ...]:
+def signatures(result: Result) -> tuple[Fact, ...]:
     """Who signs."""
     labels = {"operator": "Calibrated by", "approved_by": "Approved by"}
     return tuple((label, _text(result.certificate, key)) for key, label in labels.items())
@@ -138,7 +138,7 @@ def groups(result: Result) -> tuple[Facts, ...]:
     return tuple(Facts(tuple(rows), title) for title, rows in titled.items())
 
 
-def _given(stated: Mapping[str, Any], labels: Mapping[str, str]) -> list[Row]:
+def _given(stated: Mapping[str, Any], labels: Mapping[str, str]) -> list[Fact]:
     """Rows that appear only where they are stated."""
     return [(label, str(stated[key])) for key, label in labels.items() if stated.get(key)]
 
@@ -196,7 +196,7 @@ def reference(result: Result) -> Facts:
     scale = sensitivity_scale(result)
     magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
     exact = "" if same(float(point.nominal), point.frequency_hz) else f" (computed at {exact_frequency(point)} Hz)"
-    rows: list[Row] = [
+    rows: list[Fact] = [
         ("Reference frequency", f"{point.nominal} Hz{exact}; {why}"),
         ("Magnitude |S|", f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
     ]

@@ -43,12 +43,12 @@ class Value:
     """A quantity of one result: value and standard uncertainty in the unit of the whole row.
 
     Attributes:
-        value: None if there is no value.
+        value: best estimate.
         u: None where not known.
         shared: what of u other results may share, by source.
     """
 
-    value: float | None
+    value: float
     u: float | None
     shared: Mapping[str, float] = field(default_factory=dict)
 
@@ -90,7 +90,7 @@ def quantities(results: Sequence[Result]) -> list[Quantity]:
         unit = next(parameter.unit for parameter in having if parameter is not None)
         values = [
             Value(p.value, p.standard_uncertainty, shared_sources(result, parameter=key))
-            if p is not None and p.unit == unit and p.value is not None
+            if p is not None and p.unit == unit
             else None
             for result, p in zip(results, having, strict=True)
         ]
@@ -228,18 +228,18 @@ def _lines(row: Quantity, chunk: Sequence[int], reasons: Sequence[str]) -> list[
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
     """Value and U as text, the value to the place of U."""
-    if value is None or value.value is None:
+    if value is None:
         return NONE, NONE
     return pair(value.value * factor, None if value.expanded is None else value.expanded * factor)
 
 
 def difference(value: Value | None, base: Value, row: Quantity) -> str:
     """Difference from the base, relative where the quantity allows it."""
-    if value is None or value.value is None or base.value is None:
+    if value is None:
         return NONE
     relative = bool(row.relative and base.value)
     off = value.value - base.value
-    factor = 100.0 / base.value if relative and base.value else row.scale.factor
+    factor = 100.0 / base.value if relative else row.scale.factor
     joint = _joint(value, base, abs(factor))
     if relative and not joint:
         return percent(off * factor)
@@ -264,7 +264,7 @@ def _joint(value: Value, base: Value, factor: float) -> float | None:
 
 def error(value: Value | None, base: Value) -> str:
     """E_n as text."""
-    if value is None or value.value is None or base.value is None or value.expanded is None or base.expanded is None:
+    if value is None or value.expanded is None or base.expanded is None:
         return NONE
     both = shared_covariance(value.shared, base.shared)
     en = normalized_error(value.value, value.expanded, base.value, base.expanded, both)

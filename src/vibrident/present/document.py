@@ -18,9 +18,9 @@ from vibrident.present.views import (
     Card,
     Cards,
     Document,
+    Fact,
     Facts,
     Folded,
-    Row,
     Section,
     Sentence,
     Table,
@@ -140,7 +140,7 @@ def _settings(result: Result) -> Sequence[Block]:
 def _certificate(result: Result) -> tuple[Block | None, ...]:
     """What the certificate says besides the numbers; blanks are left as blanks."""
     head, instruments = certificate.letterhead(result), certificate.instruments(result)
-    rows: list[Row] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
+    rows: list[Fact] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
     rows += [row for group in certificate.groups(result) for row in group.rows]
     rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
     rows += [("Remark", remark) for remark in certificate.remarks(result)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,17 +23,6 @@ LEVEL = 0.01
 FEWEST = 8
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """One test: the value found, the value expected of noise, and whether it passes (None: not a separate test)."""
-
-    name: str
-    found: str
-    usual: str
-    passed: bool | None
-    meaning: str
-
-
 def residual_tests(result: Result) -> Table:
     """Every test of the magnitude and, where there is one, of the phase."""
     measured = result.measured
@@ -44,15 +32,18 @@ def residual_tests(result: Result) -> Table:
         _in_common(measured.deviation_uncertainty_percent, relative),
         _in_common(measured.deviation_phase_uncertainty_deg, fitted(numbers(measured.phase_deg_noise), like)),
     )
-    outcomes = [_chi_squared(result), *_pattern_tests("magnitude", _magnitude(result), common[0])]
-    outcomes += _pattern_tests("phase", _phase(result), common[1])
-    verdicts = {True: "passed", False: "failed", None: NONE}
-    rows = tuple((o.name, o.found, o.usual, verdicts[o.passed], o.meaning) for o in outcomes)
+    rows = [_chi_squared(result), *_pattern_tests("magnitude", _magnitude(result), common[0])]
+    rows += _pattern_tests("phase", _phase(result), common[1])
     note = (
         "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
         f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
     )
-    return Table(columns("test", "found", "usual", "outcome", "what a failure means"), rows, notes=(note,))
+    return Table(columns("test", "found", "usual", "outcome", "what a failure means"), tuple(rows), notes=(note,))
+
+
+def _outcome(name: str, found: str, usual: str, passed: bool, meaning: str) -> tuple[str, ...]:
+    """One test: the value found, the value expected of noise, whether it passes, and what a failure means."""
+    return name, found, usual, "passed" if passed else "failed", meaning
 
 
 def _in_common(whole: Sequence[float | None], noise: FloatArray) -> bool:
@@ -61,7 +52,7 @@ def _in_common(whole: Sequence[float | None], noise: FloatArray) -> bool:
     return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
 
 
-def _chi_squared(result: Result) -> Outcome:
+def _chi_squared(result: Result) -> tuple[str, ...]:
     chi2, freedom = result.fit.chi2_reduced, result.fit.degrees_of_freedom
     usual = "about 1"
     if chi2 is not None and freedom > 0:
@@ -71,7 +62,7 @@ def _chi_squared(result: Result) -> Outcome:
         usual = f"{low:.2f} to {high:.2f}"
     found = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
     meaning = "the model leaves more than the uncertainties explain; the verdict on the model"
-    return Outcome("χ²/ν of all points", found, usual, result.fit.adequate, meaning)
+    return _outcome("χ²/ν of all points", found, usual, result.fit.adequate, meaning)
 
 
 def _magnitude(result: Result) -> FloatArray:
@@ -95,7 +86,7 @@ def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray
     return (deviation[usable] / u[usable])[order]
 
 
-def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
+def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[tuple[str, ...]]:
     if z.size < FEWEST:
         return []
     from scipy.special import bdtr, ndtri
@@ -108,14 +99,14 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
     limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
     sizes = [
-        Outcome(
+        _outcome(
             f"{name}: points within U",
             f"{inside} of {n}",
             f"{100 * coverage:.1f} % of them",
             float(bdtr(inside, n, coverage)) >= LEVEL,
             "uncertainties of the points too small, or a misfit at some of them",
         ),
-        Outcome(
+        _outcome(
             f"{name}: largest deviation",
             f"{largest:.2f} u",
             f"below {far:.2f} u",
@@ -128,7 +119,7 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
     return [
         *sizes,
         _runs(name, z),
-        Outcome(
+        _outcome(
             f"{name}: correlation of neighbours",
             f"{lagged:+.2f}",
             f"within ±{limit:.2f}",
@@ -138,7 +129,7 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[Outcome]:
     ]
 
 
-def _runs(name: str, z: FloatArray) -> Outcome:
+def _runs(name: str, z: FloatArray) -> tuple[str, ...]:
     """Wald-Wolfowitz test on the signs: too few changes of sign are a trend."""
     above = z > 0
     n_above, n_below = int(above.sum()), int((~above).sum())
@@ -148,6 +139,8 @@ def _runs(name: str, z: FloatArray) -> Outcome:
     variance = (mean - 1.0) * (mean - 2.0) / (n - 1.0)
     meaning = "long stretches above or below zero: a trend with frequency"
     if variance <= 0:
-        return Outcome(f"{name}: runs of one sign", str(runs), "more than one", False, meaning)
+        return _outcome(f"{name}: runs of one sign", str(runs), "more than one", False, meaning)
     fewest = mean - 2.326 * math.sqrt(variance)  # one-sided, 1 %
-    return Outcome(f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning)
+    return _outcome(
+        f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning
+    )

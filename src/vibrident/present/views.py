@@ -117,14 +117,14 @@ class Sentence:
 
 
 #: A name and a text; None is a blank to fill.
-Row = tuple[str, str | None]
+Fact = tuple[str, str | None]
 
 
 @dataclass(frozen=True)
 class Facts:
     """Names and texts."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Fact, ...]
     title: str = ""
 
 
@@ -132,7 +132,7 @@ class Facts:
 class Signatures:
     """Lines to sign on: what for, and by whom."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Fact, ...]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from vibrident.workflow.folder import json_text, write_json, written_whole
 from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
+    from vibrident.history.store import Store
     from vibrident.present.views import Block
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
@@ -70,7 +71,6 @@ def add(
     """Add results. An existing result stays unchanged."""
     day = read_date(date, "--date")
     from vibrident.history.entry import add_all, rows_of
-    from vibrident.history.store import Store
     from vibrident.present.views import count
 
     for path in results:  # check all before adding any
@@ -79,7 +79,7 @@ def add(
             rows_of(loaded, serial, day)
         except InputError as error:
             raise error.at(f"{path}, {error.where}") from error
-    with Store(store) as opened:
+    with _opened(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
         for path, (new, number) in zip(results, added, strict=True):
             out().print(printable(f"{path}: calibration {number}{'' if new else ', already stored'}"), soft_wrap=True)
@@ -92,10 +92,9 @@ def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "t
     """List the sensors, with the number of their calibrations and the dates of the first and the last."""
     from vibrident.history import query, tables
     from vibrident.history.document import listed
-    from vibrident.history.store import Store
     from vibrident.present.views import count
 
-    with Store(store) as opened:
+    with _opened(store) as opened:
         rows = listed(query.overviews(opened, type_name))
     _print(form, rows, lambda: [replace(tables.listed(rows), title=count(len(rows), "sensor"))])
 
@@ -119,12 +118,11 @@ def show(
     """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
     from vibrident.history import page, query
     from vibrident.history.document import shown
-    from vibrident.history.store import Store
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
     asked = question(quantity, frequency, read_tolerance(tolerance, nominal), limits, interval, read_date(at, "--at"))
-    with Store(store) as opened:
+    with _opened(store) as opened:
         document = shown(opened, query.find(opened, serial, type_name, axis), asked)
     _print(form, document, lambda: page.printed(document))
     if target is not None:
@@ -157,11 +155,10 @@ def due(
         )
     from vibrident.history import query, tables
     from vibrident.history.document import all_due, shown
-    from vibrident.history.store import Store
     from vibrident.present.views import count
 
     asked = question(quantity, frequency, given, limits, interval)
-    with Store(store) as opened:
+    with _opened(store) as opened:
         if serial is None:
             rows = all_due(opened, asked, type_name)
         else:
@@ -185,9 +182,8 @@ def approve(
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
     from vibrident.history import edit
-    from vibrident.history.store import Store
 
-    with Store(store) as opened:
+    with _opened(store) as opened:
         superseded = edit.approve(opened, number, by=by, note=note_text)
     out().print(f"Calibration {number} is approved.")
     for other in superseded:
@@ -209,9 +205,8 @@ def event(
     """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
     day = read_date(date, "--date")
     from vibrident.history import edit, query
-    from vibrident.history.store import Store
 
-    with Store(store) as opened:
+    with _opened(store) as opened:
         found = query.find(opened, serial, type_name, axis)
         edit.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
     subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
@@ -226,9 +221,8 @@ def result(
 ) -> None:
     """Write a stored result to a file."""
     from vibrident.history import query
-    from vibrident.history.store import Store
 
-    with Store(store) as opened:
+    with _opened(store) as opened:
         query.result(opened, number).save(target)
     wrote([target])
 
@@ -241,10 +235,9 @@ def export(
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.history import query
     from vibrident.history.export import write as write_table
-    from vibrident.history.store import Store
 
     one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
-    with Store(store) as opened:
+    with _opened(store) as opened:
         rows = list(query.rows(opened))
     with written_whole(target.parent) as output:
         write_table(rows, output.path / target.name)
@@ -254,12 +247,16 @@ def export(
 @history.command("upgrade")
 def upgrade(store: _Store = None) -> None:
     """Upgrade a store of an older version, with its data; or create a new one."""
-    from vibrident.history.store import Store
-
-    with Store(store) as opened:
+    with _opened(store) as opened:
         before, after = opened.upgrade()
         what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
         out().print(printable(f"{opened.shown} {what}; schema {after}"), soft_wrap=True)
+
+
+def _opened(url: str | None) -> Store:
+    from vibrident.history.store import Store
+
+    return Store(url)
 
 
 def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:
