@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 from nicegui import app, ui
 
@@ -12,16 +13,19 @@ from vibrident.web.columns import ColumnsStep
 from vibrident.web.compare import CompareStep
 from vibrident.web.data import DataStep
 from vibrident.web.fit import FitStep
-from vibrident.web.look import SCRIPT, STYLE
 from vibrident.web.outcome import OutcomeStep
 from vibrident.web.users import User, Users
+
+_FOLDER = Path(__file__).parent
+_STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
+_SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
 
 async def page(users: Users) -> None:
     """Build the page. Expensive parts wait until a browser has connected; a bare request gets a heading."""
     ui.colors(primary="#0a4b78", positive="#14632f", negative="#a1001a", warning="#7a4b00")
-    ui.add_css(STYLE)
-    ui.add_body_html(f"<script>{SCRIPT}</script>")
+    ui.add_css(_STYLE)
+    ui.add_body_html(f"<script>{_SCRIPT}</script>")
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
