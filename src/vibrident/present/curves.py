@@ -16,25 +16,23 @@ def numbers(values: Sequence[float | None]) -> FloatArray:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def fitted(values: FloatArray, like: FloatArray) -> FloatArray:
-    """The values where they are one to each point, NaN otherwise."""
-    return values if values.shape == like.shape else np.full(like.shape, np.nan)
+def column(curve: Curve, name: str) -> FloatArray:
+    """Values of a curve, one to each frequency; NaN where one is not known, or all are absent."""
+    values, points = numbers(getattr(curve, name)), len(curve.frequency_hz)
+    return values if values.size == points else np.full(points, np.nan)
 
 
 def expanded(curve: Curve, quantity: str) -> FloatArray:
     """U (k = 2) of a curve's ``magnitude`` or ``phase_deg``; NaN where it is not known."""
-    return K * fitted(numbers(getattr(curve, f"{quantity}_uncertainty")), numbers(curve.frequency_hz))
+    return K * column(curve, f"{quantity}_uncertainty")
 
 
 def bars_of_deviation(measured: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
     """U (k = 2) of the deviations, percent and degrees: their own where the result has it, else that of the points."""
-    frequency = numbers(measured.frequency_hz)
-    percent = fitted(numbers(measured.deviation_uncertainty_percent), frequency)
-    degrees = fitted(numbers(measured.deviation_phase_uncertainty_deg), frequency)
-    if not np.isfinite(percent).any():
-        percent = 100.0 * fitted(numbers(measured.magnitude_uncertainty), frequency) / numbers(measured.magnitude)
-        degrees = fitted(numbers(measured.phase_deg_uncertainty), frequency)
-    return K * percent, K * degrees
+    percent = column(measured, "deviation_uncertainty_percent")
+    if np.isfinite(percent).any():
+        return K * percent, K * column(measured, "deviation_phase_uncertainty_deg")
+    return 100.0 * expanded(measured, "magnitude") / column(measured, "magnitude"), expanded(measured, "phase_deg")
 
 
 def continuous(phase_deg: FloatArray) -> FloatArray:

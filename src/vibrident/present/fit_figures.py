@@ -12,7 +12,7 @@ from vibrident.naming import in_words, scaled
 from vibrident.present import axes
 from vibrident.present.curves import (
     bars_of_deviation,
-    fitted,
+    column,
     from_start,
     largest,
     numbers,
@@ -131,8 +131,8 @@ def _by_record(result: Result) -> Panel:
 
 def _by_point(result: Result) -> Panel:
     frequency = numbers(result.measured.frequency_hz)
-    relative = fitted(numbers(result.measured.deviation_percent), frequency) / 100
-    phase = fitted(numbers(result.measured.deviation_phase_deg), frequency)
+    relative = column(result.measured, "deviation_percent") / 100
+    phase = column(result.measured, "deviation_phase_deg")
     percent = 100 * np.abs((1 + relative) * np.exp(1j * np.deg2rad(np.nan_to_num(phase))) - 1)
     return _stems(axes.frequency(frequency), frequency, percent, "|model / measured − 1|\nin %", "by frequency", ())
 
@@ -158,7 +158,7 @@ def _in_own_rmse(signal: Signal) -> FloatArray:
 
 def _deviations(result: Result) -> tuple[FloatArray, str]:
     measured = result.measured
-    percent = fitted(numbers(measured.deviation_percent), numbers(measured.magnitude))
+    percent = column(measured, "deviation_percent")
     relative_u = bars_of_deviation(measured)[0] / K
     known = np.isfinite(percent) & np.isfinite(relative_u) & (relative_u > 0)
     if known.any():

@@ -7,11 +7,10 @@ probability of 1 %. The verdict on the model is the result's own; these show whe
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from vibrident.present.curves import bars_of_deviation, fitted, numbers, principal
+from vibrident.present.curves import bars_of_deviation, column, numbers, principal
 from vibrident.present.numbers import COVERAGE_FACTOR, NONE, plain
 from vibrident.present.views import Table, columns
 from vibrident.records import FloatArray
@@ -25,15 +24,14 @@ FEWEST = 8
 
 def residual_tests(result: Result) -> Table:
     """Every test of the magnitude and, where there is one, of the phase."""
-    measured = result.measured
-    like = numbers(measured.magnitude)
-    relative = 100.0 * fitted(numbers(measured.magnitude_noise), like) / like
-    common = (
-        _in_common(measured.deviation_uncertainty_percent, relative),
-        _in_common(measured.deviation_phase_uncertainty_deg, fitted(numbers(measured.phase_deg_noise), like)),
-    )
-    rows = [_chi_squared(result), *_pattern_tests("magnitude", _magnitude(result), common[0])]
-    rows += _pattern_tests("phase", _phase(result), common[1])
+    measured, halves = result.measured, bars_of_deviation(result.measured)
+    noise = 100.0 * column(measured, "magnitude_noise") / column(measured, "magnitude")
+    common = _in_common(column(measured, "deviation_uncertainty_percent"), noise)
+    z = _ordered(result, column(measured, "deviation_percent"), halves[0] / COVERAGE_FACTOR)
+    rows = [_chi_squared(result), *_pattern_tests("magnitude", z, common)]
+    common = _in_common(column(measured, "deviation_phase_uncertainty_deg"), column(measured, "phase_deg_noise"))
+    z = _ordered(result, principal(column(measured, "deviation_phase_deg")), halves[1] / COVERAGE_FACTOR)
+    rows += _pattern_tests("phase", z, common)
     note = (
         "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
         f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
@@ -46,9 +44,9 @@ def _outcome(name: str, found: str, usual: str, passed: bool, meaning: str) -> t
     return name, found, usual, "passed" if passed else "failed", meaning
 
 
-def _in_common(whole: Sequence[float | None], noise: FloatArray) -> bool:
+def _in_common(whole: FloatArray, noise: FloatArray) -> bool:
     """Whether stated systematic effects, which make a pattern, are as large as the noise of the deviations."""
-    ratio = fitted(numbers(whole), noise) / noise
+    ratio = whole / noise
     return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
 
 
@@ -63,21 +61,6 @@ def _chi_squared(result: Result) -> tuple[str, ...]:
     found = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
     meaning = "the model leaves more than the uncertainties explain; the verdict on the model"
     return _outcome("χ²/ν of all points", found, usual, result.fit.adequate, meaning)
-
-
-def _magnitude(result: Result) -> FloatArray:
-    measured = result.measured
-    like = numbers(measured.magnitude)
-    half, _ = bars_of_deviation(measured)
-    return _ordered(result, fitted(numbers(measured.deviation_percent), like), half / COVERAGE_FACTOR)
-
-
-def _phase(result: Result) -> FloatArray:
-    measured = result.measured
-    like = numbers(measured.magnitude)
-    turned = principal(fitted(numbers(measured.deviation_phase_deg), like))
-    _, half = bars_of_deviation(measured)
-    return _ordered(result, turned, half / COVERAGE_FACTOR)
 
 
 def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:

@@ -9,9 +9,9 @@ import numpy as np
 from vibrident.present import axes, words
 from vibrident.present.curves import (
     bars_of_deviation,
+    column,
     continuous,
     expanded,
-    fitted,
     nearest_turn,
     numbers,
     principal,
@@ -144,7 +144,7 @@ def _quantity(
 def _sorted(
     curve: Curve, quantity: str, factor: float, unit: str
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
-    x, y = numbers(curve.frequency_hz), factor * fitted(numbers(getattr(curve, quantity)), numbers(curve.frequency_hz))
+    x, y = numbers(curve.frequency_hz), factor * column(curve, quantity)
     half = factor * expanded(curve, quantity)
     order = np.argsort(x, kind="stable")
     texts = tuple(_stated(float(x[i]), float(y[i]), float(half[i]), unit) for i in order)
@@ -169,12 +169,11 @@ def deviation(result: Result) -> Figure | None:
     """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U."""
     measured, model = result.measured, result.response
     frequency = numbers(measured.frequency_hz)
-    percent = fitted(numbers(measured.deviation_percent), frequency)
-    phase = principal(fitted(numbers(measured.deviation_phase_deg), frequency))
+    percent, phase = column(measured, "deviation_percent"), principal(column(measured, "deviation_phase_deg"))
     if frequency.size == 0:
         return None
     bars = bars_of_deviation(measured)
-    own = fitted(100.0 * expanded(model, "magnitude") / numbers(model.magnitude), numbers(model.frequency_hz))
+    own = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
     parts = [("Magnitude deviation", "%", percent, bars[0], own)]
     if np.isfinite(phase).any():
         parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg")))

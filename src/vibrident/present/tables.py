@@ -16,6 +16,7 @@ from vibrident.present.numbers import (
     NONE,
     at,
     fit_unit,
+    magnitude_scale,
     nominal_frequency,
     percent,
     plain,
@@ -163,44 +164,40 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     total = len(points.frequency_hz)
     if total == 0:
         return None
-    magnitudes = sorted(abs(m) for m in points.magnitude if m)
-    unit = sensitivity_unit(result.response_unit, reference_unit(result))
-    scale = scaled(unit, magnitudes[len(magnitudes) // 2] if magnitudes else 0.0)
+    scale = magnitude_scale(sensitivity_unit(result.response_unit, reference_unit(result)), points.magnitude)
     phases = any(phase is not None for phase in points.phase_deg)
     apart = any(u is not None for u in points.magnitude_noise)
-    heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
-    heads += [("noise", scale.unit)] if apart else []
-    heads += [("deviation", ""), *([("E_n", "")] if apart else [])]
-    if phases:
-        heads += [("phase", "°"), ("U", "°"), *([("noise", "°")] if apart else []), ("deviation", "°")]
-        heads += [("E_n of phase", "")] if apart else []
     step = max(1, -(-total // most_rows))
     rows = []
     for i in range(0, total, step):
-        magnitude, expanded = with_u(points.magnitude[i], at(points.magnitude_uncertainty, i), scale.factor)
-        row = [
+        shift = at(points.deviation_phase_deg, i)
+        shift = None if shift is None else (shift + 180) % 360 - 180
+        phase = (
+            *with_u(points.phase_deg[i], at(points.phase_deg_uncertainty, i), 1.0),
+            _expanded(at(points.phase_deg_noise, i), 1.0) * apart,
+            NONE if shift is None else f"{shift:+.3f}",
+            _en(shift, at(points.deviation_phase_uncertainty_deg, i)) * apart,
+        )
+        row = (
             f"{points.frequency_hz[i]:.6g}",
             nominal_frequency(points.frequency_hz[i]) or "",
-            magnitude,
-            expanded,
-        ]
-        row += [_expanded(at(points.magnitude_noise, i), scale.factor)] if apart else []
-        row.append(percent(at(points.deviation_percent, i)))
-        row += [_en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i))] if apart else []
-        if phases:
-            phase, phase_u = with_u(points.phase_deg[i], at(points.phase_deg_uncertainty, i), 1.0)
-            shift = at(points.deviation_phase_deg, i)
-            shift = None if shift is None else (shift + 180) % 360 - 180
-            row += [phase, phase_u, *([_expanded(at(points.phase_deg_noise, i), 1.0)] if apart else [])]
-            row.append(NONE if shift is None else f"{shift:+.3f}")
-            row += [_en(shift, at(points.deviation_phase_uncertainty_deg, i))] if apart else []
-        rows.append([*row, at(points.record, i) or ""])
+            *with_u(points.magnitude[i], at(points.magnitude_uncertainty, i), scale.factor),
+            _expanded(at(points.magnitude_noise, i), scale.factor) * apart,
+            percent(at(points.deviation_percent, i)),
+            _en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i)) * apart,
+            *(text * phases for text in phase),
+            at(points.record, i) or "",
+        )
+        rows.append(row)
+    heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
+    heads += [("noise", scale.unit), ("deviation", ""), ("E_n", ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
+    heads += [("deviation", "°"), ("E_n of phase", "")]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
     lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
     lead += f" {_APART}" if apart else ""
     return Table(
         (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
-        tuple(tuple(row) for row in rows),
+        tuple(rows),
         tuple(text for text in (lead, worst(points)) if text),
         (*((words.PHASE,) if phases else ()), *((UNSTATED,) if None in points.magnitude_uncertainty else ())),
     ).telling()
