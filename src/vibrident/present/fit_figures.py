@@ -10,20 +10,8 @@ import numpy as np
 
 from vibrident.naming import in_words, scaled
 from vibrident.present import axes
-from vibrident.present.curves import (
-    bars_of_deviation,
-    column,
-    from_start,
-    largest,
-    numbers,
-    record_frequencies,
-    spread,
-)
-from vibrident.present.numbers import (
-    frequency_text,
-    shortened,
-    subject,
-)
+from vibrident.present.curves import bars_of_deviation, column, from_start, largest, numbers, record_frequencies, spread
+from vibrident.present.numbers import frequency_text, shortened, subject
 from vibrident.present.views import (
     BLACK,
     BLUE,

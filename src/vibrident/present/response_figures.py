@@ -17,15 +17,7 @@ from vibrident.present.curves import (
     principal,
     spread,
 )
-from vibrident.present.numbers import (
-    at,
-    magnitude_scale,
-    reference_unit,
-    sensitivity_unit,
-    shortened,
-    subject,
-    with_u,
-)
+from vibrident.present.numbers import at, magnitude_scale, reference_unit, sensitivity_unit, shortened, subject, with_u
 from vibrident.present.views import (
     BLACK,
     BLUE,

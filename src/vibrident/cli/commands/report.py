@@ -51,21 +51,34 @@ def report(
     loaded = [(path, load_result(path)) for path in results]
     more = _histories(loaded, store, chosen)
     names = _distinct([path for path, _ in loaded])
+    everything, alone = [result for _, result in loaded], len(loaded) == 1
+    jobs: dict[Path, list[Job]] = {}  # by folder
     if target is not None and ending in options.FORMATS and not target.is_dir():
         if ending != chosen:
             raise _contradiction(target, chosen)
-        written = _one_file(target, loaded, names, chosen, more)
-    elif target is None:
-        written = _beside_each(loaded, names, chosen, more)
+        jobs[target.parent] = [(everything, target.name, more[0] if alone else ())]
     else:
-        written = _in_folder(target, loaded, names, chosen, more)
+        for (path, result), name, sections in zip(loaded, names, more, strict=True):
+            place = "" if target is None or alone else name
+            jobs.setdefault(target or path.parent, []).append(([result], place, sections))
+        if not alone:
+            jobs.setdefault(target or _COMPARISON, []).append((everything, "", ()))
+    from vibrident.report import write
 
+    written: list[Path] = []
+    for folder, parts in jobs.items():
+        with written_whole(folder) as output:
+            for part, place, sections in parts:
+                write(part, chosen, output.path / place, names, sections)  # type: ignore[arg-type]
+        written += output.files
     wrote([file for file in written if file.suffix == f".{chosen}"])
 
 
 Loaded = Sequence[tuple[Path, "Result"]]
 #: Further sections of each report.
 More = Sequence[Sequence["Section"]]
+#: Results of one report, its place in the folder, and its further sections.
+Job = tuple[list["Result"], str, Sequence["Section"]]
 
 
 def _histories(loaded: Loaded, store: str | None, form: str) -> More:
@@ -90,42 +103,6 @@ def _histories(loaded: Loaded, store: str | None, form: str) -> More:
         if life is None:
             note(f"{path}: the history holds no calibration of this sensor")
     return [() if life is None else page.sections(life) for life in lives]
-
-
-def _one_file(file: Path, loaded: Loaded, names: Sequence[str], form: str, more: More) -> list[Path]:
-    from vibrident.report import write
-
-    with written_whole(file.parent) as output:
-        one = more[0] if len(loaded) == 1 else ()
-        write([result for _, result in loaded], form, output.path / file.name, names, one)  # type: ignore[arg-type]
-    return output.files
-
-
-def _beside_each(loaded: Loaded, names: Sequence[str], form: str, more: More) -> list[Path]:
-    from vibrident.report import write
-
-    written = []
-    for (path, result), sections in zip(loaded, more, strict=True):
-        with written_whole(path.parent) as output:
-            write(result, form, output.path, more=sections)  # type: ignore[arg-type]
-        written += output.files
-    if len(loaded) > 1:
-        with written_whole(_COMPARISON) as output:
-            write([result for _, result in loaded], form, output.path, names)  # type: ignore[arg-type]
-        written += output.files
-    return written
-
-
-def _in_folder(folder: Path, loaded: Loaded, names: Sequence[str], form: str, more: More) -> list[Path]:
-    from vibrident.report import write
-
-    with written_whole(folder) as output:
-        for name, (_, result), sections in zip(names, loaded, more, strict=True):
-            place = output.path / name if len(loaded) > 1 else output.path
-            write(result, form, place, more=sections)  # type: ignore[arg-type]
-        if len(loaded) > 1:
-            write([result for _, result in loaded], form, output.path, names)  # type: ignore[arg-type]
-    return output.files
 
 
 def _contradiction(target: Path, form: str) -> InputError:
