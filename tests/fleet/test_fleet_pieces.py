@@ -12,6 +12,7 @@ from vibrident.fleet.coordinator import _Keys
 from vibrident.fleet.key import look
 from vibrident.fleet.limits import Specification, read_limits
 from vibrident.fleet.orders import Orders, memory_limit
+from vibrident.fleet.page import write_page
 from vibrident.fleet.patterns import Paths
 from vibrident.fleet.statistics import FEWEST, outlier_limit, statistics
 from vibrident.fleet.table import write_table
@@ -132,6 +133,14 @@ def test_statistics_know_limits_and_their_unit(tmp_path):
     assert gains.histogram.counts.sum() + gains.histogram.below + gains.histogram.above == 200
     other = Specification.model_validate({"limits": [{**limit, "unit": "mV/(m/s^2)"}]})
     assert not statistics(tmp_path / "fleet.parquet", tally, other).limited
+
+    (tmp_path / "results").mkdir()
+    specification = Specification.model_validate({"limits": [limit]})
+    page = write_page(tmp_path / "fleet.html", tmp_path / "fleet.parquet", tally, specification, 0.0).read_text()
+    assert f'<a href="results/{found[7]["key"]}.json">SN7</a>' in page
+    assert '--share:99.00%">99.00 %' in page
+    assert page.count("<img ") == 4  # two parameters, this run and the time of each calibration
+    assert "<script" not in page
 
 
 @pytest.mark.parametrize("count", [FEWEST, 50, 300])
