@@ -61,6 +61,7 @@ def test_what_the_physics_leaves_is_learned(sensor, learned):
     assert max(scores) > 20.0
 
 
+@pytest.mark.slow
 def test_its_share_of_the_output_is_reported():
     """The two-mode sensor's second mode has 1 % of the static response, and more where it sways."""
     found = identified("two-mode", ResidualIpnn()).settings["residual_network"]

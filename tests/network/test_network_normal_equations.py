@@ -38,7 +38,7 @@ _jacobian = jax.jit(jax.jacfwd(physical_residual), static_argnames=("layout",))
 _residual = jax.jit(physical_residual, static_argnames=("layout",))
 
 
-@pytest.mark.parametrize("name", ["bandlimited", "euler"])
+@pytest.mark.parametrize("name", ["bandlimited", "euler", "tustin", "foh", "zoh"])
 @pytest.mark.slow
 def test_against_automatic_differentiation_of_the_residual(name):
     """JᵀJ, Jᵀr and rᵀr within 1e-9 of those of ``jacfwd`` on the dense residual; J = −∂r/∂z."""

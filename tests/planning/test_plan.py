@@ -201,6 +201,7 @@ def test_best_weights_obey_the_equivalence_theorem() -> None:
 
 
 @pytest.mark.parametrize("criterion", ["D", "A"])
+@pytest.mark.quick("D")
 def test_choices_are_better_than_spread_ones_and_near_the_best(criterion: str) -> None:
     settings = {"frequencies_hz": BAND, "recording": RECORDING, "criterion": criterion}
     few = vibrident.plan("accelerometer", PAPER, best=6, **settings)
@@ -274,6 +275,7 @@ def test_a_resonance_sharper_than_the_points_is_said() -> None:
 
 
 @pytest.mark.parametrize("noise", [{"reference_noise": 0.005}, {"response_noise": 0.005}])
+@pytest.mark.quick("noise1")
 def test_planned_for_a_sharp_sensor_as_the_right_optimum_scatters(noise: dict[str, float]) -> None:
     """From the truth as start, eight calibrations scatter as planned: the optimum is what a search may miss."""
     values = {"sensitivity": 1.0, "natural_frequency": 712.0, "damping_ratio": 0.003}
