@@ -18,10 +18,14 @@ from vibrident.records import FloatArray
 
 #: Damping to begin with, in units of the coordinates, which are near one.
 FIRST_DAMPING = 1.0
-#: Factor on the damping after a step that gains as much as the linear residual says, and after one that is rejected.
-LESS, MORE = 1.0 / 3.5, 4.0
-#: Gain of a step over that of the linear residual: from here on it is taken, and above this it is as foreseen.
-ENOUGH, AS_FORESEEN = 0.01, 0.99
+#: Factor on the damping after a step that gains as much as the linear residual says.
+LESS = 1.0 / 3.5
+#: Factor after a step that is rejected, doubled for each further one (Nielsen 1999), to fit any size of the residual.
+MORE = 4.0
+#: A step is taken from this part on of the gain that the linear residual predicts.
+ENOUGH = 0.01
+#: Above this part the residual is as linear as predicted, and the next step is damped less.
+AS_FORESEEN = 0.9
 #: So many rejected steps in a row mean that rounding, not the model, is what is left.
 MOST_REJECTED = 12
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
@@ -45,6 +49,10 @@ class Quadratic(Protocol):
 
 
 Objective = Callable[[Any, Any], Quadratic]
+
+
+#: Takes coordinates, a step and its damping, and gives the coordinates to try in place of their sum.
+Bent = Callable[[FloatArray, FloatArray, float], FloatArray]
 
 
 class Progress(Protocol):
@@ -82,6 +90,7 @@ def levenberg_marquardt(
     tolerance: float = 1e-9,
     most: int = 60,
     progress: Progress = silent,
+    bent: Bent | None = None,
 ) -> Trace:
     """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
 
@@ -96,6 +105,7 @@ def levenberg_marquardt(
         tolerance: decrease of the cost that is not worth a step.
         most: most evaluations of the objective.
         progress: called after each iteration.
+        bent: where a step leads to if not straight on; None: straight on.
 
     Raises:
         NotConverged: the cost is not finite at the start.
@@ -112,7 +122,7 @@ def levenberg_marquardt(
         if here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED:
             break
         step = here.step(damping)
-        trial = _Point.of(here.z + step, objective, args)
+        trial = _Point.of(bent(here.z, step, damping) if bent is not None else here.z + step, objective, args)
         gained = (here.cost - trial.cost) / (2.0 * step @ here.gradient - step @ here.matrix @ step)
         gained = gained if np.isfinite(gained) else -np.inf
         if gained >= ENOUGH:
@@ -120,7 +130,7 @@ def levenberg_marquardt(
             way.append(here)
         else:
             rejected += 1
-        damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE
+        damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE * 2.0 ** (rejected - 1)
         progress(iteration, most, here.cost)
     converged = here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED
     status = "converged" if converged else f"stopped after {most} evaluations"

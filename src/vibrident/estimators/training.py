@@ -18,9 +18,10 @@ from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
 from vibrident.estimators.network_settings import NetworkSettings
-from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.estimators.optimise import Bent, Progress, Trace, levenberg_marquardt
 from vibrident.estimators.reweighting import reweighted
 from vibrident.estimators.start import Start, find_start
+from vibrident.estimators.valley import ValleySteps
 from vibrident.lines import RecordLines
 from vibrident.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective, network_of
 from vibrident.problem.framing import response_size
@@ -73,7 +74,9 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
         if trace is None and not evidence.model.is_linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
-        trace = _train(network, problem, coordinates, z, noise, progress)
+        trace = _train(
+            network, problem, coordinates, z, noise, ValleySteps.of_records(evidence, coordinates, noise), progress
+        )
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
         if moved is not problem:
@@ -126,11 +129,12 @@ def _train(
     coordinates: Coordinates,
     z: FloatArray,
     noise: FloatArray,
+    bent: Bent | None,
     progress: Progress,
 ) -> Trace:
     args = (coordinates, problem, noise)
     if network.optimiser == "lm":
-        return levenberg_marquardt(network_objective, z, args, tolerance=1e-6, progress=progress)
+        return levenberg_marquardt(network_objective, z, args, tolerance=1e-6, progress=progress, bent=bent)
     from vibrident.estimators.adam import adam
 
     return adam(network_objective, z, args, learning_rate=network.learning_rate, steps=network.steps, progress=progress)

@@ -35,6 +35,10 @@ STEPS = 25
 #: A separate fit was not an optimum if the joint fit's cost is lower by this part; the moments have left it if its cost
 #: rises by this part.
 BETTERED = 0.2
+#: A separate fit whose frequencies differ by more than this factor from the joint one's …
+OTHER_FACTOR = 2.0
+#: … and by so many of its standard uncertainties is another optimum.
+OTHER_U = 5.0
 #: A coordinate with less than this part of the largest information is not identifiable.
 UNSEEN = 1e-24
 
@@ -104,7 +108,8 @@ def descend(
                 fitted[i] = fitted[i].again(values, progress)
         theta, near, trace = _found(fitted, numbers, progress)
         parts = places(numbers, [one.estimate.coordinates for one in fitted])
-    lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], parts[i].z(theta))}
+    there = [place.z(theta) for place in parts]
+    lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i]) or _elsewhere(one, there[i])}
     while True:
         balance = _balanced(_moments(fitted, near, parts, theta, lost, covariance), parts, theta, progress)
         left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], parts[i], theta, balance)}
@@ -238,6 +243,16 @@ def _at_end(one: Fitted) -> bool:
     """Whether a parameter lies at the end of the range searched, where the data do not determine it."""
     diagonal = np.diag(Score.of(one).local(one.estimate.z).matrix)
     return not np.all(diagonal > UNSEEN * np.max(diagonal))  # also for NaN
+
+
+def _elsewhere(one: Fitted, z: FloatArray) -> bool:
+    """Whether a separate fit ended at another optimum than the joint one, where its slopes say nothing of this."""
+    own = one.estimate
+    logarithmic = [spec.kind in ("log", "duration") for spec in own.coordinates.model.parameters]
+    scatter = one.judgement.scatter or 1.0
+    u = scatter * np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
+    apart = np.abs(own.z - z)
+    return bool(np.any((apart > np.maximum(np.log(OTHER_FACTOR), OTHER_U * u))[logarithmic]))
 
 
 def _followed(trace: Trace, theta: FloatArray, objective: Callable[[Any, Any], Local]) -> Trace:
