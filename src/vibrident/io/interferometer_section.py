@@ -32,16 +32,7 @@ class InterferometerSection(Section):
     @property
     def setting(self) -> Interferometer:
         """The section as the interferometer that it describes."""
-        return Interferometer(
-            self.kind,
-            self.wavelength_m,
-            self.wavelength_relative_uncertainty,
-            self.passes,
-            self.carrier_hz,
-            self.direction,
-            self.delay_s,
-            self.delay_standard_uncertainty_s,
-        )
+        return Interferometer(**self.model_dump(exclude={"columns", "rate_hz"}))
 
 
 def check_interferometer(section: InterferometerSection, reference: Collection[str], table: bool, where: str) -> None:

@@ -25,7 +25,7 @@ from vibrident.io.interferometer_section import InterferometerSection
 from vibrident.io.readers import open_columns, sha256
 from vibrident.io.record_files import Part, named_parts, read_record, stated_rate, timed
 from vibrident.io.sampling import Sampling, cut
-from vibrident.records import Calibration, Provenance, Record
+from vibrident.records import Provenance, Quantity, Record
 
 _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
@@ -72,8 +72,18 @@ class _Opened:
     offset_s: float = 0.0
 
 
-def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Calibration:
-    """Read a calibration whose reference is an interferometer's signals.
+@dataclass(frozen=True, eq=False)
+class Optical:
+    """What is read where an interferometer's signals are the reference."""
+
+    records: tuple[Record, ...]
+    quantity: Quantity
+    unit: str
+    effects: tuple[SystematicEffect, ...]
+
+
+def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
+    """Read the records of a calibration whose reference is an interferometer's signals.
 
     Args:
         calibration: the checked calibration file.
@@ -98,23 +108,9 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Cali
         made.append(found)
         records[one.name] = record
     ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
-    stated = calibration.reference.standard_uncertainty
-    return Calibration(
-        records=tuple(ordered),
-        model=calibration.sensor.model,
-        quantity="acceleration" if moving else "displacement",
-        reference_unit="m/s^2" if moving else "m",
-        reference_standard_uncertainty=stated,
-        response_unit=calibration.response.unit,
-        sensor=calibration.sensor_text,
-        source=where,
-        certificate=calibration.certificate.stated(),
-        effects=(
-            *(entry.effect for entry in calibration.uncertainty),
-            *_stated_effects(setting),
-            *(effects([found.answer for found in made]) if made else ()),
-        ),
-    )
+    found = (*_stated_effects(setting), *(effects([one.answer for one in made]) if made else ()))
+    kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
+    return Optical(tuple(ordered), *kind, found)
 
 
 def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:

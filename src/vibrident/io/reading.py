@@ -66,21 +66,28 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     file = Path(path)
     where = str(file)
     document = read_calibration_file(file)
+    quantity, records, table, more = document.reference.quantity, (), None, ()
     if document.interferometer is not None:
         from vibrident.io.optical_files import read_optical  # loads SciPy, which others do not need
 
-        return read_optical(document, file.parent, where)
-    unit = reference_unit(document.reference.quantity, document.reference.unit, document.reference.scale, where)
+        optical = read_optical(document, file.parent, where)
+        records, quantity, unit, more = optical.records, optical.quantity, optical.unit, optical.effects
+    else:
+        unit = reference_unit(quantity, document.reference.unit, document.reference.scale, where)
+        if document.table:
+            table = read_table(document, file.parent, where)
+        else:
+            records = read_records(document, file.parent, where, unit)
     return Calibration(
-        records=() if document.table else read_records(document, file.parent, where, unit),
-        table=read_table(document, file.parent, where) if document.table else None,
+        records=records,
+        table=table,
         model=document.sensor.model,
-        quantity=document.reference.quantity,
+        quantity=quantity,
         reference_unit=unit,
         reference_standard_uncertainty=document.reference.standard_uncertainty,
         response_unit=document.response.unit,
         sensor=document.sensor_text,
         source=where,
         certificate=document.certificate.stated(),
-        effects=tuple(entry.effect for entry in document.uncertainty),
+        effects=(*(entry.effect for entry in document.uncertainty), *more),
     )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vibrident.paper.metrics import Metrics
+
 #: Table 2.
 RESONANCE_HZ = 630.0
 SENSITIVITY_MV_PER_G = 1020.0
 DAMPING_RATIO = 0.182
-NATURAL_ANGULAR_FREQUENCY = 4.10e3  # rad/s
-CONVERSION_COEFFICIENT = 1.63e6  # mV/mm, as printed
 
 #: Table 3: learning rate, batch, activation, bias, hidden neurons (the paper's row "Hidden Layers").
 HYPER_PARAMETERS = (
@@ -21,28 +21,17 @@ HYPER_PARAMETERS = (
 )
 
 
-@dataclass(frozen=True)
-class Row:
-    """One row of Table 4 or 5."""
-
-    rmse: float
-    mae: float
-    mse: float
-    r2: float
-    rpd: float
-
-
 #: Prediction of the voltage in the simulation.
 TABLE_4 = {
-    "GRU": Row(0.0136, 0.0111, 0.0035, 0.9900, 10.4982),
-    "LSTM": Row(0.0244, 0.0235, 0.0101, 0.9115, 5.8490),
-    "IPNN": Row(0.0061, 0.0069, 0.0035, 0.9919, 23.1757),
+    "GRU": Metrics(0.0136, 0.0111, 0.0035, 0.9900, 10.4982),
+    "LSTM": Metrics(0.0244, 0.0235, 0.0101, 0.9115, 5.8490),
+    "IPNN": Metrics(0.0061, 0.0069, 0.0035, 0.9919, 23.1757),
 }
 #: The same in the experiment.
 TABLE_5 = {
-    "GRU": Row(0.0252, 0.0859, 0.0135, 0.9608, 8.4325),
-    "LSTM": Row(0.0468, 0.0753, 0.0101, 0.9115, 4.4277),
-    "IPNN": Row(0.0099, 0.0069, 0.0035, 0.9919, 12.3441),
+    "GRU": Metrics(0.0252, 0.0859, 0.0135, 0.9608, 8.4325),
+    "LSTM": Metrics(0.0468, 0.0753, 0.0101, 0.9115, 4.4277),
+    "IPNN": Metrics(0.0099, 0.0069, 0.0035, 0.9919, 12.3441),
 }
 
 

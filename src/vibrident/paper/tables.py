@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 
@@ -162,12 +162,11 @@ def hyper_parameters(run: Reproduction) -> Table:
     return _table("table3", "Table 3. Hyper-parameters", head, rows, note)
 
 
-def prediction(name: str, title: str, section: Section, printed: dict[str, published.Row]) -> Table:
+def prediction(name: str, title: str, section: Section, printed: dict[str, Metrics]) -> Table:
     """Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
     rows = []
     for label, row in printed.items():
-        numbers = (row.rmse, row.mae, row.mse, row.r2, row.rpd)
-        rows.append((f"{label}, paper", *(f"{value:g}" for value in numbers), "", "", ""))
+        rows.append((f"{label}, paper", *(f"{value:g}" for value in astuple(row)), "", "", ""))
     least = section.row(methods.EXACT).seconds
     for row in section.rows:
         epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
