@@ -1,6 +1,7 @@
 """Files made to harm: no code of theirs is run, no other file is read, no room is made for what they claim."""
 
 import contextlib
+import os
 import struct
 import tracemalloc
 
@@ -241,3 +242,12 @@ def test_entities_of_an_mdf_comment_do_not_grow(tmp_path):
         open_columns(tmp_path / "a.mf4").load([0])
     assert tracemalloc.get_traced_memory()[1] < MOST_BYTES
     tracemalloc.stop()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("opened", [read, load_all])
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path, opened):
+    name = tmp_path / ("c.toml" if opened is read else "x.csv")
+    os.mkfifo(name)
+    with pytest.raises(InputError, match="not a regular file"):
+        opened(name)

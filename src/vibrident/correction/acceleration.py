@@ -16,8 +16,9 @@ Its uncertainty has these origins, each a series over the samples:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -147,28 +148,22 @@ def correct(
     kept, findings = screen(given)
     drive = result.reference.get("quantity") == "drive"
     unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
-    done = [_with_rest(record, sensor, quantity, band_hz, noise, unit) for record in kept]
+    correction = partial(_corrected, sensor=sensor, quantity=quantity, band_hz=band_hz, noise=noise, unit=unit)
+    done = [_with_rest(record, correction) for record in kept]
     calibrated = tuple(result.response.frequency_hz)
     doubtful = [w for w in result.warnings if w.code in INHERITED]
     inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
-    more = [doubt for correction in done for doubt in _doubts(correction, calibrated)]
+    more = [doubt for one in done for doubt in _doubts(one, calibrated)]
     motion = "drive" if drive else "acceleration"
     return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model, motion)
 
 
-def _with_rest(
-    record: Record,
-    sensor: IdentifiedSensor,
-    quantity: Quantity,
-    band_hz: tuple[float, float] | None,
-    noise: float | None,
-    unit: str,
-) -> Correction:
+def _with_rest(record: Record, correction: Callable[[Record], Correction]) -> Correction:
     """One record; if its motion begins with the first sample, the rest at its end is prepended."""
     borrowed = rest_to_borrow(record)
     if borrowed == 0:
-        return _corrected(record, sensor, quantity, band_hz, noise, unit)
-    whole = _corrected(preceded(record, borrowed), sensor, quantity, band_hz, noise, unit)
+        return correction(record)
+    whole = correction(preceded(record, borrowed))
     late = whole.peak and replace(whole.peak, time_s=whole.peak.time_s - borrowed / record.sampling_rate_hz)
     return replace(
         whole,
@@ -339,10 +334,8 @@ def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Fi
     findings = list(correction.findings)
     unknown = int(np.sum(~np.isfinite(correction.acceleration)))
     if unknown:
-        text = (
-            f"{name}: {unknown} samples of the acceleration are unknown: clipped samples lie within the filter's reach."
-        )
-        findings.append(Finding("clipped", text))
+        text = f"{unknown} samples of the acceleration are unknown: clipped samples lie within the filter's reach."
+        findings.append(Finding("clipped", f"{name}: {text}"))
     peak = correction.peak
     if peak is not None and peak.components["band"] > 0.1 * abs(peak.value):
         text = (
