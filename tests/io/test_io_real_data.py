@@ -91,4 +91,4 @@ def test_mpu9250_table_in_rad(tmp_path):
     assert table.phase_rad is not None
     assert table.phase_rad[-1] == -2.3732838832986385
     (row,) = describe(calibration)
-    assert (row.lowest_frequency_hz, row.highest_frequency_hz) == (10.0, 250.0)
+    assert (row["from / Hz"], row["to / Hz"]) == (10.0, 250.0)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibrident.io import TableSummary, describe, read, write_calibration
+from vibrident.io import describe, read, write_calibration
 from vibrident.io.toml_text import toml_section
 from vibrident.records import Calibration, Record, ResponseTable
 
@@ -136,24 +136,24 @@ def test_describe_records():
     )
     first, second = describe(calibration)
 
-    assert not isinstance(first, TableSummary)
-    assert not isinstance(second, TableSummary)
-    assert (first.name, first.samples, first.sampling_rate_hz, first.duration_s) == ("a", 16, 100.0, 0.16)
-    assert first.reference is not None
-    assert (first.reference.unit, first.reference.minimum, first.reference.maximum) == ("m/s^2", -3.0, 1.0)
-    assert (first.response.unit, first.response.mean) == ("mV", -2.0)
-    assert first.response.rms == pytest.approx(4.0, rel=1e-15)  # of the motion: the offset stands apart
-    assert (second.excitation, second.reference, second.samples_left_out) == ("decay", None, 0)
+    assert {name: first[name] for name in ("record", "samples", "rate / Hz", "duration / s")} == {
+        "record": "a",
+        "samples": 16,
+        "rate / Hz": 100.0,
+        "duration / s": 0.16,
+    }
+    assert first["reference offset / m/s²"] == -1.0
+    assert first["response rms / mV"] == pytest.approx(4.0, rel=1e-15)  # of the motion: the offset stands apart
+    assert first["response offset / mV"] == -2.0
+    assert (second["excitation"], second["left out"]) == ("decay", 0)
+    assert not any(label.startswith("reference") for label in second)
 
 
 def test_describe_table():
     calibration = Calibration(table=ResponseTable(np.array([10.0, 5.0]), np.array([1.0, 2.0])))
     (row,) = describe(calibration)
-
-    assert isinstance(row, TableSummary)
-    assert (row.points, row.lowest_frequency_hz, row.highest_frequency_hz) == (2, 5.0, 10.0)
-    assert (row.smallest_magnitude, row.largest_magnitude, row.unit) == (1.0, 2.0, "V/(m/s^2)")
-    assert not row.has_phase
+    assert (row["points"], row["from / Hz"], row["to / Hz"], row["phase"]) == (2, 5.0, 10.0, False)
+    assert (row["least / V/(m/s²)"], row["largest / V/(m/s²)"]) == (1.0, 2.0)
 
 
 def test_import_loads_no_format_library():

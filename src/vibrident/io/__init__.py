@@ -6,7 +6,7 @@ Libraries for the formats are loaded when a file of that format is opened.
 """
 
 from vibrident.io.reading import read, read_guarded
-from vibrident.io.summary import ChannelSummary, RecordSummary, TableSummary, describe
+from vibrident.io.summary import describe
 from vibrident.io.writer import write_calibration
 
-__all__ = ["ChannelSummary", "RecordSummary", "TableSummary", "describe", "read", "read_guarded", "write_calibration"]
+__all__ = ["describe", "read", "read_guarded", "write_calibration"]

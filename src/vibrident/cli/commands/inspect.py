@@ -12,7 +12,6 @@ from vibrident.cli.options import option
 from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:
-    from vibrident.io import ChannelSummary, RecordSummary, TableSummary
     from vibrident.measure import Finding
     from vibrident.records import Calibration, Record
 
@@ -68,7 +67,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     for label, text in _understood(calibration).items():
         console.print(Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True)
     console.print()
-    rows = _telling([_row(summary) for summary in io.describe(calibration)])
+    rows = _telling(io.describe(calibration))
     console.print(terminal.inspection_table(rows, "Tabulated response" if calibration.table else "Records"))
     if light := [_light_row(record) for record in calibration.records if record.optical is not None]:
         console.print(terminal.inspection_table(light, "Interferometer"))
@@ -95,34 +94,6 @@ def _understood(calibration: Calibration) -> dict[str, str]:
         "Model": calibration.model,
         "Reference": f"{reference}, relative standard uncertainty {u:.3g}" if u else reference,
         "Response": f"in {pretty(calibration.response_unit)}",
-    }
-
-
-def _row(summary: RecordSummary | TableSummary) -> dict[str, Any]:
-    from vibrident.io import RecordSummary
-    from vibrident.naming import pretty
-
-    if not isinstance(summary, RecordSummary):
-        return {
-            "table": summary.file,
-            "points": summary.points,
-            "from / Hz": summary.lowest_frequency_hz,
-            "to / Hz": summary.highest_frequency_hz,
-            f"least / {pretty(summary.unit)}": summary.smallest_magnitude,
-            f"largest / {pretty(summary.unit)}": summary.largest_magnitude,
-            "phase": summary.has_phase,
-            "uncertainties": summary.has_uncertainties,
-        }
-    return {
-        "record": summary.name,
-        "excitation": summary.excitation,
-        "frequency / Hz": summary.frequency_hz,
-        "samples": summary.samples,
-        "left out": summary.samples_left_out,
-        "rate / Hz": summary.sampling_rate_hz,
-        "duration / s": summary.duration_s,
-        **_channel("reference", summary.reference),
-        **_channel("response", summary.response),
     }
 
 
@@ -164,12 +135,3 @@ def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [
         {"property": key, **dict(zip(columns, row, strict=True))} for key, row in zip(properties, cells, strict=True)
     ]
-
-
-def _channel(name: str, channel: ChannelSummary | None) -> dict[str, float]:
-    from vibrident.naming import pretty
-
-    if channel is None:
-        return {}
-    unit = pretty(channel.unit)
-    return {f"{name} rms / {unit}": channel.rms, f"{name} offset / {unit}": channel.mean}
