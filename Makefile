@@ -19,6 +19,8 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 p
 	&& echo "$$p" && break; done)
 
 PIP_INSTALL = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check
+# As pip does for packages that are not editable: a third of the time of a start.
+COMPILE = $(BIN)/python -m compileall -q src/vibrident
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -76,10 +78,12 @@ $(BIN)/python:
 
 $(CORE): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable .
+	$(COMPILE)
 	@touch $@
 
 $(DEV): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[dev]'
+	$(COMPILE)
 	@touch $@ $(CORE)
 
 $(DOCS): pyproject.toml | $(BIN)/python

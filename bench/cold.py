@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import compileall
 import json
 import os
 import subprocess
@@ -10,6 +11,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+import vibrident
 from bench.figures import Figure, Section
 from bench.options import Options
 from bench.pairs import Ratio
@@ -46,6 +48,7 @@ def measure(options: Options) -> Section:
         "21 × 16 000 samples read from CSV files, estimator as chosen by the command (auto); every start is a process "
         "of its own; the files are in the page cache. Peak memory: ru_maxrss of the child.",
     )
+    compileall.compile_dir(str(Path(vibrident.__file__).parent), quiet=2)  # as pip does when it installs a package
     with tempfile.TemporaryDirectory(prefix="vibrident-bench-") as folder:
         place = Path(folder)
         calibration = write_calibration(place / "records", noisy())

@@ -1,4 +1,4 @@
-"""Pictures appear whether or not there are processes to draw them."""
+"""Pictures appear whether or not there is a process to draw them."""
 
 import shutil
 
@@ -16,14 +16,14 @@ def saved(identified, tmp_path):
 
 
 def drawn(saved):
-    with drawing.painters() as artists:
-        artists.draw(Result.load(saved), saved)
+    with drawing.painter() as artist:
+        artist.draw(Result.load(saved), saved)
     return sorted(file.name for file in saved.parent.glob("*.png"))
 
 
-def test_by_processes(saved, monkeypatch):
+def test_by_a_process(saved, monkeypatch):
     monkeypatch.setattr(drawing, "_cores", lambda: 2)
-    monkeypatch.setattr("vibrident.plots.save_all", lambda *_: pytest.fail("the processes should have drawn"))
+    monkeypatch.setattr("vibrident.plots.save_all", lambda *_: pytest.fail("the process should have drawn"))
     assert drawn(saved) == PICTURES
 
 
@@ -45,9 +45,10 @@ def test_when_no_process_can_be_started(saved, monkeypatch):
     assert drawn(saved) == PICTURES
 
 
-def test_processes_end_with_the_block(monkeypatch):
+def test_the_process_ends_with_the_block(monkeypatch):
     monkeypatch.setattr(drawing, "_cores", lambda: 2)
-    with drawing.painters() as artists:
-        processes = list(artists._processes)
-        assert all(process.poll() is None for process in processes)
-    assert all(process.returncode is not None for process in processes)
+    with drawing.painter() as artist:
+        process = artist._process
+        assert process is not None
+        assert process.poll() is None
+    assert process.returncode is not None

@@ -1,13 +1,12 @@
-"""Pictures drawn by other processes, which load matplotlib while this one computes.
+"""Pictures drawn by another process, which loads matplotlib while this one computes.
 
-Loading matplotlib and drawing take about as long as an identification, and neither shares a core well with it.
+One process: a second one that loads matplotlib, too, delays the identification by more than it saves on two cores.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import os
 import subprocess
 import sys
@@ -20,50 +19,44 @@ from vibrident.workflow.interruption import tidied_up
 if TYPE_CHECKING:
     from vibrident.result import Result
 
-#: Pictures that one process draws; the other draws the rest, which takes about as long.
-_FIRST_SHARE = ("signals", "training")
 _WORKER = "from vibrident.cli.drawing import work; work()"
 
 
-class Painters:
-    """Processes waiting for a result to draw."""
+class Painter:
+    """A process waiting for a result to draw; None: there is none."""
 
-    def __init__(self, processes: list[subprocess.Popen[bytes]]) -> None:
-        self._processes = processes
+    def __init__(self, process: subprocess.Popen[bytes] | None) -> None:
+        self._process = process
 
     def draw(self, result: Result, file: Path) -> None:
         """Draw every picture of the result, saved as ``file``, as PNG beside it."""
+        if self._process is not None:
+            _ask(self._process, file)
+            if self._process.wait() == 0:
+                return
         from vibrident import plots
 
-        names = plots.applicable(result)
-        shares = [[n for n in names if n in _FIRST_SHARE], [n for n in names if n not in _FIRST_SHARE]]
-        if len(self._processes) == len(shares):
-            for process, share in zip(self._processes, shares, strict=True):
-                _ask(process, file, share)
-            done = [process.wait() == 0 for process in self._processes]
-            if all(done):
-                return
-        plots.save_all(result, file.parent)  # no processes, or they failed: draw here, where an error shows
+        plots.save_all(result, file.parent)  # no process, or it failed: draw here, where an error shows
 
     def kill(self) -> None:
-        """End the processes without waiting."""
-        for process in self._processes:
-            process.kill()
+        """End the process without waiting."""
+        if self._process is not None:
+            self._process.kill()
 
     def dismiss(self) -> None:
-        """End processes that are no longer needed."""
+        """End the process, which is no longer needed."""
         self.kill()
-        for process in self._processes:
-            process.communicate()
+        if self._process is not None:
+            self._process.communicate()
 
 
 @contextlib.contextmanager
-def painters(*, wanted: bool = True) -> Iterator[Painters]:
-    """Start the processes if there is a core for them; end them with the block."""
-    started = Painters([])
+def painter(*, wanted: bool = True) -> Iterator[Painter]:
+    """Start the process if there is a core for it; end it with the block."""
+    started = Painter(None)
     if wanted and _cores() > 1:
-        with contextlib.suppress(OSError):  # no room for more processes: draw here
-            started = Painters([_start(), _start()])
+        with contextlib.suppress(OSError):  # no room for another process: draw here
+            started = Painter(_start())
     try:
         with tidied_up(started.kill):
             yield started
@@ -82,15 +75,15 @@ def _start() -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silent, stderr=silent, start_new_session=True)
 
 
-def _ask(process: subprocess.Popen[bytes], file: Path, pictures: list[str]) -> None:
+def _ask(process: subprocess.Popen[bytes], file: Path) -> None:
     assert process.stdin is not None
     with contextlib.suppress(OSError):  # it died; its exit code shows that
-        process.stdin.write(json.dumps({"result": str(file.resolve()), "pictures": pictures}).encode())
+        process.stdin.write(os.fsencode(file.resolve()))
         process.stdin.close()
 
 
 def work() -> None:
-    """Main of a drawing process: load matplotlib, read one task from stdin, draw it; no task: end."""
+    """Main of a drawing process: load matplotlib, read the name of a result from stdin, draw it; no name: end."""
     gc.disable()  # figures are full of cycles, and this process ends soon
     import matplotlib.backends.backend_agg
     import matplotlib.figure
@@ -98,14 +91,14 @@ def work() -> None:
     from pydantic import TypeAdapter
 
     from vibrident import plots
+    from vibrident.present.drawing import content
+    from vibrident.present.views import Figure
     from vibrident.result import Result
 
     TypeAdapter(Result)  # the slowest part of reading a result
+    content(Figure("", "", ()), "png")  # loads fonts and encoder
     task = sys.stdin.buffer.read()
     if not task:
         return
-    order = json.loads(task)
-    file = Path(order["result"])
-    result = Result.load(file)
-    for name in order["pictures"]:
-        plots.save(plots.PICTURES[name](result), file.with_name(f"{name}.png"))
+    file = Path(os.fsdecode(task))
+    plots.save_all(Result.load(file), file.parent)

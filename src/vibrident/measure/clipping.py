@@ -40,6 +40,8 @@ SHORT, NEIGHBOURS, PREDICTED, STRANGE = 6.0, 3, 0.1, 1.6
 MOST_VISITS, PASSES, LEAST_CUT = 15, 1.0, 2.5e-3
 #: The smallest difference of values that occur is at most so many steps; values lie on the grid to this part of one.
 MOST_PARTS, ON_GRID = 24, 0.05
+#: So many values tell mostly that there is no grid.
+FIRST = 32
 #: Values closer than this part of the range are the same.
 SAME = 1e-12
 #: Samples left out beside a clipped one.
@@ -59,7 +61,9 @@ def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = Non
     if full_scale is not None:
         found = valid & _beyond(values, full_scale, _step(values[valid]))
         return _guarded(found), sorted({float(np.sign(v)) * full_scale for v in values[found]})
-    rails = [(side, rail) for side in (1.0, -1.0) if (rail := _rail(side * values, valid)) is not None]
+    ordered = np.sort(values[valid])
+    tops = (1.0, ordered[::-1]), (-1.0, -ordered)
+    rails = [(side, rail) for side, top in tops if (rail := _rail(side * values, valid, top)) is not None]
     found = np.zeros(values.shape, dtype=bool)
     for side, rail in rails:
         found |= valid & (side * values >= rail)
@@ -78,29 +82,28 @@ def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
 
 def _step(values: FloatArray) -> float:
     """Smallest step between values that occur."""
-    steps = np.diff(np.unique(values))
-    steps = steps[steps > SAME * np.ptp(values)]
+    ordered = np.sort(values)
+    steps = np.diff(ordered)
+    steps = steps[steps > SAME * (ordered[-1] - ordered[0])]
     return float(np.min(steps)) if steps.size else 0.0
 
 
-def _rail(values: FloatArray, valid: BoolArray) -> float | None:
-    """Lowest value that counts as at the upper rail; None if there is no rail."""
-    used = values[valid]
-    span = float(np.ptp(used))
-    top = np.sort(used)[::-1]
+def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None:
+    """Lowest value that counts as at the upper rail; None if there is no rail. ``top``: the valid ones, falling."""
+    span = float(top[0] - top[-1])
     if span == 0.0:
         return None
     found = _of_equal_values(values, valid, top, SAME * span)
     if found is not None:
         return found
-    step = _quantisation(top)
+    step, below = _quantisation(top), -top
     for power in WIDTHS:
         width = span * 2.0**-power
         if step > 0.0:
             width = step * np.ceil(width / step)  # whole steps
         limit = float(top[0]) - width + 0.5 * step
         edges = limit - width * np.arange(BINS + 1)
-        counts = np.diff(np.searchsorted(-top, -edges), prepend=0).astype(float)
+        counts = np.diff(np.searchsorted(below, -edges), prepend=0).astype(float)
         if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, width):
             continue
         inside = valid & (values > limit)
@@ -152,8 +155,10 @@ def _quantisation(values: FloatArray) -> float:
     if step == 0.0:
         return 0.0
     place = (values[:: max(1, values.size // 1000)] - values[0]) / step
-    parts = [k for k in range(1, MOST_PARTS + 1) if np.max(np.abs(k * place - np.rint(k * place))) < ON_GRID]
-    return step / parts[0] if parts else 0.0
+    for k in range(1, MOST_PARTS + 1):
+        if all(np.max(np.abs(k * part - np.rint(k * part))) < ON_GRID for part in (place[:FIRST], place)):
+            return step / k
+    return 0.0
 
 
 def _piled(counts: FloatArray, fewest: int) -> bool:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
@@ -357,8 +358,13 @@ def median_level(power: FloatArray) -> FloatArray:
     """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
     count = power.size
     places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
-    values = []
-    for place in places:
+    # Most places have the same reach: their windows are sorted side by side.
+    alike = places[(places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))]
+    values = [_median(power[: place + MEDIAN_LINES + 1]) for place in places[places < MEDIAN_LINES]]
+    if alike.size:
+        windows = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[alike - MEDIAN_LINES]
+        values += np.partition(windows, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
+    for place in places[len(values) :]:
         reach = max(MEDIAN_LINES, int(MEDIAN_SHARE * place))
         values.append(_median(power[max(place - reach, 0) : place + reach + 1]))
     smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))

@@ -14,6 +14,7 @@ from vibrident.measure.gaps import lost
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.spikes import Channel, breaks
+from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
@@ -157,6 +158,8 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
 def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
     """Wild samples of each channel that has any; what both channels show together is motion."""
     found = {label: channel.wild for label, channel in channels.items()}
+    if not any(bad.any() for bad in found.values()):
+        return {}
     near = {label: np.convolve(bad, np.ones(2 * TOGETHER + 1), mode="same") > 0.5 for label, bad in found.items()}
     together = np.all(list(near.values()), axis=0) if len(near) > 1 else np.zeros_like(found["response"])
     return {label: bad & ~together for label, bad in found.items() if np.any(bad & ~together)}
@@ -173,9 +176,11 @@ def _left_out(bad: BoolArray, record: Record) -> str:
 def _aliasing(record: Record) -> list[Finding]:
     if record.reference is None:
         return []
-    mask, times = record.reference_mask, np.arange(record.samples)
-    values = np.interp(times, times[mask], record.reference[mask])  # a gap filled with zeros would be two steps
-    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * np.hanning(record.samples)))) ** 2
+    mask = record.reference_mask
+    values = record.reference
+    if not mask.all():  # a gap filled with zeros would be two steps
+        values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
+    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * hann(record.samples)))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
     if total > 0 and above > ALIAS_POWER * total:

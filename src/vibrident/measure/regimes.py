@@ -17,6 +17,7 @@ from numpy import fft
 from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.response import LEAST_DEVIATION
+from vibrident.measure.tones import turning
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 from vibrident.tails import f_tail
@@ -165,14 +166,20 @@ class _Blocks:
         every = np.concatenate(parts)
         scale = np.maximum([np.std(motion[every]), np.std(slope[every])], np.finfo(float).tiny)
         products, powers = np.zeros((len(parts), 2)), np.zeros((len(parts), 2, 2))
-        hum = _hum(residual[every], every / rate)
-        for index, part in enumerate(parts):
-            angle = 2.0 * np.pi / rate * np.outer(part, hum)
-            trend = np.stack([np.ones(part.size), np.linspace(-1.0, 1.0, part.size)], axis=1)
-            basis, _ = np.linalg.qr(np.concatenate([trend, np.cos(angle), np.sin(angle)], axis=1))
-            columns = np.stack([motion[part] / scale[0], slope[part] / scale[1], residual[part]])
-            columns = columns - (columns @ basis) @ basis.T
-            products[index], powers[index] = columns[:2] @ columns[2], columns[:2] @ columns[:2].T
+        hum = _hum(residual[every], every, rate)
+        for size in {part.size for part in parts}:
+            which = [index for index, part in enumerate(parts) if part.size == size]
+            places = np.stack([parts[index] for index in which])
+            trend = np.stack([np.ones(size), np.linspace(-1.0, 1.0, size)], axis=1)[None]
+            if hum.size:
+                angle = 2.0 * np.pi / rate * places[..., None] * hum
+                trend = np.repeat(trend, len(which), axis=0)
+                trend = np.concatenate([trend, np.cos(angle), np.sin(angle)], axis=2)
+            basis, _ = np.linalg.qr(trend)
+            columns = np.stack([motion[places] / scale[0], slope[places] / scale[1], residual[places]], axis=1)
+            columns -= (columns @ basis) @ np.swapaxes(basis, 1, 2)
+            both = columns[:, :2] @ np.swapaxes(columns, 1, 2)
+            products[which], powers[which] = both[..., 2], both[..., :2]
         return cls(products, powers, scale)
 
 
@@ -218,12 +225,13 @@ def _best(blocks: _Blocks) -> _Fit:
     return _Fit(blocks, shapes[best], float(squares[best]), gains[best], place, best == 0)
 
 
-def _hum(residual: FloatArray, times_s: FloatArray) -> FloatArray:
+def _hum(residual: FloatArray, places: np.ndarray, rate: float) -> FloatArray:
     """Mains frequencies and their harmonics that are significant in a residual; beside a tone they beat with it."""
-    rate = 1.0 / float(np.median(np.diff(times_s)))
+    first, last = int(places[0]), int(places[-1])
     heard, least = set(), HEARD * float(residual @ residual)
     for mains in MAINS_HZ:
-        turn = np.exp(-2j * np.pi * mains * times_s)
+        turn = turning(last - first + 1, -2.0 * np.pi * mains / rate)
+        turn = turn if turn.size == places.size else turn[places - first]
         wave = residual.astype(complex)
         for order in range(1, 6):
             wave *= turn

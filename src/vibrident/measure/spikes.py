@@ -111,9 +111,18 @@ class Channel:
         return max(STEPS * _step(self.series[self.valid]), ROUNDING)
 
     @functools.cached_property
+    def rough(self) -> _Interpolation:
+        """The interpolation fitted to all samples."""
+        return _interpolation(self.series, self.judged)
+
+    @functools.cached_property
+    def _rough_errors(self) -> FloatArray:
+        return self.rough.errors(self.series, self.judged)
+
+    @functools.cached_property
     def alike(self) -> bool:
         """Whether the errors of the interpolation are those of noise or rounding, which spares a closer look."""
-        size = np.abs(_interpolation(self.series, self.judged).errors(self.series, self.judged))
+        size = np.abs(self._rough_errors)
         noise = NOISE * float(np.median(size[self.judged])) / MEDIAN
         return float(np.max(size)) < max(noise, EXACTLY * self.least)
 
@@ -125,7 +134,12 @@ class Channel:
     @functools.cached_property
     def long(self) -> _Interpolation:
         """The interpolation fitted to these."""
-        return _interpolation(self.series, self.clean)
+        return self.rough if self.alike else _interpolation(self.series, self.clean)
+
+    @functools.cached_property
+    def errors(self) -> FloatArray:
+        """Error of that interpolation at each sample, shape (samples,); zero where it is not judged."""
+        return self._rough_errors if self.alike else self.long.errors(self.series, self.judged)
 
     @functools.cached_property
     def wild(self) -> BoolArray:
@@ -172,11 +186,12 @@ def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
 def _far_off(channel: Channel) -> FloatArray:
     """Error of each sample in its usual standard deviation, shape (samples,); zero where it is not significant."""
     long, series = channel.long, channel.series
-    error = long.errors(series, channel.judged)
+    error = channel.errors
     least = max(channel.least, LEAST_BREAK * float(np.std(series)))
     places = np.flatnonzero(np.abs(error) > max(BREAKS_ALSO * long.deviation, least))
     far = np.zeros(series.shape)
-    far[places] = np.abs(error[places]) / long.around(error, places)
+    if places.size:
+        far[places] = np.abs(error[places]) / long.around(error, places)
     return far
 
 
@@ -225,9 +240,10 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
     rows = np.flatnonzero(clean[: -first or None])
     rows = rows[:: max(1, rows.size // MOST_ROWS)]
     windows = sliding_window_view(series[1:], first)
-    amounts = _fitted(windows[rows].T, series[rows])
+    known = windows[rows]
+    amounts = _fitted(known.T, series[rows])
     inside = np.abs(series[first : 2 * first] - windows[first : 2 * first] @ amounts)
-    usual = max(float(np.std(series[rows] - windows[rows] @ amounts)), float(np.median(inside)) / MEDIAN)
+    usual = max(float(np.std(series[rows] - known @ amounts)), float(np.median(inside)) / MEDIAN)
     told, errors = series.copy(), np.zeros(first)
     for place in range(first - 1, -1, -1):
         errors[place] = told[place] - told[place + 1 : place + 1 + first] @ amounts
@@ -258,7 +274,7 @@ def _largest_near(values: FloatArray, reach: int) -> FloatArray:
 
 def _step(values: FloatArray) -> float:
     """Step of the converter; zero where the values are seldom equal, and so on no grid."""
-    steps = np.diff(np.unique(values))
+    steps = np.diff(np.sort(values))
     steps = steps[steps > SAME]
     return float(np.min(steps)) if 0 < steps.size < GRID * values.size else 0.0
 
@@ -282,8 +298,7 @@ def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
     """Fitted to the samples that are predicted well."""
     rows = np.flatnonzero(clean)
     rows = rows[:: max(1, rows.size // MOST_ROWS)]
-    sums = [series[REACH - k : len(series) - REACH - k] + series[REACH + k :][: len(series) - 2 * REACH] for k in _EACH]
-    matrix = np.stack([*sums, np.ones(len(series) - 2 * REACH)])[:, rows - REACH]
+    matrix = np.stack([*(series[rows - k] + series[rows + k] for k in _EACH), np.ones(rows.size)])
     amounts = _fitted(matrix, series[rows])
     errors = series[rows] - amounts @ matrix
     size = np.abs(errors)

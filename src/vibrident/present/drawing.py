@@ -210,9 +210,9 @@ class _Drawing:
             axes = self.picture.add_axes(box)
             title = "\n".join(_lines("\n".join(part for part in (stack.title * (i == 0), panel.title) if part)))
             if title:
-                axes.set_title(
-                    title, fontsize=8, pad=3.5, loc="left" if i or (panel.title and len(stack.panels) > 1) else "center"
-                )
+                loc = "left" if i or (panel.title and len(stack.panels) > 1) else "center"
+                # At a given height: the automatic one measures every label of the panel.
+                axes.set_title(title, fontsize=8, pad=3.5, y=1.0, loc=loc)
             draw_panel(axes, panel, last=i == len(stack.panels) - 1)
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)

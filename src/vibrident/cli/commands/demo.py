@@ -12,7 +12,7 @@ from vibrident.workflow.folder import written_whole
 from vibrident.workflow.simulated import RESPONSE_NOISE, SAMPLES, SENSOR, SNR_DB, write_demo
 
 if TYPE_CHECKING:
-    from vibrident.cli.drawing import Painters
+    from vibrident.cli.drawing import Painter
     from vibrident.present.terminal import Shown
     from vibrident.result import Result
 
@@ -36,11 +36,11 @@ def demo(
 
 def _steps(place: Path, folder: Path) -> None:
     from vibrident import io, terminal
-    from vibrident.cli.drawing import painters
+    from vibrident.cli.drawing import painter
     from vibrident.cli.progress import Busy
 
     console = out()
-    with painters() as artists:
+    with painter() as artist:
         _say(
             "1  A calibration",
             f"The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, {SAMPLES} samples "
@@ -73,7 +73,7 @@ def _steps(place: Path, folder: Path) -> None:
             network = identify(io.read(place / "calibration.toml"), estimator="ipnn", progress=progress)
         network = dataclasses.replace(network, provenance=provenance)
         console.print(_beside([result, network]))
-        _finish(place, folder, result, network, artists)
+        _finish(place, folder, result, network, artist)
 
 
 def _beside(results: list[Result]) -> Shown:
@@ -92,7 +92,7 @@ def _beside(results: list[Result]) -> Shown:
     return shown(methods.network_beside(results, true_values(sensor), true))
 
 
-def _finish(place: Path, folder: Path, result: Result, network: Result, artists: Painters) -> None:
+def _finish(place: Path, folder: Path, result: Result, network: Result, artist: Painter) -> None:
     from vibrident import plots
     from vibrident.cli.progress import Busy
     from vibrident.present.comparison import beside
@@ -101,7 +101,7 @@ def _finish(place: Path, folder: Path, result: Result, network: Result, artists:
     saved = result.save(place / "result.json")
     network.save(place / "network.json")
     with Busy("Drawing"):
-        artists.draw(result, saved)
+        artist.draw(result, saved)
         if (curves := beside([result, network], [result.estimator, network.estimator])) is not None:
             plots.save(curves, place / "network.png")
     (place / "report.md").write_text(render(result, pictures=place), encoding="utf-8")

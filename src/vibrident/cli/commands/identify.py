@@ -155,18 +155,18 @@ def _identified(request: Request, files: list[Path], place: Path, plots: bool) -
 
     calibrations = [read_guarded(file) for file in files]
     # From here on it takes seconds; a bad file has been refused before the slow imports.
-    from vibrident.cli.drawing import painters
+    from vibrident.cli.drawing import painter
     from vibrident.cli.progress import Busy
 
     places = _places(files, place)
     with contextlib.ExitStack() as open_:
-        artists = [open_.enter_context(painters(wanted=plots))]
+        artists = [open_.enter_context(painter(wanted=plots))]
         with Busy("Identifying") as progress:
             results = run(request, calibrations, progress)
         for number, (result, folder) in enumerate(zip(results, places, strict=True)):
             saved = result.save(folder / "result.json")
             if plots:
-                artist = artists[0] if number == 0 else open_.enter_context(painters())
+                artist = artists[0] if number == 0 else open_.enter_context(painter())
                 with Busy("Drawing"):
                     artist.draw(result, saved)
     return results
