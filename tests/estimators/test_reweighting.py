@@ -120,7 +120,7 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
     assert found.tones == pytest.approx((place,), abs=0.015)  # a parabola between lines is off by 0.02
     quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), Motion.of(nothing, n, through), 0.0)
     assert (quiet.passed, quiet.tones) == (0.0, ())
-    assert np.max(quiet.doubt) < 0.05
+    assert np.max(quiet.doubt()) < 0.05
 
 
 @pytest.mark.parametrize("excitation", ["random", "shock"])

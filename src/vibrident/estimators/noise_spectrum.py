@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,28 +23,40 @@ from vibrident.information import inverse_normal
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
-#: Bins that a spectrum is averaged into, and the part of the sampling rate up to which it is looked at.
-BINS, HIGHEST = 160, 0.4
+#: Bins that a spectrum is averaged into.
+BINS = 160
+#: Part of the sampling rate up to which a spectrum is looked at.
+HIGHEST = 0.4
 #: Multiplicative updates of the three levels.
 ROUNDS = 150
-#: σx² is significant above this many standard deviations; its remaining uncertainty is this many.
-SIGNIFICANT, DOUBT = 4.0, 2.0
-#: A line is without motion where the prediction is less than so many times what noise makes there; so many must be.
-QUIET, FEWEST_QUIET = 4.0, 48
+#: σx² is significant above this many standard deviations.
+SIGNIFICANT = 4.0
+#: The remaining uncertainty of σx² is this many standard deviations.
+DOUBT = 2.0
+#: A line is without motion where the prediction is less than so many times what noise makes there.
+QUIET = 4.0
+#: So many lines must be without motion.
+FEWEST_QUIET = 48
 #: Fewest lines for a level.
 MANY = 16
 #: Lines count where the prediction is more than so many times the residual's level.
 FAINT = 2.0
 #: Lower limit of levels, relative to the mean.
 LEAST_LEVEL = 1e-12
-#: Lines averaged on either side of each for the weights, a part of the spectrum and fewest; the nearest are left out.
-SHARE, FEWEST, NEAREST = 1 / 64, 24, 2
+#: Lines averaged on either side of each for the weights: this part of the spectrum …
+SHARE = 1 / 64
+#: … and at least so many …
+FEWEST = 24
+#: … of which the nearest are left out.
+NEAREST = 2
 #: Variance of a mean over powers of lines under Hann's window, over that of independent lines.
 ALIKE = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
 #: A line this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING = 20.0
-#: A line this many times above its surroundings is a tone, and the most tones that are looked for.
-TONE, TONES = 25.0, 16
+#: A line this many times above its surroundings is a tone.
+TONE = 25.0
+#: The most tones that are looked for.
+TONES = 16
 #: Lines beyond this many times their surroundings are left out of the mean (one of 400 white ones is: allowed for).
 FAR = 6.0
 
@@ -56,7 +69,7 @@ class NoiseSpectrum:
         level: shape (samples // 2 + 1,).
         passed: σx² if it is significant, in squares of the residual's unit per |H|²; else zero.
         passed_at: the same at each line: its share of the level there, shape (samples // 2 + 1,).
-        doubt: σx² that may be left beside it (95 %) at each line, shape (samples // 2 + 1,).
+        doubt: makes σx² that may be left beside it (95 %) at each line, shape (samples // 2 + 1,).
         excited: weight of each line, shape (samples // 2 + 1,): zero where noise of the reference alone could explain
             the prediction.
         tones: places of tones in the residual (mains hum), in lines and fractions of one.
@@ -66,7 +79,7 @@ class NoiseSpectrum:
     level: FloatArray
     passed: float
     passed_at: FloatArray
-    doubt: FloatArray
+    doubt: Callable[[], FloatArray]
     excited: FloatArray
     tones: tuple[float, ...] = ()
     free: bool = False
@@ -78,25 +91,18 @@ class Motion:
 
     Attributes:
         count: number of samples that are used.
+        predicted: its real transform, shape (samples // 2 + 1,).
         through: |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
         alone: where the prediction has a line of its own: a remainder there is the model's and no hum.
         own: power of the prediction, smoothed except at outstanding lines, shape (samples // 2 + 1,).
-        moved: lines of the bins of the prediction under a window: the ends of a record leak to other lines.
-        typical: power of that around each line.
-        columns: what residual and prediction may have in common there: noise of the reference, white and 1/f, and an
-            error of the model, with a slope with f²; shape (4, lines).
-        ordinary: where the prediction does not stand out of the lines around.
         seen: |H|² in bins, shape (bins,).
     """
 
     count: float
+    predicted: ComplexArray
     through: FloatArray | None
     alone: BoolArray
     own: FloatArray
-    moved: ComplexArray
-    typical: FloatArray
-    columns: FloatArray
-    ordinary: BoolArray
     seen: FloatArray
 
     @classmethod
@@ -106,17 +112,11 @@ class Motion:
         alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
         if through is None:
             nothing = np.zeros(0)
-            return cls(count, None, alone, nothing, nothing.astype(complex), nothing, nothing, alone, nothing)
+            return cls(count, predicted, None, alone, nothing, nothing)
         expected /= count
         own = _typical(expected, around)
         own = np.where(expected > OUTSTANDING * own, expected, own)
-        edges = _bins_of(len(predicted)).edges
-        last = int(edges[-1])
-        moved, share, order = _windowed(predicted)[1:last], through[1:last], np.arange(1, last) / last
-        power = _power(moved) / count
-        typical = _typical(power, around)
-        columns = np.stack([share, share * order[0] / order, typical, typical * order**2])
-        return cls(count, through, alone, own, moved, typical, columns, power < FAR * typical, _means(through, edges))
+        return cls(count, predicted, through, alone, own, _means(through, _bins_of(len(predicted)).edges))
 
 
 def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
@@ -129,50 +129,74 @@ def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSp
     """
     power = _power(lines)
     power /= motion.count
-    passed, doubt = 0.0, np.zeros_like(power)
-    unfelt: FloatArray | float = 0.0
-    free = False
+    parts = _parts(lines, power, motion)
+    shape = parts.shape
+    relative = np.divide(power, shape, out=power)
+    smooth = _surroundings(relative)
+    hum = (relative > OUTSTANDING * smooth) & ~motion.alone
+    tones = _tones(lines, TONE * shape * smooth * motion.count, motion.alone)
+    level = np.maximum(shape * np.where(hum, relative, smooth), floor)
+    excited = np.broadcast_to(1.0, level.shape)
+    if motion.through is not None:  # by how much the prediction stands above what noise of the reference would be
+        excited = np.maximum(1.0 - FAINT * level / np.maximum(motion.own, 1e-300), 0.0)
+    passed_at = parts.unfelt * smooth if parts.passed > 0.0 else np.broadcast_to(0.0, level.shape)
+    return NoiseSpectrum(level, parts.passed, passed_at, parts.doubt, excited, tones, parts.free)
+
+
+class _Parts(NamedTuple):
+    """White and 1/f noise of the response, and that of the reference.
+
+    Attributes:
+        shape: their sum at each line, shape (lines,).
+        passed: σx² if it is significant; else zero.
+        unfelt: the same at each line, a number or shape (lines,).
+        doubt: makes σx² that may be left beside it (95 %) at each line, shape (lines,).
+        free: whether enough lines hold no motion.
+    """
+
+    shape: FloatArray
+    passed: float
+    unfelt: FloatArray | float
+    doubt: Callable[[], FloatArray]
+    free: bool
+
+
+def _parts(lines: ComplexArray, power: FloatArray, motion: Motion) -> _Parts:
     through = motion.through
     if through is None:
-        shape = np.ones_like(power)
-    else:
-        edges, wide, order, geometric = _bins_of(len(power))
-        level, seen = _means(power, edges) * geometric, motion.seen
-        shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
-        amounts, spread = _levels(shapes, level, wide)
-        scale = float(np.max(seen))
-        variance, spread = amounts[2] / scale, spread / scale
-        sure = variance > SIGNIFICANT * spread
-        passed = unfelt = variance if sure else 0.0
-        # All of the level at most; a bin of a few lines is low by chance.
-        whole = (level / seen * (1.0 + DOUBT / np.sqrt(wide)))[wide >= min(MANY, np.max(wide))]
-        most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
-        doubt = np.full_like(power, most)
-        told = _unfelt(lines, motion, through, int(edges[-1]))
-        free = told.free
-        by_reference = amounts[2] / scale * through
-        if told.passed > 0.0:
-            passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
-            amounts = _beside(shapes[:2], level, wide, _means(by_reference, edges))
-        elif not sure and told.spread < spread:
-            doubt = told.doubt
-        all_lines = np.maximum(np.arange(len(power)), 1.0)
-        shape = amounts[0] + amounts[1] * order[0] / all_lines + by_reference
-        shape = np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)))
-    around = _around(power)
-    relative = power / shape
+        return _Parts(np.ones_like(power), 0.0, 0.0, functools.partial(np.broadcast_to, 0.0, power.shape), False)
+    edges, wide, order, geometric = _bins_of(len(power))
+    level, seen = _means(power, edges) * geometric, motion.seen
+    shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
+    amounts, spread = _levels(shapes, level, wide)
+    scale = float(np.max(seen))
+    variance, spread = amounts[2] / scale, spread / scale
+    sure = variance > SIGNIFICANT * spread
+    # All of the level at most; a bin of a few lines is low by chance.
+    whole = (level / seen * (1.0 + DOUBT / np.sqrt(wide)))[wide >= min(MANY, np.max(wide))]
+    most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
+    passed = unfelt = variance if sure else 0.0
+    doubt: Callable[[], FloatArray] = functools.partial(np.broadcast_to, most, power.shape)
+    told = _unfelt(lines, motion, through, int(edges[-1]))
+    by_reference = amounts[2] / scale * through
+    if told.passed > 0.0:
+        passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
+        amounts = _beside(shapes[:2], level, wide, _means(by_reference, edges))
+    elif not sure and told.spread < spread:
+        doubt = told.doubt
+    all_lines = np.maximum(np.arange(len(power)), 1.0)
+    shape = amounts[0] + amounts[1] * order[0] / all_lines + by_reference
+    shape = np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)))
+    return _Parts(shape, passed, unfelt, doubt, told.free)
+
+
+def _surroundings(relative: FloatArray) -> FloatArray:
+    """Mean over the lines around each, without those that stand out."""
+    around = _around(relative)
     capped = np.minimum(relative, OUTSTANDING * np.exp(np.mean(np.log(relative + 1e-300)) + np.euler_gamma))
     smooth = mean_around(capped, around, NEAREST)
     ordinary = np.where(relative < FAR * smooth, relative, smooth)
-    smooth = mean_around(ordinary, around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
-    hum = (relative > OUTSTANDING * smooth) & ~motion.alone
-    level = shape * np.where(hum, relative, smooth)
-    tones = _tones(lines, TONE * shape * smooth * motion.count, motion.alone)
-    level = np.maximum(level, floor)
-    excited = np.ones_like(level)
-    if through is not None:  # by how much the prediction stands above what noise of the reference would be
-        excited = np.maximum(1.0 - FAINT * level / np.maximum(motion.own, 1e-300), 0.0)
-    return NoiseSpectrum(level, passed, unfelt * smooth, doubt, excited, tones, free)
+    return mean_around(ordinary, around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
 
 
 def _power(lines: ComplexArray) -> FloatArray:
@@ -193,7 +217,7 @@ class _Unfelt:
         variance: mean of σx² over the lines.
         spread: its standard deviation.
         passed: the variance if it is significant; else zero.
-        doubt: σx² that may be left beside it (95 %) at each line, shape (lines,).
+        doubt: makes σx² that may be left beside it (95 %) at each line, shape (lines,).
         at_lines: σx² at each line, shape (lines,).
         free: whether enough lines hold no motion.
     """
@@ -201,7 +225,7 @@ class _Unfelt:
     variance: float
     spread: float
     passed: float
-    doubt: FloatArray
+    doubt: Callable[[], FloatArray]
     at_lines: FloatArray
     free: bool
 
@@ -214,14 +238,19 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are
     separated.
     """
-    kept, moved, own = _windowed(rest)[1:last], motion.moved, motion.typical
+    around, order = _around(through), np.arange(1, last) / last
+    kept, moved = _windowed(rest)[1:last], _windowed(motion.predicted)[1:last]
     common = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
-    left = _typical(_power(kept) / motion.count, _around(through))
-    columns, order = motion.columns, np.arange(1, last) / last
+    left = _typical(_power(kept) / motion.count, around)
+    power = _power(moved) / motion.count
+    del kept, moved  # of a long record each copy counts
+    own, share = _typical(power, around), through[1:last]
+    ordinary = power < FAR * own
+    columns = np.stack([share, share * order[0] / order, own, own * order**2])
     scatter = 0.5 * own * left
     variance = scatter
     for _ in range(2):
-        weight = motion.ordinary / np.maximum(variance, 1e-300)
+        weight = ordinary / np.maximum(variance, 1e-300)
         found, covariance, normal = _amounts(columns, common, weight / ALIKE)
         noise = found[:2] @ columns[:2]
         variance = scatter + 0.5 * noise**2
@@ -232,15 +261,24 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
         spread = np.inf  # motion everywhere: an error of the model cannot be separated from noise
     sure = total > SIGNIFICANT * spread
-    every = np.maximum(np.arange(len(through)), 1.0) / last
-    flicker = order[0] / every
-    at_lines = found[0] + found[1] * flicker
+    flicker = functools.partial(_flicker, len(through), last)
     # Flicker noise may be present even if it is not significant.
-    around_it = whole[0, 0] + 2.0 * whole[0, 1] * flicker + whole[1, 1] * flicker**2
-    doubt = DOUBT * np.sqrt(np.maximum(around_it, 0.0))
+    doubt = functools.partial(_doubt, flicker, whole, np.zeros(2) if sure else found)
     if sure:
-        return _Unfelt(total, spread, total, doubt, at_lines, free)
-    return _Unfelt(total, spread, 0.0, at_lines + doubt, np.zeros_like(at_lines), free)
+        return _Unfelt(total, spread, total, doubt, found[0] + found[1] * flicker(), free)
+    return _Unfelt(total, spread, 0.0, doubt, np.zeros(0), free)
+
+
+def _flicker(lines: int, last: int) -> FloatArray:
+    """1/f at each line, one at the first of ``last`` lines."""
+    return (1.0 / last) / (np.maximum(np.arange(lines), 1.0) / last)
+
+
+def _doubt(flicker: Callable[[], FloatArray], whole: FloatArray, found: FloatArray) -> FloatArray:
+    """What was found of white and 1/f noise, and its uncertainty, at each line."""
+    shape = flicker()
+    around_it = whole[0, 0] + 2.0 * whole[0, 1] * shape + whole[1, 1] * shape**2
+    return (found[0] + found[1] * shape) + DOUBT * np.sqrt(np.maximum(around_it, 0.0))
 
 
 def _typical(values: FloatArray, around: int) -> FloatArray:

@@ -43,20 +43,28 @@ from vibrident.tails import chi2_tail
 
 #: Records longer than this return unused memory to the system at once.
 LONG = 2**18
-#: Evaluations of the network at most; the step, in standard deviations, at which no further one is needed, and beyond
-#: which the last is no optimum.
-EVALUATIONS, SETTLED, ASTRAY = 8, 0.02, 0.3
+#: Evaluations of the network at most.
+EVALUATIONS = 8
+#: The step, in standard deviations, at which no further evaluation is needed …
+SETTLED = 0.02
+#: … and beyond which the last is no optimum.
+ASTRAY = 0.3
 #: Largest step, over the coordinate or one, for which the linearisation is valid.
 FARTHEST = 3.0
 #: Information of a coordinate that is not identifiable.
 NOTHING_KNOWN = 1e-12
-#: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor, or
-#: the shift of the estimate has a probability below this under equal weights.
-COSTLIER, DIFFERENT = 2.0, 1e-6
+#: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor …
+COSTLIER = 2.0
+#: … or the shift of the estimate has a probability below this under equal weights.
+DIFFERENT = 1e-6
 #: Rounds of spectrum and step at one evaluation of the network.
 ROUNDS = 2
-#: Lines averaged for the covariance on either side of each: a part of the spectrum, within these numbers.
-SHARE, FEWEST, MOST = 1 / 128, 12, 200
+#: Lines averaged for the covariance on either side of each: this part of the spectrum …
+SHARE = 1 / 128
+#: … but at least so many …
+FEWEST = 12
+#: … and at most so many.
+MOST = 200
 #: Fewest samples for a spectrum.
 SHORTEST = 256
 #: A spectrum is steep where its least is below this part of its mean.
@@ -99,14 +107,12 @@ class _Share:
         of_noise: the part of it that the noise of the reference makes up, shape (p, p).
         gradient: shape (p,).
         variance: of the gradient, by the residual's own spectrum, shape (p, p).
-        spectrum: as last read.
     """
 
     information: FloatArray
     of_noise: FloatArray
     gradient: FloatArray
     variance: FloatArray
-    spectrum: NoiseSpectrum
 
 
 def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, noise: FloatArray) -> Reweighted | None:
@@ -130,14 +136,14 @@ def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, no
         if any(record.samples > LONG for record in lines):
             give_back()
         if last == 0:
-            spectra = [_spectrum(record, record.residual, _motion(record)) for record in lines]
+            spectra = [_spectrum(record, record.residual) for record in lines]
             cost, spread = now, _spread(lines, spectra)
-        motions = [_motion(record) if record.samples <= LONG else None for record in lines]
         step, shares = np.zeros(len(z)), []
         for _ in range(ROUNDS):
-            known = zip(lines, spectra, motions, strict=True)
-            shares = [_share(record, step, spectrum, motion) for record, spectrum, motion in known]
-            spectra = [share.spectrum for share in shares]
+            shares = []
+            for number, record in enumerate(lines):
+                share, spectra[number] = _share(record, step, spectra[number])
+                shares.append(share)
             whole = np.sum([share.information for share in shares], axis=0)
             if not _known(whole):
                 return None
@@ -152,7 +158,7 @@ def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, no
             return None  # too few samples to step by
         if last < EVALUATIONS - 1:
             z = z + step
-    seen = any(share.spectrum.passed > 0 for share in shares)  # then equal weights are drawn aside
+    seen = any(spectrum.passed > 0 for spectrum in spectra)  # then equal weights are drawn aside
     shift = float((z - first) @ np.linalg.pinv(spread, hermitian=True) @ (z - first))
     if not far <= ASTRAY or (not seen and chi2_tail(len(z), shift) < DIFFERENT):
         return None
@@ -164,11 +170,11 @@ def reweighted(problem: LineProblem, coordinates: Coordinates, z: FloatArray, no
         z,
         covariance,
         sum(4.0 * (_width(record) - NEAREST) for record in lines),
-        np.sqrt([share.spectrum.passed for share in shares]) * noise,
+        np.sqrt([spectrum.passed for spectrum in spectra]) * noise,
         doubt,
         tuple(
-            tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in share.spectrum.tones)
-            for given, record, share in zip(problem.records, lines, shares, strict=True)
+            tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
+            for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
         ),
     )
 
@@ -184,9 +190,9 @@ def _spread(lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArra
     return sandwich([(record.slopes, _equal(record), level) for record, level in zip(lines, levels, strict=True)])
 
 
-def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum, motion: Motion | None) -> _Share:
-    """What a record says, its spectrum read at ``step``; the gradient is that of the whole way from no step."""
-    n, p, through = max(record.samples, 1), len(step), record.through
+def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> tuple[_Share, NoiseSpectrum]:
+    """What a record says, and its spectrum as read at ``step``; the gradient is that of the whole way from no step."""
+    n, p = max(record.samples, 1), len(step)
     rest = record.residual - step @ record.slopes
     weight = record.twice / (n * spectrum.level)
     columns = _unknowns(record, spectrum)
@@ -196,14 +202,14 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum, motio
     known = spectrum
     if record.samples > LONG:
         del columns  # of a long record each copy counts
-    found = _spectrum(record, record.where_used(rest), motion)
+    found = _spectrum(record, record.where_used(rest))
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
     if record.samples > LONG:
         columns = _unknowns(record, known)
 
     weight = record.twice * spectrum.excited / (n * spectrum.level)
     slopes, of_noise = record.slopes, np.zeros((p, p))
-    if through is not None and spectrum.passed > 0:
+    if spectrum.passed > 0 and (through := record.through) is not None:
         d_through = np.stack(record.slope_of(lambda slope: slope))
         slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
         beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
@@ -219,13 +225,8 @@ def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum, motio
     loud = _products((columns, slopes), weight * spectrum.excited * local)
     beta = share[:, :p]
     both = beta.T @ loud[:m, m:]
-    return _Share(
-        freed[:p, :p],
-        of_noise,
-        freed[:p, p],
-        loud[m:, m:] - both - both.T + beta.T @ loud[:m, :m] @ beta,
-        spectrum,
-    )
+    variance = loud[m:, m:] - both - both.T + beta.T @ loud[:m, :m] @ beta
+    return _Share(freed[:p, :p], of_noise, freed[:p, p], variance), spectrum
 
 
 def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
@@ -233,7 +234,7 @@ def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
     through = record.through
     if through is None:
         return np.zeros(len(record.z))
-    weighted = through * (record.twice * spectrum.excited * spectrum.doubt / spectrum.level)
+    weighted = through * (record.twice * spectrum.excited * spectrum.doubt() / spectrum.level)
     return np.array(record.slope_of(lambda slope: float(np.real(np.vdot(slope, weighted)))))
 
 
@@ -249,19 +250,19 @@ def _motion(record: RecordLines) -> Motion | None:
     if record.count < SHORTEST or record.free is None:
         return None
     through = record.through
-    return Motion.of(record.predicted, record.count, None if through is None else np.abs(through) ** 2)
+    return Motion.of(record.predicted(), record.count, None if through is None else np.abs(through) ** 2)
 
 
-def _spectrum(record: RecordLines, residual: ComplexArray, motion: Motion | None) -> NoiseSpectrum:
-    """The spectrum of a residual; ``motion``: as :func:`_motion` gives it, if it is known."""
-    motion = motion or _motion(record)
+def _spectrum(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
+    """The spectrum of a residual."""
+    motion = _motion(record)
     if motion is not None:
         return noise_spectrum(residual, motion, record.floor)
     power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
     doubt = 0.0 if record.through is None else level / float(np.max(np.abs(record.through) ** 2))
-    flat = np.full(record.twice.shape, level)
-    return NoiseSpectrum(flat, 0.0, np.zeros_like(flat), np.full_like(flat, doubt), np.ones_like(flat))
+    flat, nothing, one, left = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0, doubt))
+    return NoiseSpectrum(flat, 0.0, nothing, lambda: left, one)
 
 
 def _products(groups: Sequence[ComplexArray], weight: FloatArray) -> FloatArray:

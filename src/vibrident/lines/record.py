@@ -36,7 +36,7 @@ class RecordLines:
 
     Attributes:
         residual: measured less network, shape (lines,).
-        predicted: the network's response, shape (lines,).
+        predicted: makes the network's response, shape (lines,).
         used: shape (n,).
         twice: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
         slopes: of the response with z, less what initial states could imitate, shape (p, lines).
@@ -47,7 +47,7 @@ class RecordLines:
     """
 
     residual: ComplexArray
-    predicted: ComplexArray
+    predicted: Callable[[], ComplexArray]
     used: BoolArray
     twice: FloatArray
     slopes: ComplexArray
@@ -66,7 +66,7 @@ class RecordLines:
         """Number of samples that are used."""
         return float(self.used.sum())
 
-    @functools.cached_property
+    @property
     def through(self) -> ComplexArray | None:
         """H at z, shape (lines,)."""
         return None if self.response is None else self.response(self.z)
@@ -155,12 +155,14 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
     return lines
 
 
+@functools.lru_cache(maxsize=8)
 def counted(samples: int, highest: float) -> FloatArray:
-    """Weight of each line in a sum over all: zero above ``highest``, a part of the sampling rate.
+    """Weight of each line in a sum over all: zero above ``highest``, a part of the sampling rate; do not write to it.
 
     It is zero for line 0 too, which holds the offset.
     """
     twice = line_counts(samples)
     twice[:1] = 0.0
     twice[np.arange(len(twice)) > highest * samples] = 0.0
+    twice.flags.writeable = False
     return twice

@@ -103,7 +103,6 @@ class _Series:
     Attributes:
         record: as measured.
         used: samples that count.
-        residual: zero elsewhere.
         motions: linear response by the prediction and as measured, about the mean, zero elsewhere.
         error: lines of the residual, shape (samples // 2 + 1,).
         level: noise power at each line by the median of the lines around, shape (samples // 2 + 1,).
@@ -112,7 +111,6 @@ class _Series:
 
     record: Record
     used: np.ndarray
-    residual: FloatArray
     motions: tuple[FloatArray, FloatArray]
     error: ComplexArray
     level: FloatArray
@@ -163,6 +161,7 @@ def _series(
 ) -> list[_Series]:
     found: list[_Series] = []
     tones: list[float | None] = []
+    loud: list[FloatArray] = []
     for record, series, tone in zip(records, predicted, tones_hz, strict=True):
         used = record.mask & np.isfinite(series)
         few = tone is not None and tone * used.sum() < FEWEST_PERIODS * record.sampling_rate_hz
@@ -176,9 +175,9 @@ def _series(
         level = median_level(np.abs(error) ** 2)
         motions = heard_motion(series, used, level), heard_motion(record.response, used, level)
         if np.any(motions[0]):
-            found.append(_Series(record, used, residual, motions, error, level, quiet))
+            found.append(_Series(record, used, motions, error, level, quiet))
             tones.append(tone)
-    loud = [_loud(one, tone) for one, tone in zip(found, tones, strict=True)]
+            loud.append(_loud(record, residual, tone))
     for index, (one, tone) in enumerate(zip(found, tones, strict=True)):
         if tone is not None:
             _leave_out(one, np.concatenate([np.zeros(0), *(hz for j, hz in enumerate(loud) if j != index)]))
@@ -201,10 +200,10 @@ def heard_motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> F
     return np.where(used, np.asarray(fft.irfft(lines, used.size)), 0.0)
 
 
-def _loud(one: _Series, tone: float | None) -> FloatArray:
+def _loud(record: Record, residual: FloatArray, tone: float | None) -> FloatArray:
     """Frequencies of significant lines of a residual that are not harmonics of the record's own tone, such as hum."""
-    lines = line_frequencies(one.record.samples, one.record.sampling_rate_hz)
-    power = np.abs(np.asarray(fft.rfft(one.residual * hann(one.residual.size)))) ** 2
+    lines = line_frequencies(record.samples, record.sampling_rate_hz)
+    power = np.abs(np.asarray(fft.rfft(residual * hann(residual.size)))) ** 2
     loud = lines[power > STANDS_OUT * median_level(power)]
     if tone is not None:
         loud = loud[np.abs(loud - np.maximum(np.round(loud / tone), 1.0) * tone) > NEAR * lines[1]]

@@ -8,7 +8,7 @@ Andrews 1993), or of an even change over all of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,10 @@ KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
 LAGS = 4
 #: Mains frequencies.
 MAINS_HZ = (50.0, 60.0)
+#: Harmonics of them that are looked for.
+HARMONICS = 5
+#: Samples that are worked on at once.
+AT_ONCE = 1 << 16
 #: Hum is significant at this power over that of white noise.
 HEARD = 12.0
 #: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
@@ -162,14 +166,16 @@ class _Blocks:
     @classmethod
     def of(cls, motion: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> _Blocks:
         """Of a motion and what is left beside it; offset, drift and hum of a block are no change."""
-        slope = np.gradient(motion) * rate
+        slope = np.gradient(motion)
+        slope *= rate
         every = np.concatenate(parts)
         scale = np.maximum([np.std(motion[every]), np.std(slope[every])], np.finfo(float).tiny)
         products, powers = np.zeros((len(parts), 2)), np.zeros((len(parts), 2, 2))
-        hum = _hum(residual[every], every, rate)
-        for size in {part.size for part in parts}:
-            which = [index for index, part in enumerate(parts) if part.size == size]
+        hum = _hum(residual, every, rate)
+        del every  # of a long record each copy counts
+        for which in _side_by_side(parts):
             places = np.stack([parts[index] for index in which])
+            size = places.shape[1]
             trend = np.stack([np.ones(size), np.linspace(-1.0, 1.0, size)], axis=1)[None]
             if hum.size:
                 angle = 2.0 * np.pi / rate * places[..., None] * hum
@@ -225,19 +231,31 @@ def _best(blocks: _Blocks) -> _Fit:
     return _Fit(blocks, shapes[best], float(squares[best]), gains[best], place, best == 0)
 
 
+def _side_by_side(parts: Sequence[np.ndarray]) -> Iterator[list[int]]:
+    """Numbers of parts of one size, of at most AT_ONCE samples together."""
+    for size in sorted({part.size for part in parts}):
+        which, width = [i for i, part in enumerate(parts) if part.size == size], max(1, AT_ONCE // size)
+        yield from (which[i : i + width] for i in range(0, len(which), width))
+
+
 def _hum(residual: FloatArray, places: np.ndarray, rate: float) -> FloatArray:
     """Mains frequencies and their harmonics that are significant in a residual; beside a tone they beat with it."""
-    first, last = int(places[0]), int(places[-1])
-    heard, least = set(), HEARD * float(residual @ residual)
-    for mains in MAINS_HZ:
-        turn = turning(last - first + 1, -2.0 * np.pi * mains / rate)
-        turn = turn if turn.size == places.size else turn[places - first]
-        wave = residual.astype(complex)
-        for order in range(1, 6):
-            wave *= turn
-            if order * mains < 0.5 * rate and abs(wave.sum()) ** 2 > least:
-                heard.add(order * mains)
-    return np.array(sorted(heard), dtype=float)
+    sums, power = np.zeros((len(MAINS_HZ), HARMONICS), complex), 0.0
+    for begin in range(0, places.size, AT_ONCE):
+        part = places[begin : begin + AT_ONCE]
+        own, first, last = residual[part], int(part[0]), int(part[-1])
+        power += float(own @ own)
+        for row, mains in enumerate(MAINS_HZ):
+            angle = -2.0 * np.pi * mains / rate
+            turn = turning(last - first + 1, angle, angle * first)
+            turn = turn if turn.size == part.size else turn[part - first]
+            wave = own.astype(complex)
+            for order in range(HARMONICS):
+                wave *= turn
+                sums[row, order] += wave.sum()
+    orders = np.arange(1, HARMONICS + 1)
+    found = np.outer(MAINS_HZ, orders)[np.abs(sums) ** 2 > HEARD * power]
+    return np.unique(found[found < 0.5 * rate]).astype(float)
 
 
 def _fitted(products: FloatArray, powers: FloatArray, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -141,11 +141,10 @@ class LineProblem:
                 groups.setdefault((*self._step_of(run), run.samples), []).append(number)
         found = []
         for (interval, fraction, samples), numbers in groups.items():
-            width = max(AT_ONCE // samples, 1)
+            width, counts = max(AT_ONCE // samples, 1), (counted(samples, self.highest) / samples)[None, :]
             for first in range(0, len(numbers), width):
                 some = numbers[first : first + width]
-                counts = counted(samples, self.highest) / samples
-                found.append((Batch.of([self.runs[i] for i in some], some), counts[None, :], interval, fraction))
+                found.append((Batch.of([self.runs[i] for i in some], some), counts, interval, fraction))
         return tuple(found)
 
     def _step_of(self, run: Run) -> tuple[float, float]:
@@ -260,10 +259,11 @@ class LineProblem:
         residual, slopes = columns_of(batch, *step, np.sqrt(twice)[None, :])
         left, own = residual[0], slopes[0]
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
+        left /= noise
         return {
-            "residual": left / noise,
-            "predicted": (run.response - left) / noise,
-            "used": np.ones(run.samples, dtype=bool),
+            "residual": left,
+            "predicted": lambda: run.response / noise - left,
+            "used": np.broadcast_to(True, run.samples),
             "twice": twice,
             "slopes": np.multiply(own, turn / noise, out=own),
             "free": free_of_run(run.samples, step[0].denominator),
@@ -295,7 +295,7 @@ def _in_pieces(
     lines = np.fft.rfft(signals / noise, axis=1) if end > begin else np.zeros((len(signals), 1), dtype=complex)
     return {
         "residual": lines[0],
-        "predicted": lines[1],
+        "predicted": functools.partial(lines.__getitem__, 1),
         "used": used,
         "twice": counted(end - begin, highest),
         "slopes": lines[2:],
