@@ -72,6 +72,8 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     bytes_ = np.frombuffer(chunk, dtype=np.uint8)
     ends = np.flatnonzero(bytes_ == _NEWLINE)
     starts = np.concatenate(([0], ends + 1)) if chunk[-1] != _NEWLINE else np.concatenate(([0], ends[:-1] + 1))
+    if layout.delimiter != BLANKS and layout.fields > 1 and _alike(bytes_, starts, layout):
+        return np.full(starts.size, layout.fields)
     ink = bytes_ > _SPACE
     if layout.delimiter == BLANKS:
         begins = ink.copy()
@@ -81,6 +83,15 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     counts = np.add.reduceat(separators, starts, dtype=np.int64)
     filled = np.logical_or.reduceat(ink | separators, starts)
     return np.where(filled, counts + 1, 0)
+
+
+def _alike(bytes_: NDArray[np.uint8], starts: NDArray[np.int64], layout: CsvLayout) -> bool:
+    """Whether every line has as many delimiters as the layout says, by their places: quicker than counting by line."""
+    places = np.flatnonzero(bytes_ == ord(layout.delimiter))
+    if places.size != starts.size * (layout.fields - 1):
+        return False
+    rows = places.reshape(starts.size, -1)
+    return bool(np.all(rows[:, 0] >= starts) and np.all(rows[:-1, -1] < starts[1:]))
 
 
 def _fields_with_quotes(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:

@@ -115,9 +115,11 @@ class CsvFile(ColumnFile):
         layout = self._layout
         if _better_by_pandas(self._path):
             return None
-        data = self._path.read_bytes()[layout.offset :].replace(b"\r\n", b"\n")
+        data = self._path.read_bytes()[layout.offset :]
+        if b"\r" in data:  # one sign is sought far quicker than two
+            data = data.replace(b"\r\n", b"\n")
         separator = layout.delimiter.encode()
-        if layout.delimiter != BLANKS:
+        if layout.delimiter != BLANKS and b" " in data:
             data = data.replace(separator + b" ", separator)
         signs = separator + layout.decimal.encode()
         blanks = b" \t" if layout.delimiter == BLANKS else b""
