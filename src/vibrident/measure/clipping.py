@@ -155,10 +155,12 @@ def _quantisation(values: FloatArray) -> float:
     if step == 0.0:
         return 0.0
     place = (values[:: max(1, values.size // 1000)] - values[0]) / step
-    for k in range(1, MOST_PARTS + 1):
-        if all(np.max(np.abs(k * part - np.rint(k * part))) < ON_GRID for part in (place[:FIRST], place)):
-            return step / k
-    return 0.0
+    parts = np.arange(1, MOST_PARTS + 1)[:, None]
+    for some in (place[:FIRST], place):
+        parts = parts[np.max(np.abs(parts * some - np.rint(parts * some)), axis=1) < ON_GRID]
+        if not parts.size:
+            return 0.0
+    return step / int(parts[0, 0])
 
 
 def _piled(counts: FloatArray, fewest: int) -> bool:

@@ -17,6 +17,7 @@ Score tests: Rao 1948; Volterra's kernels at weak nonlinearity: Schetzen 1980.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
@@ -356,7 +358,7 @@ def _strength(
 def median_level(power: FloatArray) -> FloatArray:
     """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
     count = power.size
-    places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
+    places = _places(count)
     # Most places have the same reach: their windows are sorted side by side.
     alike = places[(places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))]
     values = [_median(power[: place + MEDIAN_LINES + 1]) for place in places[places < MEDIAN_LINES]]
@@ -368,6 +370,11 @@ def median_level(power: FloatArray) -> FloatArray:
         values.append(_median(power[max(place - reach, 0) : place + reach + 1]))
     smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
     return np.exp(np.interp(np.arange(count), places, smooth))
+
+
+@functools.lru_cache(maxsize=8)
+def _places(count: int) -> NDArray[np.int_]:
+    return np.unique(np.geomspace(1, count, 160).astype(int)) - 1
 
 
 def _median(values: FloatArray) -> float:
