@@ -14,9 +14,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from vibrident.estimators.noise_spectrum import NEAREST, mean_around
+from vibrident.estimators.noise_spectrum import NEAREST
 from vibrident.information import inverse_normal
 from vibrident.lines import RecordLines
+from vibrident.measure.lines import mean_around
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.information import inverse_normal
+from vibrident.measure.lines import mean_around
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
@@ -327,29 +328,6 @@ def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[fl
     # Between two lines, as Hann's window has it: a parabola would be off by up to two hundredths of a line.
     offset = np.clip((2.0 * beside - 1.0) / (1.0 + beside), 0.0, 0.5)
     return tuple((places + np.where(high > low, offset, -offset)).tolist())
-
-
-def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
-    """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends.
-
-    Of too few lines for that, the mean of all.
-    """
-    width = min(width, power.size - 2)
-    if width <= nearest:
-        return np.full(power.shape, float(np.mean(power)))
-    total = np.empty(power.size + 2 * width + 1)
-    total[0], total[1 : width + 1], total[width + 1 : -width] = 0.0, power[width:0:-1], power
-    total[-width:] = power[-2 : -width - 2 : -1]
-    np.cumsum(total, out=total)
-
-    def within(reach: int) -> FloatArray:
-        far = width + reach + 1
-        return total[far : far + power.size] - total[width - reach : width - reach + power.size]
-
-    found = within(width)
-    found -= within(nearest)
-    found /= 2.0 * (width - nearest)
-    return found
 
 
 class _Bins(NamedTuple):

@@ -30,11 +30,11 @@ from vibrident.estimators.noise_spectrum import (
     TONES,
     Motion,
     NoiseSpectrum,
-    mean_around,
     noise_spectrum,
 )
 from vibrident.information import SMALLEST
 from vibrident.lines import RecordLines
+from vibrident.measure.lines import mean_around
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back
 from vibrident.problem import Coordinates, LineProblem

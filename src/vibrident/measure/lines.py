@@ -34,3 +34,26 @@ def fast_length(least: int) -> int:
             threes *= 3
         fives *= 5
     return best
+
+
+def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
+    """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends.
+
+    Of too few lines for that, the mean of all.
+    """
+    width = min(width, power.size - 2)
+    if width <= nearest:
+        return np.full(power.shape, float(np.mean(power)))
+    total = np.empty(power.size + 2 * width + 1)
+    total[0], total[1 : width + 1], total[width + 1 : -width] = 0.0, power[width:0:-1], power
+    total[-width:] = power[-2 : -width - 2 : -1]
+    np.cumsum(total, out=total)
+
+    def within(reach: int) -> FloatArray:
+        far = width + reach + 1
+        return total[far : far + power.size] - total[width - reach : width - reach + power.size]
+
+    found = within(width)
+    found -= within(nearest)
+    found /= 2.0 * (width - nearest)
+    return found

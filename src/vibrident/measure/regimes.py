@@ -166,8 +166,7 @@ class _Blocks:
     @classmethod
     def of(cls, motion: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> _Blocks:
         """Of a motion and what is left beside it; offset, drift and hum of a block are no change."""
-        slope = np.gradient(motion)
-        slope *= rate
+        slope = np.gradient(motion, 1.0 / rate)
         every = np.concatenate(parts)
         scale = np.maximum([np.std(motion[every]), np.std(slope[every])], np.finfo(float).tiny)
         products, powers = np.zeros((len(parts), 2)), np.zeros((len(parts), 2, 2))
@@ -253,8 +252,7 @@ def _hum(residual: FloatArray, places: np.ndarray, rate: float) -> FloatArray:
             for order in range(HARMONICS):
                 wave *= turn
                 sums[row, order] += wave.sum()
-    orders = np.arange(1, HARMONICS + 1)
-    found = np.outer(MAINS_HZ, orders)[np.abs(sums) ** 2 > HEARD * power]
+    found = np.outer(MAINS_HZ, np.arange(1, HARMONICS + 1))[np.abs(sums) ** 2 > HEARD * power]
     return np.unique(found[found < 0.5 * rate]).astype(float)
 
 
