@@ -70,5 +70,19 @@ class ModelError(InputError):
     """The model cannot be built or cannot be used with these data."""
 
 
+def unknown(
+    problem: str,
+    name: object,
+    known: Iterable[str],
+    where: str,
+    otherwise: str = "choose one of the expected",
+    kind: type[InputError] = InputError,
+) -> InputError:
+    """The error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
+    names = tuple(known)
+    remedy = did_you_mean(str(name), names, otherwise)
+    return kind(problem, expected=" | ".join(names), found=repr(name), where=where, remedy=remedy)
+
+
 class NotConverged(VibridentError):
     """The estimator stopped before it reached an optimum; the message says where and why."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.effects import SystematicEffect
-from vibrident.errors import InputError
+from vibrident.errors import InputError, unknown
 
 if TYPE_CHECKING:
     from vibrident.interferometer.summary import OpticalSummary
@@ -112,13 +112,7 @@ class Record:
                 remedy="give rate_hz or time_column under [sampling]",
             )
         if self.excitation not in EXCITATIONS:
-            raise InputError(
-                "The excitation is not known.",
-                expected=" | ".join(EXCITATIONS),
-                found=repr(self.excitation),
-                where=where,
-                remedy="name one of the expected kinds",
-            )
+            raise unknown("The excitation is not known.", self.excitation, EXCITATIONS, where)
         if self.reference is None and self.excitation != "decay":
             raise InputError(
                 "The record has no reference channel.",
@@ -347,13 +341,7 @@ class Calibration:
                 remedy="give [[records]] or [table]",
             )
         if self.quantity not in QUANTITIES:
-            raise InputError(
-                "The reference quantity is not known.",
-                expected=" | ".join(QUANTITIES),
-                found=repr(self.quantity),
-                where=where,
-                remedy="name one of the expected quantities",
-            )
+            raise unknown("The reference quantity is not known.", self.quantity, QUANTITIES, where)
         object.__setattr__(self, "quantity", str(self.quantity))  # NumPy's own strings are no static argument
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])

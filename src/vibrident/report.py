@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from vibrident import plots
-from vibrident.errors import InputError
+from vibrident.errors import unknown
 from vibrident.present import document, markdown
 from vibrident.present.certificate import certificate
 from vibrident.present.views import Section
@@ -44,13 +44,7 @@ def content(
         InputError: the form is not known, or what it needs is not installed (``pip install 'vibrident[report]'``).
     """
     if form not in get_args(Form):
-        raise InputError(
-            f"Reports in the form {form!r} do not exist.",
-            expected=" | ".join(get_args(Form)),
-            found=repr(form),
-            where="form of the report",
-            remedy="choose one of the expected",
-        )
+        raise unknown(f"Reports in the form {form!r} do not exist.", form, get_args(Form), "form of the report")
     alone = [results] if isinstance(results, Result) else list(results)
     called = list(names) or [str(number) for number in range(1, len(alone) + 1)]
     one = alone[0] if len(alone) == 1 else None

@@ -2,6 +2,7 @@
 
 import io
 import re
+import sys
 import time
 from dataclasses import replace
 
@@ -202,7 +203,7 @@ def test_a_point_without_phase_or_uncertainty():
 
 
 def test_without_typst_the_remedy_is_named(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(InputError, match=r"vibrident\[report\]"):
         report.content(table2(), "pdf")
 

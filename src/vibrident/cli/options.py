@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vibrident.errors import InputError, did_you_mean
+from vibrident.errors import InputError, unknown
 from vibrident.registry import ESTIMATORS, EXPORTS, MODELS
 from vibrident.workflow.choices import DISCRETISATIONS as DISCRETISATIONS
 from vibrident.workflow.choices import UNCERTAINTIES as UNCERTAINTIES
@@ -116,13 +116,7 @@ def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
     """
     if value in allowed:
         return value
-    raise InputError(
-        f"{value!r} is not a choice of {name}.",
-        expected=" | ".join(allowed),
-        found=repr(value),
-        where=name,
-        remedy=did_you_mean(value, allowed),
-    )
+    raise unknown(f"{value!r} is not a choice of {name}.", value, allowed, name)
 
 
 def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:

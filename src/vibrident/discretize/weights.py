@@ -38,7 +38,7 @@ from vibrident.discretize.inputs import (
     sampled_inputs,
     terms_needed,
 )
-from vibrident.errors import ModelError
+from vibrident.errors import ModelError, unknown
 from vibrident.models.base import array_library
 from vibrident.models.state_space import StateSpace
 from vibrident.records import BoolArray, FloatArray
@@ -222,11 +222,5 @@ def method(name: str) -> Method:
         ModelError: the name is unknown.
     """
     if name not in METHODS:
-        raise ModelError(
-            f"The discretisation {name!r} is not known.",
-            expected=" | ".join(METHODS),
-            found=repr(name),
-            where="discretisation",
-            remedy="choose one from the list",
-        )
+        raise unknown(f"The discretisation {name!r} is not known.", name, METHODS, "discretisation", kind=ModelError)
     return METHODS[name]

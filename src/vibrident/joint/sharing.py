@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.errors import InputError, did_you_mean
+from vibrident.errors import InputError, unknown
 from vibrident.models import ParameterSpec, SensorModel
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
@@ -77,13 +77,7 @@ def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
     known = list(dict.fromkeys(name for model in models for name in model.parameter_names))
     for name in share:
         if name not in known:
-            raise InputError(
-                f"{name!r} is not a parameter of these models.",
-                expected=" | ".join(known),
-                found=repr(name),
-                where="share",
-                remedy=did_you_mean(name, known),
-            )
+            raise unknown(f"{name!r} is not a parameter of these models.", name, known, "share")
 
 
 def _check_common(numbers: Sequence[Joint], share: Sequence[str] | None, calibrations: Sequence[Calibration]) -> None:

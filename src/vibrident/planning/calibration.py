@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, unknown
 from vibrident.information import inverse_normal
 from vibrident.models import parse
 from vibrident.models.base import SensorModel
@@ -126,13 +126,7 @@ def plan(
         times_as_long,
     )
     if criterion not in CRITERIA:
-        raise InputError(
-            "The criterion is not known.",
-            expected=" | ".join(CRITERIA),
-            found=repr(criterion),
-            where="plan, criterion",
-            remedy="choose one of them",
-        )
+        raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
     _enough(points, best if best is not None else frequency.size, repeats=repeats, chosen=best is not None)
     unit = source.response_unit if source is not None else response_unit
     return _plan(points, reference_uncertainty, unit, source, best, criterion, repeats)
@@ -234,13 +228,7 @@ def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tup
 def _quantity(quantity: Quantity | None, source: Result | None) -> Quantity:
     found: Any = quantity or (source.reference.get("quantity") if source is not None else None) or "acceleration"
     if found not in QUANTITIES:
-        raise InputError(
-            "The reference quantity is not known.",
-            expected=" | ".join(QUANTITIES),
-            found=repr(found),
-            where="plan, quantity",
-            remedy="name one of the expected",
-        )
+        raise unknown("The reference quantity is not known.", found, QUANTITIES, "plan, quantity")
     return found
 
 

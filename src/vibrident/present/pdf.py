@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import datetime
-import importlib.util
 import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from vibrident import __version__
-from vibrident.errors import InputError
 from vibrident.escaping import typst_data
+from vibrident.extras import library
 from vibrident.present import drawing
 from vibrident.present.formulas import formulas
 from vibrident.present.views import Beside, Block, Document, Facts, Figure, Folded, Sentence, Signatures, Table
@@ -25,16 +24,7 @@ def render(document: Document) -> bytes:
     Raises:
         InputError: typst is not installed.
     """
-    if importlib.util.find_spec("typst") is None:
-        raise InputError(
-            "PDF needs typst, which is not installed.",
-            expected="the package typst",
-            found="none",
-            where="--format pdf",
-            remedy="pip install 'vibrident[report]'",
-        )
-    import typst
-
+    typst = library("typst", "report", "PDF needs typst, which is not installed.", "--format pdf")
     issued = document.letterhead
     day = None if issued is None else issued.date
     fields = {

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from vibrident.errors import InputError, ModelError, did_you_mean
+from vibrident.errors import InputError, ModelError, unknown
 from vibrident.models import parse
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.simulation.checks import require_finite, require_positive
@@ -119,10 +119,5 @@ def sensor_named(name: str) -> Sensor:
     """
     if name in SENSORS:
         return SENSORS[name]
-    raise InputError(
-        f"The sensor {name!r} is not known.",
-        expected=" | ".join(SENSORS),
-        found=repr(name),
-        where="simulate",
-        remedy=did_you_mean(name, SENSORS, "choose from the list, or give (model, parameters)"),
-    )
+    otherwise = "choose from the list, or give (model, parameters)"
+    raise unknown(f"The sensor {name!r} is not known.", name, SENSORS, "simulate", otherwise)

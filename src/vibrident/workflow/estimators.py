@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from vibrident.errors import InputError, did_you_mean
+from vibrident.errors import InputError, unknown
 from vibrident.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) ->
     for setting in asked:
         owners = estimators_with(setting)
         if not owners:
-            raise _unknown(setting)
+            known = sorted({name for one in ESTIMATORS.all().values() for name in one.settings})
+            raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "command line")
         if name not in owners:
             raise _misfit(_option(setting), f"--estimator {' or '.join(owners)}", f"--estimator {name}")
         needs = ESTIMATORS[name].settings[setting].needs
@@ -64,17 +65,6 @@ def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
 
 def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
-
-
-def _unknown(setting: str) -> InputError:
-    known = sorted({name for one in ESTIMATORS.all().values() for name in one.settings})
-    return InputError(
-        f"No estimator has a setting {setting!r}.",
-        expected=" | ".join(known),
-        found=repr(setting),
-        where="command line",
-        remedy=did_you_mean(setting, known),
-    )
 
 
 def _misfit(option: str, wanted: str, found: str) -> InputError:
