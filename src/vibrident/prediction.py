@@ -144,7 +144,7 @@ def summary(predictions: Predictions, files: Sequence[str], unit: str) -> dict[s
 
 def _check_units(result: Result, calibration: Calibration) -> None:
     calibration.require_response(result.response_unit, "A table has no motion to predict a response to.")
-    theirs = result.reference.get("quantity", "acceleration")
+    theirs = result.quantity
     if (calibration.quantity == "drive") != (theirs == "drive"):
         raise InputError(
             "The reference is of another kind than the result's.",

@@ -207,6 +207,11 @@ class Result:
         return tuple(dict.fromkeys(w.code for w in self.warnings))
 
     @property
+    def quantity(self) -> str:
+        """What the reference gives; acceleration where it is not stated."""
+        return self.reference.get("quantity", "acceleration")
+
+    @property
     def has_gain(self) -> bool:
         """Whether there is a gain, and so a curve over frequency; free decays alone determine neither."""
         own = {name for name, parameter in self.parameters.items() if not parameter.derived}

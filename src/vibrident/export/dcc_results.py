@@ -180,7 +180,7 @@ def _whole(curve: Curve) -> list[int]:
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:
     """Frequency, magnitude and phase as lists; the phase is left out if a point lacks it."""
-    quantity = result.reference.get("quantity", "acceleration")
+    quantity = result.quantity
     unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
     probability = coverage(result).probability
 

@@ -90,6 +90,6 @@ def caveats(sensor: Sensor) -> list[str]:
         "poles and zeros hold neither the correlation of the parameters nor the uncertainty of the "
         "response over frequency: see result.json"
     ]
-    if sensor.result.reference.get("quantity", "acceleration") != "acceleration":
+    if sensor.result.quantity != "acceleration":
         lines.append(f"calibrated against {sensor.result.reference['quantity']}; converted by powers of s, exactly")
     return lines

@@ -20,7 +20,7 @@ from vibrident.errors import InputError
 from vibrident.history import schema
 from vibrident.history.store import Store
 from vibrident.present.history import date_of
-from vibrident.present.numbers import reference_unit, sensitivity_unit
+from vibrident.present.numbers import unit_of_sensitivity
 from vibrident.present.points import nominal_points, reference_point
 from vibrident.result import Result
 
@@ -116,7 +116,7 @@ def _reference_sensitivity(result: Result) -> list[Row]:
         {
             "name": schema.REFERENCE_SENSITIVITY,
             "value": chosen.magnitude,
-            "unit": sensitivity_unit(result.response_unit, reference_unit(result)),
+            "unit": unit_of_sensitivity(result),
             "standard_uncertainty": _number(chosen.magnitude_uncertainty),
             "identifiable": True,
             "derived": True,

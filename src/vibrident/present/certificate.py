@@ -125,10 +125,9 @@ def groups(result: Result) -> tuple[Facts, ...]:
     conditions += [("Relative humidity", _ambient(stated, "relative_humidity", "percent", "%"))]
     if stated.get("air_pressure_hpa") is not None:
         conditions.append(("Air pressure", _ambient(stated, "air_pressure", "hpa", "hPa")))
-    quantity = result.reference.get("quantity", "acceleration")
     method = [
         ("Procedure", _text(stated, "procedure")),
-        ("Reference quantity", f"{quantity}, in {pretty(reference_unit(result))}"),
+        ("Reference quantity", f"{result.quantity}, in {pretty(reference_unit(result))}"),
         ("Measured band", _band(result)),
         ("Evaluation", f"model {result.model}, estimator {result.estimator}"),
     ]

@@ -185,8 +185,7 @@ def at(values: Sequence[Any], index: int) -> Any:
 
 def reference_unit(result: Result) -> str:
     """Unit of the reference channel, by its quantity where the result does not state it."""
-    quantity = result.reference.get("quantity", "acceleration")
-    return result.reference.get("unit") or REFERENCE_UNITS.get(quantity, "reference unit")
+    return result.reference.get("unit") or REFERENCE_UNITS.get(result.quantity, "reference unit")
 
 
 def sensitivity_unit(response_unit: str, per: str) -> str:
@@ -195,9 +194,14 @@ def sensitivity_unit(response_unit: str, per: str) -> str:
     return f"{top}/{bottom}"
 
 
+def unit_of_sensitivity(result: Result) -> str:
+    """Unit of the result's sensitivities."""
+    return sensitivity_unit(result.response_unit, reference_unit(result))
+
+
 def fit_unit(result: Result) -> str:
     """Unit of the residual: the response's for records, the sensitivity's for a table."""
-    return result.response_unit if result.signals else sensitivity_unit(result.response_unit, reference_unit(result))
+    return result.response_unit if result.signals else unit_of_sensitivity(result)
 
 
 def sensor_name(sensor: Mapping[str, object]) -> str:
@@ -227,8 +231,7 @@ def frequency_text(frequency_hz: float) -> str:
 
 def sensitivity_scale(result: Result) -> Scale:
     """Unit in which the sensitivities of a result are printed, and the factor to it."""
-    unit = sensitivity_unit(result.response_unit, reference_unit(result))
-    return magnitude_scale(unit, result.response.magnitude or result.measured.magnitude)
+    return magnitude_scale(unit_of_sensitivity(result), result.response.magnitude or result.measured.magnitude)
 
 
 def magnitude_scale(unit: str, magnitudes: Sequence[float | None]) -> Scale:

@@ -125,7 +125,7 @@ def _mixed(ends: Sequence[float | None], share: float) -> float | None:
 
 def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:
     """Complex response of the result's model; one at all frequencies if this version does not know the model."""
-    quantity: Any = result.reference.get("quantity", "acceleration")
+    quantity: Any = result.quantity
     try:
         response = IdentifiedSensor.of(result).frequency_response(frequency_hz, quantity)
     except (InputError, KeyError):

@@ -17,7 +17,7 @@ from vibrident.present.curves import (
     principal,
     spread,
 )
-from vibrident.present.numbers import at, magnitude_scale, reference_unit, sensitivity_unit, shortened, subject, with_u
+from vibrident.present.numbers import at, magnitude_scale, shortened, subject, unit_of_sensitivity, with_u
 from vibrident.present.views import (
     BLACK,
     BLUE,
@@ -42,9 +42,7 @@ def sensitivity(result: Result) -> Figure | None:
     """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
     if not result.has_gain and not result.measured.frequency_hz:
         return None
-    unit = sensitivity_unit(result.response_unit, reference_unit(result))
-    quantity = result.reference.get("quantity", "acceleration")
-    panels = response_panels(result.response, result.measured, unit, quantity, "measured")
+    panels = response_panels(result.response, result.measured, unit_of_sensitivity(result), result.quantity, "measured")
     codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
     return Figure(
         "sensitivity",

@@ -21,8 +21,8 @@ from vibrident.present.numbers import (
     percent,
     plain,
     reference_unit,
-    sensitivity_unit,
     stated,
+    unit_of_sensitivity,
     with_u,
 )
 from vibrident.present.views import Column, Doubt, Facts, Table, columns, count
@@ -36,8 +36,7 @@ MOST_ROWS = 200
 
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
     """What was calibrated and how, as pairs of name and text."""
-    quantity = result.reference.get("quantity", "acceleration")
-    reference = f"{quantity}, in {pretty(reference_unit(result))}" if result.has_gain else "none: free decays"
+    reference = f"{result.quantity}, in {pretty(reference_unit(result))}" if result.has_gain else "none: free decays"
     return (
         *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
         ("model", result.model),
@@ -164,7 +163,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     total = len(points.frequency_hz)
     if total == 0:
         return None
-    scale = magnitude_scale(sensitivity_unit(result.response_unit, reference_unit(result)), points.magnitude)
+    scale = magnitude_scale(unit_of_sensitivity(result), points.magnitude)
     phases = any(phase is not None for phase in points.phase_deg)
     apart = any(u is not None for u in points.magnitude_noise)
     step = max(1, -(-total // most_rows))

@@ -10,8 +10,9 @@ from nicegui import ui
 
 from vibrident.errors import InputError
 from vibrident.models import ADD_ONS, CORES
+from vibrident.records import EXCITATIONS
 from vibrident.web import frame
-from vibrident.web.description import Description, calibration_text, described
+from vibrident.web.description import ROLES, Description, calibration_text, described
 from vibrident.web.looks import Guess, calibration, chart, guess
 from vibrident.web.preview import HEIGHT
 from vibrident.web.session import CALIBRATION
@@ -29,22 +30,6 @@ REFERENCES = {
     "heterodyne": "photodetector, on a carrier",
 }
 DIRECTIONS = {None: "not known", 1: "x grows with the phase", -1: "x falls with the phase"}
-EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "decay")
-
-
-#: Fields that name a column.
-ROLES = (
-    "time",
-    "reference",
-    "first_signal",
-    "second_signal",
-    "response",
-    "frequency",
-    "magnitude",
-    "phase",
-    "magnitude_uncertainty",
-    "phase_uncertainty",
-)
 
 
 class _Outdated(Exception):

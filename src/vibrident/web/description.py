@@ -12,6 +12,11 @@ from vibrident.io.toml_text import toml_entry, toml_section
 from vibrident.models import ADD_ONS
 from vibrident.records import USUAL_MODEL
 
+#: Fields that name a column of a table.
+POINTS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
+#: Fields that name a column.
+ROLES = ("time", "reference", "first_signal", "second_signal", "response", *POINTS)
+
 
 def delays() -> list[str]:
     """Add-ons that do nothing but delay: usual wherever there is a phase."""
@@ -75,8 +80,7 @@ class Description:
 def described(guess: Columns, excitation: str = "sine") -> Description:
     """A guess as a description; the excitation is guessed separately."""
     same = ("time", "reference", "quantity", "scale", "unit", "response", "response_unit")
-    points = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
-    known = {name: getattr(guess, name) for name in (*same, *points)}
+    known = {name: getattr(guess, name) for name in (*same, *POINTS)}
     table = guess.is_table
     if guess.detectors:
         known["reference_by"] = "quadrature" if len(guess.detectors) == 2 else "heterodyne"
@@ -112,8 +116,7 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
         sections.append(toml_section("interferometer", _interferometer(given)))
     sections.append(toml_section("response", _floats(response)))
     if given.table:
-        names = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
-        columns = {name: getattr(given, name) for name in names}
+        columns = {name: getattr(given, name) for name in POINTS}
         unit = given.phase_unit if given.phase is not None else None
         return "\n".join((*sections, toml_section("table", {"file": files[0], **columns, "phase_unit": unit})))
     if given.time is not None or given.rate_hz is not None:

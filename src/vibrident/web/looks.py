@@ -20,7 +20,7 @@ from vibrident.present.comparison import beside, comparison_tables
 from vibrident.present.views import Figure, count
 from vibrident.report import content
 from vibrident.result import Result
-from vibrident.web.description import Description, described
+from vibrident.web.description import POINTS, Description, described
 from vibrident.web.motion import likely_excitation
 from vibrident.web.preview import preview
 from vibrident.web.session import refuse_outside
@@ -72,8 +72,7 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
 
 def _few(columns: Columns) -> Columns:
     """The columns to offer: the first ones and the guessed ones."""
-    roles = ("time", "reference", "response", "frequency", "magnitude", "phase", "magnitude_uncertainty")
-    guessed = {*(getattr(columns, role) for role in (*roles, "phase_uncertainty")), *columns.detectors}
+    guessed = {*(getattr(columns, role) for role in ("time", "reference", "response", *POINTS)), *columns.detectors}
     pairs = list(zip(columns.columns, columns.labels, strict=True))
     kept = [pair for i, pair in enumerate(pairs) if i < MOST_COLUMNS or pair[0] in guessed]
     names, labels = zip(*kept, strict=True)
