@@ -8,7 +8,8 @@ from tests.support.sample_results import CALIBRATIONS, SAMPLES, table2, table_on
 
 import vibrident
 from vibrident import plots
-from vibrident.present import drawing, figures
+from vibrident.correction.acceleration import ORIGINS
+from vibrident.present import drawing, figures, use_figures
 from vibrident.present.curves import from_start
 from vibrident.result import Result
 
@@ -168,3 +169,7 @@ def test_times_of_a_clock_that_counts_from_an_epoch_are_shown_from_the_start():
     assert shown[-1] == pytest.approx(500.0, rel=1e-6)
     assert label == "Time from 1700000000 s in ms"
     assert from_start(np.linspace(1.0, 3.0, 101))[1] == "Time in s"
+
+
+def test_a_correction_shows_every_origin_of_its_uncertainty():
+    assert tuple(use_figures._ORIGINS) == ORIGINS

@@ -44,6 +44,7 @@ _ORIGINS = {
     "band": (Look(GREEN, "dashdot", 1.1), "removed by the low-pass"),
     "offset": (Look(PURPLE, "dotted", 1.1), "offset"),
     "ends": (Look(SKY, "dashdot", 1.1), "ends of the record"),
+    "background": (Look(ORANGE, "dashed", 1.1), "disturbance seen at rest"),
 }
 _SHOWN = 0.01
 #: Part of the whole below which a line ends.
