@@ -219,3 +219,19 @@ def test_what_is_not_determined_gets_a_large_variance(rng):
     assert np.all(np.sqrt(np.diag(covariance)) > 1e4)
     good = rng.standard_normal((50, 3)) * [1e-6, 1.0, 1e8]
     np.testing.assert_allclose(inverse_normal(good.T @ good), np.linalg.inv(good.T @ good), rtol=1e-9)
+
+
+def test_a_resonance_far_outside_the_range_searched_leaves_no_damping_behind():
+    """Far below resonance the data give δ/f0 alone: at the end of the range the damping is that of a frequency there.
+
+    A natural frequency that the search took beyond the end would be brought back by the fit, its damping would not.
+    """
+    model, frequency, rng = parse("accelerometer+boxcar"), np.geomspace(0.5, 20.0, 20), np.random.default_rng(1)
+    for _ in range(6):
+        p = {"sensitivity": 1.0, "natural_frequency": 20.0 * rng.uniform(10.0, 30.0)}
+        p |= {"damping_ratio": rng.uniform(0.01, 0.1), "boxcar_length": rng.uniform(0.3, 0.9) / 20.0}
+        h = model.frequency_response(p, frequency)
+        u, turn = 1e-3 * rng.standard_normal((2, 20))
+        data = frequency, np.abs(h) * (1.0 + u), np.angle(h) + turn, 1e-3 * np.abs(h), np.full(20, 1e-3)
+        problem = FrequencyProblem(model, "acceleration", True, True, data)
+        assert cost_from(problem, model, start_values(problem, model)) < cost_from(problem, model, p) + 0.1

@@ -186,6 +186,24 @@ def test_the_search_range_is_a_bound():
 # When a model is refused
 
 
+def test_what_holds_for_a_frequency_at_its_bound_alone_is_named(rng):
+    """A resonance far above the points: damping and length of the average are right, or named with the bound."""
+    frequency, bounded = np.geomspace(0.5, 20.0, 30), 0
+    for _ in range(6):
+        p = {"sensitivity": 1.0, "natural_frequency": 20.0 * rng.uniform(15.0, 30.0), "damping_ratio": 0.012}
+        p["boxcar_length"] = rng.uniform(0.3, 0.9) / 20.0
+        h = parse("accelerometer+boxcar").frequency_response(p, frequency)
+        u, turn = 4e-4 * rng.standard_normal((2, 30))
+        table = ResponseTable(frequency, np.abs(h) * (1.0 + u), np.angle(h) + turn, 4e-4 * np.abs(h), np.full(30, 4e-4))
+        result = vibrident.identify(Calibration(table=table, model="accelerometer+boxcar"))
+        said = " ".join(w.message for w in result.warnings)
+        bounded += "at_bound" in result.warning_codes
+        for name, words in (("damping_ratio", "damping ratio"), ("boxcar_length", "boxcar length")):
+            found = result.parameters[name]
+            assert abs(found.value - p[name]) < 4.0 * (found.standard_uncertainty or np.inf) or words in said
+    assert bounded >= 2
+
+
 def points(rng, n, factor=1.0, freedom=np.inf):
     """Squared deviations of n complex points whose stated variances come from ``freedom`` degrees of freedom."""
     normal = factor * (rng.standard_normal(n) + 1j * rng.standard_normal(n))

@@ -9,6 +9,7 @@ Finally the weighted difference is used, which the estimators minimise.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
+from vibrident.problem.coordinates import searched
 from vibrident.records import FloatArray, Quantity
 
 #: Step of the differences in coordinates near one.
@@ -85,14 +87,24 @@ class Chart:
     frequency_hz: FloatArray
     time_unit_s: float
 
+    @functools.cached_property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency of the points."""
+        return float(np.min(self.frequency_hz)), float(np.max(self.frequency_hz))
+
     def values(self, u: FloatArray, sign: FloatArray) -> dict[str, FloatArray]:
-        """Name to physical values, each of shape (C, 1)."""
-        found = {}
+        """Name to physical values, each of shape (C, 1); none outside the range that a fit searches.
+
+        Out there others would make up for it, which cannot follow when it is brought back.
+        """
+        found, ends = {}, searched(self.band_hz)
         for index, spec in enumerate(self.model.parameters):
             column = u[:, index, None]
             if spec.kind == "gain":
                 found[spec.name] = sign[:, None] * np.exp(np.clip(column, -700.0, 700.0))
-            elif spec.kind in ("log", "duration", "positive"):
+            elif spec.kind in ends:
+                found[spec.name] = np.clip(np.exp(np.clip(column, -300.0, 300.0)), *ends[spec.kind])
+            elif spec.kind == "positive":
                 found[spec.name] = np.exp(np.clip(column, -300.0, 300.0))
             elif spec.kind == "time":
                 found[spec.name] = column * self.time_unit_s

@@ -30,6 +30,12 @@ BAND_MARGIN = 300.0
 MARGIN_BELOW = 1e6
 
 
+def searched(band_hz: Any) -> dict[str, tuple[Any, Any]]:
+    """Kind of a parameter to its lowest and highest value that a fit searches, for data of this band."""
+    low, high = band_hz[0] / MARGIN_BELOW, band_hz[1] * BAND_MARGIN
+    return {"log": (low, high), "duration": (1.0 / (BAND_MARGIN * high), 1.0 / low)}
+
+
 @dataclass(frozen=True)
 class Coordinates:
     """The map between coordinates z, shape (parameters,), and a model's parameters. To JAX, a pytree.
@@ -78,8 +84,7 @@ class Coordinates:
     @property
     def edges(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of the range searched, each of shape (parameters,); infinite where open."""
-        low, high = float(self.band_hz[0]) / MARGIN_BELOW, float(self.band_hz[1]) * BAND_MARGIN
-        ends = {"log": (low, high), "duration": (1.0 / (BAND_MARGIN * high), 1.0 / low)}
+        ends = searched([float(f) for f in self.band_hz])
         rows = [
             np.log(np.array(ends[spec.kind]) / float(start)) if spec.kind in ends else np.array([-np.inf, np.inf])
             for spec, start in zip(self.model.parameters, np.asarray(self.start), strict=True)
@@ -89,15 +94,13 @@ class Coordinates:
     def physical(self, z: Any) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced."""
         values, xp = {}, array_library(z)
-        low, high = self.band_hz[0] / MARGIN_BELOW, self.band_hz[1] * BAND_MARGIN
+        ends = searched(self.band_hz)
         for index, spec in enumerate(self.model.parameters):
             start = self.start[index]
             if spec.kind == "gain":
                 values[spec.name] = z[index] * start
-            elif spec.kind == "log":
-                values[spec.name] = xp.clip(start * xp.exp(z[index]), low, high)
-            elif spec.kind == "duration":
-                values[spec.name] = xp.clip(start * xp.exp(z[index]), 1.0 / (BAND_MARGIN * high), 1.0 / low)
+            elif spec.kind in ends:
+                values[spec.name] = xp.clip(start * xp.exp(z[index]), *ends[spec.kind])
             elif spec.kind == "ratio":
                 values[spec.name] = z[index]
             elif spec.kind == "inverse":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.models.slopes import response_and_slopes
 from vibrident.naming import in_words
 from vibrident.problem import Coordinates
 from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
@@ -18,6 +19,10 @@ WEAK = 0.1
 TRADE = 5.0
 #: Beyond this a relative standard uncertainty (of a delay: in rad) is no number to state: nothing is known.
 NOTHING = 1e3
+#: A frequency at the end of its range is compared with one so many times nearer to the band.
+NEARER = 10.0
+#: Frequencies of the band at which one parameter is traded for others.
+TRADED_POINTS = 50
 #: A parameter is at the end of its range if its relative distance from it is less than this.
 MARGIN = 1e-3
 
@@ -94,7 +99,27 @@ def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: Fl
         value = values[spec.name]
         if spec.kind == "log" and not low * (1.0 + MARGIN) < value < high / (1.0 + MARGIN):
             text = f"The {in_words(spec.name)} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
+            traded = _traded(coordinates, values, deviation, index)
+            text += f" What is stated of the {traded} holds for this frequency only." if traded else ""
             warnings.append(ResultWarning("at_bound", text))
         if spec.kind == "positive" and deviation[index] < NOTHING and value < 1e-6 + 0.01 * deviation[index]:
             warnings.append(ResultWarning("at_bound", f"The {in_words(spec.name)} lies at its bound, zero."))
     return warnings
+
+
+def _traded(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, index: int) -> str:
+    """The other parameters, in words, that a frequency nearer to the band would move by more than their u."""
+    model, (low, high) = coordinates.model, np.asarray(coordinates.band_hz, dtype=float)
+    name, points = model.parameter_names[index], np.geomspace(low, high, TRADED_POINTS)
+    nearer = values[name] / NEARER if values[name] > high else values[name] * NEARER
+    response, slopes = response_and_slopes(model, values, points)
+    moved, _ = response_and_slopes(model, {**values, name: nearer}, points)
+    change = np.log(moved / response)
+    relative = (slopes * coordinates.slopes(coordinates.place(values))[:, None] / response).T
+    relative = np.concatenate([np.real(relative), np.imag(relative)])
+    others = np.flatnonzero((np.linalg.norm(relative, axis=0) > 0.0) & (np.arange(len(deviation)) != index))
+    amounts, *_ = np.linalg.lstsq(relative[:, others], np.concatenate([np.real(change), np.imag(change)]), rcond=1e-12)
+    names = [
+        in_words(model.parameter_names[k]) for k, by in zip(others, amounts, strict=True) if abs(by) > deviation[k]
+    ]
+    return " and the ".join(names)
