@@ -21,7 +21,7 @@ def measurement(tree: Tree, result: Result) -> Any:
         InputError: a unit has no form in D-SI.
     """
     make, text = tree.make, tree.text
-    stated = result.certificate
+    stated, release = result.certificate, cleaned(result.provenance.get("vibrident") or "not stated")
     methods = [
         make(
             "usedMethod",
@@ -61,15 +61,11 @@ def measurement(tree: Tree, result: Result) -> Any:
         "measurementResult",
         text("name", "Sensitivity of a vibration sensor"),
         make("usedMethods", *methods),
-        make("usedSoftware", make("software", text("name", "vibrident"), make("release", text=_release(result)))),
+        make("usedSoftware", make("software", text("name", "vibrident"), make("release", text=release))),
         make("measuringEquipments", *equipment) if equipment else None,
         make("influenceConditions", *conditions) if conditions else None,
         make("results", *results),
     )
-
-
-def _release(result: Result) -> str:
-    return cleaned(result.provenance.get("vibrident") or "not stated")
 
 
 _CONDITIONS = (

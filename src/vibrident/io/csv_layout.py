@@ -6,7 +6,6 @@ import contextlib
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -160,7 +159,8 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
     cells = {i: split_line(lines[i], delimiter) for i in rows if i <= first}
     _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
     data = (split_line(lines[i], delimiter) for i in rows if i >= first)
-    columns = fields - 1 if _has_trailing_separator(data, fields) else fields
+    trailing = fields > 1 and all(len(row) != fields or row[-1] == "" for row in data)  # a separator at the end
+    columns = fields - 1 if trailing else fields
     names, units = _names(lines, first, cells, delimiter, columns)
     offset = 0
     for _ in range(first):
@@ -172,10 +172,6 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENT)
-
-
-def _is_missing(cell: str) -> bool:
-    return cell.lower() in _MISSING
 
 
 def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
@@ -228,7 +224,7 @@ def _has_number(row: list[str], fields: int, numeric: list[int], decimal: str) -
 
 def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, where: str) -> None:
     """Refuse a line that is half header, half data: dropping or using it would be a guess."""
-    text = [column for column in numeric if not is_number(row[column], decimal) and not _is_missing(row[column])]
+    text = [column for column in numeric if not is_number(row[column], decimal) and row[column].lower() not in _MISSING]
     if text:
         raise InputError(
             "The first row of numbers holds text.",
@@ -237,10 +233,6 @@ def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, wh
             where=where,
             remedy="repair the value; or, if the line belongs to the header, put # in front of it",
         )
-
-
-def _has_trailing_separator(rows: Iterable[list[str]], fields: int) -> bool:
-    return fields > 1 and all(len(row) != fields or row[-1] == "" for row in rows)
 
 
 def _names(

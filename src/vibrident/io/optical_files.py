@@ -23,7 +23,7 @@ from vibrident.io.clocks import SAME_RATE, agreed_rate
 from vibrident.io.columns import ColumnFile
 from vibrident.io.interferometer_section import InterferometerSection
 from vibrident.io.readers import open_columns, sha256
-from vibrident.io.record_files import Part, named_parts, read_record, stated_rate, timed
+from vibrident.io.record_files import Part, named_parts, read_record, stated_sampling, timed
 from vibrident.io.sampling import Sampling, cut
 from vibrident.records import Provenance, Quantity, Record
 
@@ -174,8 +174,7 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
     if column is not None and entry.rate_hz is None:
         place = main.position_of(column, "[sampling] time_column")
         return timed(main, place, *main.load([place]))
-    agreed = stated_rate(part, calibration, [(main, at)])
-    return Sampling(agreed.rate_hz, entry.start_time_s or 0.0)
+    return stated_sampling(part, calibration, [(main, at)])
 
 
 def _optical_rate(

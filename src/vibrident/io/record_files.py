@@ -12,7 +12,7 @@ from pathlib import Path
 
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
-from vibrident.io.clocks import SAME_RATE, Clock, agreed_rate, contradicting_rate, require_same_start
+from vibrident.io.clocks import SAME_RATE, agreed_rate, contradicting_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.file_order import natural
 from vibrident.io.header_units import require_channel_unit, seconds_per_unit
@@ -240,7 +240,7 @@ def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], 
 def _sampling(part: Part, calibration: CalibrationFile, channels: dict[str, _Channel]) -> Sampling:
     time = channels.get("time")
     if time is None:
-        return _stated_sampling(part, calibration, [*channels.values()])
+        return stated_sampling(part, calibration, [(c.source, c.position) for c in channels.values()])
     return timed(time.source, time.position, time.values)
 
 
@@ -269,8 +269,8 @@ def _scaled(full_scale: float | None, scale: float) -> float | None:
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def stated_rate(part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]) -> Clock:
-    """The rate of the calibration file or of the data file; two stated ones must agree.
+def stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]) -> Sampling:
+    """The sampling by the rate of the calibration file or of the data file; two stated ones must agree.
 
     Raises:
         InputError: neither states one, or they differ.
@@ -286,13 +286,8 @@ def stated_rate(part: Part, calibration: CalibrationFile, channels: Sequence[tup
             where=f"{part.where.split(', [[records]]')[0]}, [sampling]",
             remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
         )
-    return agreed
-
-
-def _stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[_Channel]) -> Sampling:
-    agreed = stated_rate(part, calibration, [(c.source, c.position) for c in channels])
     note = f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {agreed.rate_rounding:.1g} (relative)"
-    return Sampling(agreed.rate_hz, part.entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
+    return Sampling(agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
 
 
 def _check_frequency(part: Part, sampling: Sampling, file: str) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 
 from vibrident.errors import ModelError
 from vibrident.models import SensorModel
+from vibrident.models.add_ons.mode2 import in_parallel
 from vibrident.models.base import AddOn, Parameters, ParameterSpec, Rational
 
 #: Start of the neurons' slopes, over the largest response.
@@ -36,18 +37,7 @@ def _memory(parameters: Parameters, core: Rational) -> Rational:
 
 def _with_memory(parameters: Parameters, system: Rational) -> Rational:
     beside = _memory(parameters, system)
-    own, other = system.denominator, beside.denominator
-    numerator = [0.0] * max(len(system.numerator) + 2, len(own))
-    for i, a in enumerate(system.numerator):
-        for j, b in enumerate(other):
-            numerator[i + j] = numerator[i + j] + a * b
-    for k, c in enumerate(own):
-        numerator[k] = numerator[k] + beside.numerator[0] * c
-    denominator = [0.0] * (len(own) + 2)
-    for i, a in enumerate(own):
-        for j, b in enumerate(other):
-            denominator[i + j] = denominator[i + j] + a * b
-    return Rational(system.gain, tuple(numerator), tuple(denominator), system.angular_scale)
+    return in_parallel(system, beside.numerator[0], beside.denominator)
 
 
 def _force(parameters: Parameters, response: Any) -> Any:

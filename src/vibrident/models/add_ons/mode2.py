@@ -22,9 +22,13 @@ from vibrident.models.base import AddOn, Core, Labels, Parameters, ParameterSpec
 def _rational(parameters: Parameters, system: Rational) -> Rational:
     w2 = 2.0 * np.pi * parameters["mode2_frequency"]
     second = (w2 * w2, 2.0 * parameters["mode2_damping"] * w2, 1.0)
-    share = parameters["mode2_gain"] * w2 * w2
-    numerator = _sum(_product(system.numerator, second), tuple(share * c for c in system.denominator))
-    return Rational(system.gain, numerator, _product(system.denominator, second), system.angular_scale)
+    return in_parallel(system, parameters["mode2_gain"] * w2 * w2, second)
+
+
+def in_parallel(system: Rational, share: Any, denominator: tuple[Any, ...]) -> Rational:
+    """The system gain · [N(s)/D(s) + share/denominator(s)], coefficients in ascending powers."""
+    numerator = _sum(_product(system.numerator, denominator), tuple(share * c for c in system.denominator))
+    return Rational(system.gain, numerator, _product(system.denominator, denominator), system.angular_scale)
 
 
 def _product(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
