@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from vibrident.measure.regimes import changes, odd_record
+from vibrident.measure.odd_records import odd_record
+from vibrident.measure.regimes import changes
 from vibrident.records import FloatArray, Record
 
 N, RATE = 4000, 1e3
@@ -74,6 +76,21 @@ def test_noise_of_the_reference_through_a_sharp_resonance_is_no_change(rng: np.r
         response = response + 1e-3 * rng.standard_normal(N)
         alarms += len(changes([Record("r", motion + noise, response, RATE, "random")], [response + unfelt], [None]))
     assert alarms == 0
+
+
+def test_ringing_that_the_noise_of_the_reference_excites_is_no_change(rng: np.random.Generator) -> None:
+    """δ of 0.0005 to 0.001 in records of 1000 samples: it rings for as long as the record, in the prediction too."""
+    alarms, frequency = 0, np.fft.rfftfreq(1000)
+    for _ in range(200):
+        angle, damping = 2.0 * np.pi * rng.uniform(0.05, 0.14), rng.uniform(0.0005, 0.001)
+        recursion = [1.0, -2.0 * np.exp(-damping * angle) * np.cos(angle), np.exp(-2.0 * damping * angle)]
+        spectrum = np.fft.rfft(rng.standard_normal(1000))
+        motion = np.fft.irfft(np.where((frequency > 0.005) & (frequency < 0.2), spectrum, 0.0))
+        noisy = motion + 0.01 * np.std(motion) * rng.standard_normal(1000)
+        response, series = (lfilter([1.0], recursion, v) for v in (motion, noisy))
+        response = response + 1e-4 * np.std(response) * rng.standard_normal(1000)
+        alarms += len(changes([Record("r", noisy, response, RATE, "random")], [series], [None]))
+    assert alarms <= 1
 
 
 @pytest.mark.parametrize("kind", ["sine", "multisine", "random"])

@@ -15,7 +15,8 @@ from vibrident.estimators.search import Sought
 from vibrident.estimators.start import find_start, sought_response
 from vibrident.judge.adequacy import Judgement
 from vibrident.measure.nonlinearity import SQUARE, distortion
-from vibrident.measure.regimes import changes, findings, odd_record
+from vibrident.measure.odd_records import odd_record
+from vibrident.measure.regimes import changes, findings
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.naming import in_words

@@ -40,7 +40,7 @@ def whitened(record: Record) -> Record | None:
     response, reference = (
         np.where(used, values - values[used].mean(), 0.0) for values in (record.response, record.reference)
     )
-    coefficients = _prediction_error(response)
+    coefficients = prediction_error(response)
     known = np.convolve(~used, np.ones(ORDER + 1))[ORDER : record.samples] < 0.5
     if known.sum() < FEWEST_FOR_EACH * ORDER:
         return None
@@ -48,8 +48,12 @@ def whitened(record: Record) -> Record | None:
     return replace(record, reference=reference, response=response, valid=known, reference_valid=None)
 
 
-def _prediction_error(values: FloatArray) -> FloatArray:
-    """Coefficients of the filter of least error, the first of them one, shape (ORDER + 1,); ``values`` of zero mean."""
+def prediction_error(values: FloatArray) -> FloatArray:
+    """The filter of least error in the next sample, the first coefficient one, shape (ORDER + 1,).
+
+    Args:
+        values: of zero mean, zero where they are not known, shape (samples,).
+    """
     n = values.size
     shifted = [values[ORDER - lag : n - lag] for lag in range(ORDER + 1)]
     moments = np.array([[float(one @ other) for other in shifted] for one in shifted])

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 
+from vibrident.measure.alignment import prediction_error
 from vibrident.measure.nonlinearity import heard_motion, median_level
+from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.response import LEAST_DEVIATION
 from vibrident.measure.tones import turning
-from vibrident.measure.verdict import rejected
-from vibrident.records import FloatArray, Record
+from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.tails import f_tail
 
 #: Probability of a finding in a calibration without a change.
@@ -57,10 +58,6 @@ HARMONICS = 5
 AT_ONCE = 1 << 16
 #: Hum is significant at this power over that of white noise.
 HEARD = 12.0
-#: A single record is another sensor's where it holds at least this part of what χ² exceeds its degrees of freedom by.
-ODD = 0.9
-#: Fewest records among which one may be odd.
-FEWEST_RECORDS = 4
 #: Largest number of changes that are listed one by one.
 MOST_NAMED = 3
 
@@ -112,6 +109,8 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
         return None
     residual = np.where(used, record.response - series, 0.0)
     residual = np.where(used, residual - np.mean(residual[used]), 0.0)
+    if record.excitation == "random":
+        series, residual, used = _without_memory(series, residual, used)
     lines = np.asarray(fft.rfft(residual), dtype=complex)
     power = np.abs(lines) ** 2
     # Noise of the reference is in prediction and residual alike: lines that hold nothing else are no motion.
@@ -136,6 +135,21 @@ def _change(record: Record, series: FloatArray, frequency: float | None, chance:
     change = found.fit[2:] / found.blocks.scale
     time_s = float(parts[found.place][0]) / record.sampling_rate_hz
     return Change(record.name, time_s, float(change[0]), float(-change[1]), slow=found.slow)
+
+
+def _without_memory(
+    series: FloatArray, residual: FloatArray, used: BoolArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Prediction and residual through the filter that predicts the residual from its past, and where both are known.
+
+    Noise of the reference rings on in a sharp resonance, in both alike, for longer than the record: blocks would differ
+    by what happened before. The filter takes the ringing out, which no spectrum at the record's lines resolves.
+    """
+    coefficients = prediction_error(residual)
+    filtered = [np.convolve(np.where(used, v, 0.0), coefficients)[: used.size] for v in (series, residual)]
+    known = np.convolve(~used, np.ones(coefficients.size))[: used.size] < 0.5
+    known[: coefficients.size - 1] = False
+    return np.where(known, filtered[0], np.nan), np.where(known, filtered[1], 0.0), known
 
 
 def _whitening(power: FloatArray, *, tones: bool) -> FloatArray:
@@ -316,63 +330,6 @@ def _fewer(left: FloatArray, powers: FloatArray) -> float:
         )  # a fit leaves small differences between them
         found += 2.0 * (1.0 - lag / (LAGS + 1.0)) * alike
     return float(np.clip(found, 1.0, 50.0))
-
-
-@dataclass(frozen=True)
-class OddRecord:
-    """A record that does not belong to the others.
-
-    Attributes:
-        record: its name.
-        chi2_reduced: of all records; without this one.
-        without: χ² over degrees of freedom of the others alone.
-        gain: relative deviation of its response from the others' prediction, rms over its points.
-    """
-
-    record: str
-    chi2_reduced: float
-    without: float
-    gain: float
-
-
-def odd_record(
-    matrix: FloatArray, rest: FloatArray, record: Sequence[str], relative_deviation: FloatArray
-) -> OddRecord | None:
-    """The one record without which the model explains the data that it does not explain with it.
-
-    Args:
-        matrix: slopes of the weighted deviations, real parts then imaginary parts of n points, shape (2 n, p).
-        rest: weighted deviations, shape (2 n,).
-        record: name of the record of each point, n of them.
-        relative_deviation: of each point's real part, shape (n,).
-    """
-    names = list(dict.fromkeys(record))
-    owner = np.tile([names.index(name) for name in record], 2)
-    degrees = rest.size - matrix.shape[1]
-    whole = _left(matrix, rest)
-    if len(names) < FEWEST_RECORDS or degrees <= 0 or not rejected(whole, degrees):
-        return None
-    lefts = [_left(matrix[owner != k], rest[owner != k]) for k in range(len(names))]
-    odd = int(np.argmin(lefts))
-    others = owner != odd
-    freedom = int(np.sum(others)) - matrix.shape[1]
-    if freedom < len(names) // 2 or rejected(lefts[odd], freedom) or whole - lefts[odd] < ODD * (whole - degrees):
-        return None
-    if any(
-        k != odd and not rejected(left, rest.size - int(np.sum(owner == k)) - matrix.shape[1])
-        for k, left in enumerate(lefts)
-    ):
-        return None  # which one, nothing tells
-    amounts, *_ = np.linalg.lstsq(matrix[others], rest[others], rcond=1e-12)
-    off = (rest - matrix @ amounts) * np.tile(relative_deviation, 2)
-    size = float(np.sqrt(2.0 * np.mean(off[~others] ** 2)))
-    return OddRecord(names[odd], whole / degrees, lefts[odd] / freedom, size)
-
-
-def _left(matrix: FloatArray, rest: FloatArray) -> float:
-    basis, _ = np.linalg.qr(matrix)
-    left = rest - basis @ (basis.T @ rest)
-    return float(left @ left)
 
 
 def findings(within: Sequence[Change], odd: OddRecord | None) -> list[Finding]:
