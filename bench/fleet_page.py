@@ -6,13 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bench.publish import put_between
 from vibrident.present import markdown
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "docs" / "fleet.md"
-BEGIN = "<!-- fleet:begin -->"
-END = "<!-- fleet:end -->"
 #: Cores of the plan.
 CORES = (16, 100, 1000)
 #: How often a data file is read: for its key, by its reader, and for its key once more.
@@ -26,10 +25,7 @@ def keep(part: str, figures: dict[str, Any]) -> None:
     kept[part] = figures
     KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     if {"speed", "memory", "study"} <= kept.keys():
-        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        _, _, after = rest.partition(END)
-        text = "\n\n".join([BEGIN, _measured(kept), _million(kept), END])
-        PAGE.write_text(before + text + after, encoding="utf-8")
+        put_between(PAGE, "fleet", "\n".join(["", _measured(kept), "", _million(kept), ""]))
 
 
 def _measured(kept: dict[str, Any]) -> str:

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.publish import put_between
 from vibrident.history import control
 from vibrident.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
 from vibrident.present import markdown
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
-BEGIN = "<!-- study:begin -->"
-END = "<!-- study:end -->"
 LIVES = 500
 WIDTH = "width"
 #: Relative standard uncertainty of a calibration's noise.
@@ -179,9 +178,7 @@ def main(arguments: list[str] | None = None) -> int:
     made = table(lives)
     print(made)
     if lives >= LIVES:
-        text = DOCUMENT.read_text(encoding="utf-8")
-        before, after = text.partition(BEGIN)[0], text.partition(END)[2]
-        DOCUMENT.write_text(f"{before}{BEGIN}\n{made}\n{END}{after}", encoding="utf-8")
+        put_between(DOCUMENT, "study", made)
     return 0
 
 

@@ -22,8 +22,6 @@ from vibrident.present import markdown
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 DOCUMENT = ROOT / "docs" / "bench.md"
-BEGIN = "<!-- bench:begin -->"
-END = "<!-- bench:end -->"
 SCHEMA = "vibrident.bench/1"
 STYLE = {"met": "green", "NOT met": "bold red", "not measured": "yellow", "": ""}
 
@@ -95,12 +93,18 @@ def _earlier(path: Path) -> dict[str, Section]:
 
 
 def _publish(sections: Sequence[Section]) -> None:
-    before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)
-    _, found, after = rest.partition(END)
-    if not found:
-        raise ValueError(f"{DOCUMENT}: expected the markers {BEGIN} and {END}, found no pair; put them back.")
     blocks = [tally(sections) + ".", *(_markdown(section) for section in sections)]
-    _write(DOCUMENT, f"{before}{BEGIN}\n" + "\n\n".join(blocks) + f"\n{END}{after}")
+    put_between(DOCUMENT, "bench", "\n\n".join(blocks))
+
+
+def put_between(document: Path, name: str, text: str) -> None:
+    """Replace what stands in a document between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``."""
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    before, _, rest = document.read_text(encoding="utf-8").partition(begin)
+    _, found, after = rest.partition(end)
+    if not found:
+        raise ValueError(f"{document}: expected the markers {begin} and {end}, found no pair; put them back.")
+    _write(document, f"{before}{begin}\n{text}\n{end}{after}")
 
 
 def _markdown(section: Section) -> str:
