@@ -10,8 +10,11 @@ import pytest
 import vibrident
 from vibrident.estimators import training
 from vibrident.models import parse
+from vibrident.problem import Coordinates
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
+from vibrident.uncertainty.band import shift_without
+from vibrident.uncertainty.linearised import Linearised
 
 TONES = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]
 MODEL = parse("accelerometer")
@@ -161,6 +164,24 @@ def test_euler_weights_disagree_with_the_tones():
     tones = vibrident.identify(made, estimator="ml").parameters.values()
     (said,) = [w.message for w in result.warnings if w.code == "estimators_disagree"]
     assert any(f"{p.value:.6g}" in said for p in tones), said
+
+
+def test_the_shift_of_a_part_scatters_as_stated_where_noise_is_known_from_few_lines(rng):
+    """Ten degrees of freedom a band, 1000 draws: what known weights would say is 20 % less."""
+    z, band_hz = np.array([1.0, 0.0, 0.182]), (20.0, 1500.0)
+    coordinates = Coordinates.at(MODEL, TRUTH, band_hz)
+    frequency, freedom = np.geomspace(*band_hz, 40), np.full(80, 10.0)
+    ratios = {"estimated": [], "known": []}
+    for _ in range(1000):
+        noise = 1e-3 * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
+        measured = MODEL.frequency_response(coordinates.values(z), frequency) * (1.0 + noise)
+        deviation = 1e-3 * np.sqrt(rng.chisquare(10, 40) / 10.0)
+        rows = Linearised.of_points(coordinates, z, "acceleration", frequency, measured, deviation)
+        for kind, stated in (("estimated", freedom), ("known", None)):
+            shift, variance = shift_without(rows, rows.frequency_hz < 350.0, stated)
+            ratios[kind].append(shift**2 / variance)
+    assert np.sqrt(np.mean(ratios["estimated"], axis=0)) == pytest.approx(np.ones(3), abs=0.1)
+    assert np.all(np.sqrt(np.mean(ratios["known"], axis=0)) > 1.1)
 
 
 def test_a_second_mode_makes_the_parameters_depend_on_the_band():

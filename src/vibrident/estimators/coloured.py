@@ -21,8 +21,12 @@ from vibrident.measure.lines import mean_around
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 
-#: Lines averaged on either side of each: a part of the spectrum, within these numbers.
-SHARE, FEWEST, MOST = 1 / 256, 12, 200
+#: Part of the spectrum's lines that is averaged on either side of each.
+SHARE = 1 / 256
+#: Fewest lines averaged on either side.
+FEWEST = 12
+#: Most lines averaged on either side.
+MOST = 200
 #: Lines that a sum over lines copies at once.
 AT_ONCE = 2**16
 

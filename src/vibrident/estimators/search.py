@@ -22,8 +22,12 @@ from vibrident.records import FloatArray, Quantity
 
 #: Step of the differences in coordinates near one.
 STEP = 1e-7
-#: Damping of Levenberg–Marquardt at the start, and by what a good and a bad step change it.
-DAMPING, EASED, STIFFENED = 1e-2, 0.2, 5.0
+#: Damping of Levenberg–Marquardt at the start.
+DAMPING = 1e-2
+#: Factor on the damping after a step that lowers the cost.
+EASED = 0.2
+#: Factor after one that does not.
+STIFFENED = 5.0
 #: No coordinate moves further at once.
 LONGEST = 0.7
 #: Residuals beyond so many times the common size, or so many standard deviations, count for less than their square.

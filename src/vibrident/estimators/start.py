@@ -24,23 +24,42 @@ from vibrident.records import FloatArray
 
 FREQUENCIES_PER_DECADE = 24
 DECADES_OUTSIDE = 1.5
-#: Points of the search, of the grid of add-ons, and of the last step.
-MOST_POINTS, MOST_SCORED_POINTS, MOST_FINAL_POINTS = 200, 80, 800
-#: Cores from the grid, combinations with add-ons that go down some steps, and those of them that go on.
-CORES, FIRST, SECOND, LAST = 6, 64, 12, 6
+#: Most points of the search.
+MOST_POINTS = 200
+#: Most points by which the grid of add-ons is compared.
+MOST_SCORED_POINTS = 80
+#: Most points of the last step.
+MOST_FINAL_POINTS = 800
+#: Cores that are taken from the grid.
+CORES = 6
+#: Combinations of cores with add-ons that go down some steps.
+FIRST = 64
+#: Those of them that go on.
+SECOND = 12
+#: Those that are brought to an end.
+LAST = 6
 #: Combinations of the grid that go down the phases without the magnitudes' way.
 BESIDE = 32
 #: Candidates whose delays two modes are fitted with by linear algebra.
 BY_ALGEBRA = 3
-#: Steps of each stage.
-FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
+#: Steps of the first stage, of all combinations.
+FEW_STEPS = 6
+#: Steps of the stages between.
+STEPS = 25
+#: Steps of the last stage.
+LAST_STEPS = 40
 #: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
 LEAST_DEVIATION = 0.01
-#: Candidates that differ by less in every coordinate are one.
-APART, SAME = 0.15, 1e-3
-#: A delay is looked for over so many periods of the highest frequency either way, so many times a period; the best of
-#: them go on.
-PERIODS, PER_PERIOD, DELAYS = 400, 8, 3
+#: Candidates on their way that differ by less in every coordinate are one.
+APART = 0.15
+#: Optima that differ by less in every coordinate are one.
+SAME = 1e-3
+#: A delay is looked for over so many periods of the highest frequency either way.
+PERIODS = 400
+#: Delays tried in each period.
+PER_PERIOD = 8
+#: Delays of each candidate that go on, the best ones.
+DELAYS = 3
 #: Of alignments of the phases that differ by less than this part for each doubling, the shorter delay is likelier.
 LIKELIER = 2e-3
 #: Optima whose costs differ by less fit alike: then the shorter delay is taken.

@@ -193,7 +193,8 @@ def _moving(
     if judgement.found:
         shape = patterns(judgement.found, coordinates, at.z, evidence.quantity, linear.frequency_hz)
         common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
-    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, _scatter(judgement), common)
+    freedom = np.tile(np.concatenate([p.freedom for p in judgement.points]), 2) if judgement.points else None
+    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, _scatter(judgement), common, freedom)
     if judgement.tones is not None and estimate.criterion != "likelihood":
         alone = _of_points(evidence, estimate, judgement.points[0])
         largest = max((abs(size) for _, size in judgement.effects), default=1.0)

@@ -29,18 +29,27 @@ FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
 #: The noise of a wider band is estimated from every second, third … line, to save memory.
 MOST_LINES = 4096
-#: Stretches of time, half of each the next one's too, and groups of their lines, that tell how noise changes.
-STRETCHES, GROUPS = 15, 16
-#: A group is without motion below this part of the residual's power; fewer than so many tell nothing.
-STILL, FEWEST_STILL = 0.1, 3
+#: Stretches of time, half of each the next one's too, that tell how noise changes.
+STRETCHES = 15
+#: Groups of the lines of a stretch.
+GROUPS = 16
+#: A group is without motion below this part of the residual's power.
+STILL = 0.1
+#: Fewer groups without motion tell nothing.
+FEWEST_STILL = 3
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
-#: … and where at least this part of the response is coherent with it, unless that leaves fewer bands than this.
-LEAST_COHERENCE, FEWEST_BANDS = 0.4, 6
-#: A band of which less than this part stays when so much of the record is faded at either end holds what leaks over
-#: from others, residual and prediction alike: both begin and end in the middle of a motion. A step that could leak less
-#: than so much is none.
-OWN_POWER, TAPER, LEAKED = 0.5, 1.0 / 64.0, 0.1
+#: … and where at least this part of the response is coherent with it …
+LEAST_COHERENCE = 0.4
+#: … unless that leaves fewer bands than this.
+FEWEST_BANDS = 6
+#: A band of which less than this part stays when the ends are faded holds what leaks over from others, residual and
+#: prediction alike: both begin and end in the middle of a motion.
+OWN_POWER = 0.5
+#: Part of the record that is faded at either end for this.
+TAPER = 1.0 / 64.0
+#: The ends leak where they could give more than this part of a line's power.
+LEAKED = 0.1
 #: A band is not used if noise of the reference makes up more than this part of the prediction.
 MOST_SHARED = 0.3
 #: A displacement holds so much more at low frequencies that these would leak over all others; differences of both

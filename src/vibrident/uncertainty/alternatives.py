@@ -22,10 +22,14 @@ from vibrident.result import ResultWarning
 
 #: Another optimum fits as well where its χ² is larger by less than this: it would be the true one in 1 of 370 cases …
 ALIKE = 9.0
-#: … and it is another one where a parameter differs by so many of its standard uncertainties, and by this part.
-FAR, DIFFERENT = 5.0, 0.01
-#: Steps on the way down, other optima tried.
-STEPS, MOST = 30, 4
+#: … and it is another one where a parameter differs by so many of its standard uncertainties …
+FAR = 5.0
+#: … and by this part of its value.
+DIFFERENT = 0.01
+#: Steps on the way down.
+STEPS = 30
+#: Other optima that are tried.
+MOST = 4
 
 
 @dataclass(frozen=True)

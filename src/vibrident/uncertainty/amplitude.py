@@ -15,8 +15,12 @@ from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 from vibrident.uncertainty.linearised import Linearised
 
-#: It counts beyond this many standard deviations, above this relative size, where it explains this part of χ².
-SIGNIFICANT, LEAST, EXPLAINED = 4.5, 1e-3, 0.5
+#: The effect counts beyond this many standard deviations …
+SIGNIFICANT = 4.5
+#: … above this relative size …
+LEAST = 1e-3
+#: … where it explains this part of χ².
+EXPLAINED = 0.5
 #: The part of the effect's shape that the parameters cannot follow must be so many times, in squares, the part that
 #: noise of the amplitudes makes. For a sensor that is flat over the tones only the latter is left.
 CLEAR = 10.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.naming import amount, in_words
 from vibrident.problem import Coordinates
-from vibrident.records import FloatArray
+from vibrident.records import BoolArray, FloatArray
 from vibrident.result import ResultWarning
 from vibrident.uncertainty.identifiability import WEAK
 from vibrident.uncertainty.linearised import Linearised
@@ -20,6 +20,8 @@ CUT = 1.0 / 3.0
 SIGNIFICANT = 4.5
 #: … each at least this part of the parameter's own.
 LEAST = 0.1
+#: Fewer degrees of freedom of a row's standard deviation count as so many.
+FEWEST_FREEDOM = 6.0
 #: Shifts of the coordinates (relative, nearly) below this are of no use to anybody.
 IRRELEVANT = 1e-4
 
@@ -32,12 +34,11 @@ def band_sensitive(
     units: Mapping[str, str],
     variance_factor: float = 1.0,
     common: FloatArray | None = None,
+    freedom: FloatArray | None = None,
 ) -> list[ResultWarning]:
     """A warning for each parameter that the lower or the upper two thirds of the frequencies would move.
 
     A part that hardly determines a parameter says nothing of it.
-
-    For efficient estimates the variance of the shift is that of the part less that of the whole (Hausman 1978).
 
     Args:
         linear: the fit, linearised at ``z``.
@@ -47,11 +48,12 @@ def band_sensitive(
         units: of the parameters, by name.
         variance_factor: of the rows, by their scatter.
         common: systematic effects of unknown amount in the rows, in their standard deviations, shape (m, K).
+        freedom: degrees of freedom of each row's standard deviation, shape (m,); None: known.
     """
     frequencies = np.unique(linear.frequency_hz)
     if len(frequencies) < 6:
         return []
-    whole, whole_covariance = linear.solve()
+    whole_covariance = linear.solve()[1]
     low, high = np.quantile(frequencies, [CUT, 1.0 - CUT])
     stated = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     worst: dict[int, tuple[float, str]] = {}
@@ -61,10 +63,9 @@ def band_sensitive(
     ):
         if keep.sum() < len(z) + 3:
             continue
-        part, part_covariance = linear.solve(keep)
-        shift = part - whole
-        own = np.diag(whole_covariance)
-        variance = variance_factor * np.maximum(np.diag(part_covariance) - own, LEAST**2 * own)
+        part_covariance = linear.solve(keep)[1]
+        shift, scatter = shift_without(linear, keep, freedom)
+        variance = np.maximum(scatter, LEAST**2 * np.diag(whole_covariance)) * variance_factor
         for effect in () if common is None else common.T:
             with_it = replace(linear, rest=effect)
             variance = variance + (with_it.solve(keep)[0] - with_it.solve()[0]) ** 2
@@ -77,6 +78,24 @@ def band_sensitive(
                 times = float(abs(shift[index]) / stated[index]) if stated[index] > 0 else size
                 worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, times, units))
     return [ResultWarning("band_sensitive", text) for _, text in worst.values()]
+
+
+def shift_without(linear: Linearised, keep: BoolArray, freedom: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """What the estimate from some rows alone has beyond that from all, and its variance, each of shape (p,).
+
+    For weights that are known the variance is that of the part less that of the whole (Hausman 1978). Weights that were
+    estimated, with ν degrees of freedom each, prefer rows whose noise seems small by chance; what these add scatters
+    ν/(ν − 4) times as much as the weights say.
+
+    Args:
+        linear: m rows, linearised at any coordinates nearby.
+        keep: rows of the part, shape (m,).
+        freedom: degrees of freedom of each row's standard deviation, shape (m,); None: known.
+    """
+    (part, of_part), (whole, of_whole) = linear.solve(keep), linear.solve()
+    of_rows = np.where(keep, of_part @ linear.matrix.T, 0.0) - of_whole @ linear.matrix.T
+    excess = np.ones(len(keep)) if freedom is None else 1.0 / (1.0 - 4.0 / np.maximum(freedom, FEWEST_FREEDOM))
+    return part - whole, of_rows**2 @ excess
 
 
 def _sentence(

@@ -29,11 +29,16 @@ from vibrident.records import FloatArray
 
 #: Largest standard deviation that scales the coordinates; an open direction has no finite one.
 WIDEST = 3.0
-#: Chains agree where the largest R̂ is below this (Vehtari et al. 2021), and diverging steps are fewer than this part.
-AGREE, MOST_DIVERGING = 1.02, 0.01
+#: Chains agree where the largest R̂ is below this (Vehtari et al. 2021) …
+AGREE = 1.02
+#: … and a smaller part of the steps than this diverges.
+MOST_DIVERGING = 0.01
+#: Probability of a credible interval.
 COVERAGE = 0.95
-#: A range truncates a distribution if this part of the draws lies within that part of the range from one of its ends.
-ENDED, NEAR = 0.01, 0.05
+#: Draws are near an end of the range searched within this part of it.
+NEAR = 0.05
+#: The range, and not the data, ends a distribution of which more than this part is near an end.
+ENDED = 0.01
 PRIOR = (
     "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit searches; flat in gain "
     "and delay; half-Cauchy of scale 1 for damping ratios; Cauchy of scale 1 for the share of a second mode"
