@@ -51,6 +51,7 @@ LAYERS = (
     "uncertainty",
     "judge",
     "identification",
+    "batched",
     "many",
     "joint",
     "validation",

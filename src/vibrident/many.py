@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -13,6 +15,8 @@ from vibrident.result import Result
 
 #: Calibrations in work or waiting, for each worker.
 WINDOW = 2
+#: Calibrations that are fitted together on a device; they are in memory at the same time.
+TOGETHER = 64
 #: Environment variables that keep a worker's arithmetic on one core.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -26,6 +30,7 @@ def identify_many(
     uncertainty: Literal["auto", "noise", "inflated"] = ...,
     workers: int = ...,
     refused: Literal["raise"] = ...,
+    device: Literal["cpu", "gpu"] = ...,
 ) -> Iterator[Result]: ...
 
 
@@ -38,6 +43,7 @@ def identify_many(
     uncertainty: Literal["auto", "noise", "inflated"] = ...,
     workers: int = ...,
     refused: Literal["return"],
+    device: Literal["cpu", "gpu"] = ...,
 ) -> Iterator[Result | VibridentError]: ...
 
 
@@ -49,6 +55,7 @@ def identify_many(
     uncertainty: Literal["auto", "noise", "inflated"] = "auto",
     workers: int = 1,
     refused: Literal["raise", "return"] = "raise",
+    device: Literal["cpu", "gpu"] = "cpu",
 ) -> Iterator[Result | VibridentError]:
     """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
 
@@ -62,13 +69,21 @@ def identify_many(
             ``if __name__ == "__main__":``.
         refused: on an error of input or model: ``raise`` it, which ends the iteration, or ``return`` it in place of the
             result.
+        device: ``gpu`` fits tones and lines of several calibrations at once on the first GPU that JAX finds, in float64
+            and with the same numbers to 1e-9; the rest of the work stays on the processor. ``settings.device`` of each
+            result says where it was fitted, and why, where it was the processor. It is used with one worker.
 
     Raises:
-        ValueError: ``workers`` is below one, or ``refused`` is something else.
+        ValueError: ``workers`` is below one, or ``refused`` or ``device`` is something else.
+        InputError: there is no GPU.
     """
     if workers < 1 or refused not in ("raise", "return"):
         raise ValueError(f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, {refused!r}")
+    if device not in ("cpu", "gpu") or (device == "gpu" and workers > 1):
+        raise ValueError(f"device 'cpu', or 'gpu' with one worker, is needed, not {device!r} with {workers}")
     given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
+    if device == "gpu":
+        return _told(_together(calibrations, given), refused)
     found = (_identified(one, given) for one in calibrations) if workers == 1 else _beside(calibrations, given, workers)
     return _told(found, refused)
 
@@ -87,6 +102,22 @@ def _identified(calibration: Calibration, given: dict[str, Any]) -> Result | Vib
         return identify(calibration, **given)
     except VibridentError as error:
         return error
+
+
+def _together(calibrations: Iterable[Calibration], given: dict[str, Any]) -> Iterator[Result | VibridentError]:
+    """Some at a time, fitted on the GPU, which is looked for at once."""
+    from vibrident.batched import identified_together
+    from vibrident.batched.program import descend, gpu
+    from vibrident.identification import identify
+
+    on_device = functools.partial(descend, device=gpu())
+
+    def identified() -> Iterator[Result | VibridentError]:
+        waiting = iter(calibrations)
+        while some := list(itertools.islice(waiting, TOGETHER)):
+            yield from identified_together(some, lambda one: identify(one, **given), on_device)
+
+    return identified()
 
 
 def _beside(

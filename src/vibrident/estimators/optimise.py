@@ -6,8 +6,10 @@ An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weight
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -30,6 +32,11 @@ AS_FORESEEN = 0.9
 MOST_REJECTED = 12
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
 LEAST_SHOWN = 1e-14
+
+NOT_FINITE = (
+    "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
+    "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
+)
 
 
 class Quadratic(Protocol):
@@ -82,6 +89,26 @@ class Trace:
         return self.coordinates[-1]
 
 
+class Elsewhere(Protocol):
+    """Makes a descent in another place: one of many on a device. It returns None for one that it cannot make."""
+
+    def __call__(self, objective: Objective, start: FloatArray, args: Any, tolerance: float, most: int) -> Trace | None:
+        """As :func:`levenberg_marquardt`."""
+
+
+_elsewhere: ContextVar[Elsewhere | None] = ContextVar("elsewhere", default=None)
+
+
+@contextlib.contextmanager
+def descended_by(elsewhere: Elsewhere) -> Iterator[None]:
+    """While it lasts, descents of this thread are made elsewhere."""
+    token = _elsewhere.set(elsewhere)
+    try:
+        yield
+    finally:
+        _elsewhere.reset(token)
+
+
 def levenberg_marquardt(
     objective: Objective,
     start: FloatArray,
@@ -110,12 +137,12 @@ def levenberg_marquardt(
     Raises:
         NotConverged: the cost is not finite at the start.
     """
+    elsewhere = _elsewhere.get()
+    if elsewhere is not None and (trace := elsewhere(objective, start, args, tolerance, most)) is not None:
+        return trace
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
-        raise NotConverged(
-            "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
-            "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
-        )
+        raise NotConverged(NOT_FINITE)
     way, damping, rejected = [here], FIRST_DAMPING, 0
     progress(1, most, here.cost)
     for iteration in range(2, most + 1):

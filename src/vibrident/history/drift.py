@@ -9,8 +9,8 @@ line (q = 0), random walk (b = 0), and both. Each set of variances gives a gener
 mixture is the prediction. It has long tails if few calibrations exist.
 
 Beforehand, the variance v of the drift over the whole history, in units of the noise of one calibration, has a density
-∝ (1 + v)^(−5/4): flat below the noise, and beyond it with the fall that gave 95 % coverage from two calibrations on,
-averaged over stable sensors and those with drift or random walk (bench/history.py). It depends on no unit.
+∝ 1/(1 + v): flat below the noise, and beyond it that of Jeffreys for a scale (Box & Tiao 1973, sec. 5.2). So where a
+random walk is large against the noise, its mixture is Student's t with n − 1 degrees of freedom for n calibrations.
 
 A repaired sensor, or one that jumped, has a new a, b and W; β² and q stay the same.
 """
@@ -30,7 +30,6 @@ from vibrident.records import FloatArray
 #: Number of variances in the grid, evenly spaced in their logarithm, in units of the noise.
 NODES = 13
 _LOG_RANGE = (-6.0, 14.0)
-_TAIL = 1.25
 #: Weight below which a node adds nothing to a probability that is printed.
 _LEAST_WEIGHT = 1e-9
 HYPOTHESES = ("line", "random walk", "line and random walk")
@@ -97,7 +96,7 @@ class Drift:
         """β² and q of each node, its weight beforehand, and its hypothesis; each of shape (m,)."""
         logarithm = np.linspace(*_LOG_RANGE, NODES)
         v = np.exp(logarithm)
-        prior = v / (1 + v) ** _TAIL
+        prior = v / (1 + v)  # of log v
         prior = prior / prior.sum() / len(HYPOTHESES)
         none = np.zeros(NODES)
         line = np.concatenate([v, none, np.repeat(v, NODES)]) * self.noise / self._span**2
