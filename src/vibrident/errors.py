@@ -38,12 +38,13 @@ class InputError(VibridentError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        lines = [self.problem]
-        for label in ("expected", "found", "where", "remedy"):
-            text = getattr(self, label)
-            if text:
-                lines.append(f"  {label + ':':<10}{text}")
-        return "\n".join(lines)
+        return "\n".join([self.problem, *(f"  {label + ':':<10}{text}" for label, text in self.parts)])
+
+    @property
+    def parts(self) -> list[tuple[str, str]]:
+        """Label and text of what is said beside the problem."""
+        labels = ("expected", "found", "where", "remedy")
+        return [(label, text) for label in labels if (text := getattr(self, label))]
 
     def at(self, where: str) -> InputError:
         """The same error, of another place."""

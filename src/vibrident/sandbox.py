@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from vibrident import parcel
@@ -181,13 +181,33 @@ def _answer(task: dict[str, Any]) -> list[bytes | memoryview]:
         return parcel.pack({"done": function(*task["args"])})
     except MemoryError:
         pass  # reported below, after its memory is freed
-    except InputError as error:
-        return parcel.pack({"input": vars(error)})
-    except VibridentError as error:
-        return parcel.pack({"error": str(error)})
-    except Exception:
-        return parcel.pack({"unexpected": traceback.format_exc()[-_LONGEST_TRACE:]})
+    except Exception as error:
+        return parcel.pack(told(error))
     return parcel.pack({"memory": True})
+
+
+def told(error: Exception) -> dict[str, Any]:
+    """An error of a process as plain values."""
+    if isinstance(error, InputError):
+        return {"input": vars(error)}
+    if isinstance(error, VibridentError):
+        return {"error": str(error)}
+    return {"unexpected": "".join(traceback.format_exception(error))[-_LONGEST_TRACE:]}
+
+
+def raise_told(said: Mapping[str, Any]) -> None:
+    """Raise the error that a process told; nothing if it told none.
+
+    Raises:
+        InputError, NotConverged: as in the process.
+        WorkerError: any other error.
+    """
+    if "input" in said:
+        raise InputError(**said["input"])
+    if "error" in said:
+        raise NotConverged(said["error"])
+    if "unexpected" in said:
+        raise WorkerError(said["unexpected"])
 
 
 def _exchange(process: subprocess.Popen[bytes], task: bytes, most_bytes: int) -> bytearray | None:
@@ -216,12 +236,7 @@ def _outcome(answer: bytearray | None, code: int, overdue: bool, memory_bytes: i
         raise WorkerError(f"the answer cannot be read: {error}") from error
     if "done" in said:
         return said["done"]
-    if "input" in said:
-        raise InputError(**said["input"])
-    if "error" in said:
-        raise NotConverged(said["error"])
-    if "unexpected" in said:
-        raise WorkerError(said["unexpected"])
+    raise_told(said)
     if "memory" in said:
         raise _too_much(f"{memory_bytes / 1e6:.0f} MB of memory", "a file that needs more")
     if overdue or -code in _OUT_OF_TIME:

@@ -73,10 +73,8 @@ def show_error(error: VibridentError) -> None:
     grid = Table.grid(padding=(0, 1, 0, 0))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column(overflow="fold")
-    for label in ("expected", "found", "where", "remedy"):
-        text = getattr(error, label)
-        if text:
-            grid.add_row(f"  {label}:", Text(printable(text)))
+    for label, text in error.parts:
+        grid.add_row(f"  {label}:", Text(printable(text)))
     console.print(grid)
 
 

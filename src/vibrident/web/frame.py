@@ -30,11 +30,10 @@ def show_error(place: ui.element, error: BaseException, session: Session | None 
             ui.label(str(local)).classes("problem")
             return
         ui.label(local.problem).classes("problem")
-        for label in ("expected", "found", "where", "remedy"):
-            if text := getattr(local, label):
-                with ui.element("p"):
-                    ui.label(f"{label}: ").classes("label")
-                    ui.label(text)
+        for label, text in local.parts:
+            with ui.element("p"):
+                ui.label(f"{label}: ").classes("label")
+                ui.label(text)
 
 
 def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:

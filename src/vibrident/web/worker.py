@@ -11,13 +11,12 @@ import contextlib
 import json
 import os
 import sys
-import traceback
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import InputError, NotConverged, VibridentError
-from vibrident.sandbox import WorkerError, set_limits
+from vibrident.errors import InputError
+from vibrident.sandbox import WorkerError, raise_told, set_limits, told
 
 _WORK = "from vibrident.web.worker import work; work()"
 #: Most bytes of one message: an error may quote its input.
@@ -87,7 +86,10 @@ class Worker:
             self._process = None
         if self._cancelled:
             raise asyncio.CancelledError
-        _raise(outcome, f"the process ended with status {process.returncode}\n{await last}")
+        printed = await last
+        raise_told(outcome)
+        if "done" not in outcome:
+            raise WorkerError(f"the process ended with status {process.returncode}\n{printed}")
 
 
 async def _tail(stream: asyncio.StreamReader) -> str:
@@ -100,18 +102,6 @@ async def _tail(stream: asyncio.StreamReader) -> str:
 
 def _memory(folder: Path) -> int:
     return _MEMORY + _MEMORY_A_BYTE * sum(path.stat().st_size for path in folder.iterdir())
-
-
-def _raise(outcome: dict[str, Any], otherwise: str) -> None:
-    """Raise the reported error, or one for a process that ended without a report."""
-    if "input" in outcome:
-        raise InputError(**outcome["input"])
-    if "error" in outcome:
-        raise NotConverged(outcome["error"])
-    if "unexpected" in outcome:
-        raise WorkerError(outcome["unexpected"])
-    if "done" not in outcome:
-        raise WorkerError(otherwise)
 
 
 def work() -> None:
@@ -127,14 +117,10 @@ def work() -> None:
 
     try:
         (_demo if task["task"] == "demo" else _identify)(task, say)
-    except InputError as error:
-        say(input=vars(error))
-    except VibridentError as error:
-        say(error=str(error))
     except MemoryError:
-        say(input=vars(_too_large(task["memory_bytes"])))
-    except Exception:
-        say(unexpected=traceback.format_exc()[-_LAST_BYTES:])
+        say(**told(_too_large(task["memory_bytes"])))
+    except Exception as error:
+        say(**told(error))
     else:
         say(done=True)
 
