@@ -1,8 +1,9 @@
-"""Files that are made for records: their names, and samples as CSV."""
+"""Files of records and results: names for them, and samples as CSV."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,3 +37,10 @@ def write_samples(path: Path, record: Record, **columns: Any) -> None:
     with path.open("w", encoding="ascii", newline="\n") as stream:
         stream.write(",".join(("time_s", *columns)) + "\n")
         stream.writelines(",".join(["" if v != v else repr(v) for v in row]) + "\n" for row in rows)
+
+
+def distinct(paths: Sequence[Path]) -> list[str]:
+    """A name for each result: the last part of the path that differs."""
+    parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
+    names = next((list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1), [p[0] for p in parts])
+    return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]

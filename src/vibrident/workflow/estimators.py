@@ -45,16 +45,16 @@ def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) ->
             known = sorted({name for one in ESTIMATORS.all().values() for name in one.settings})
             raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "command line")
         if name not in owners:
-            raise _misfit(_option(setting), f"--estimator {' or '.join(owners)}", f"--estimator {name}")
+            raise misfit(_option(setting), f"--estimator {' or '.join(owners)}", f"--estimator {name}")
         needs = ESTIMATORS[name].settings[setting].needs
         if needs is not None and asked.get(needs[0]) != needs[1]:
             other = asked.get(needs[0], ESTIMATORS[name].settings[needs[0]].default)
-            raise _misfit(_option(setting), f"{_option(needs[0])} {needs[1]}", f"{_option(needs[0])} {other}")
+            raise misfit(_option(setting), f"{_option(needs[0])} {needs[1]}", f"{_option(needs[0])} {other}")
     if asked:
         ESTIMATORS[name].configured(**asked)
     if weights and name != AUTO and not ESTIMATORS[name].trains_network:
         networks = [key for key, one in ESTIMATORS.all().items() if one.trains_network]
-        raise _misfit("--weights", f"--estimator {' or '.join(networks)}", f"--estimator {name}")
+        raise misfit("--weights", f"--estimator {' or '.join(networks)}", f"--estimator {name}")
 
 
 def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
@@ -67,7 +67,8 @@ def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _misfit(option: str, wanted: str, found: str) -> InputError:
+def misfit(option: str, wanted: str, found: str) -> InputError:
+    """The error of an option that goes with something else than it was given with."""
     return InputError(
         f"The option {option} does not fit.",
         expected=f"{option} with {wanted}",

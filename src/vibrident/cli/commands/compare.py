@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
+from vibrident.cli.files import distinct
 from vibrident.cli.options import argument, flag, option
 from vibrident.errors import InputError, ModelError, NotConverged
 from vibrident.registry import ESTIMATORS
-from vibrident.workflow.estimators import estimator, estimators_with
+from vibrident.workflow.estimators import estimator, estimators_with, misfit
 from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
 
@@ -62,7 +63,7 @@ def compare(
     names = options.listed("--models")(models)
     if steps and named and not set(estimators_with("discretisation")) & set(named):
         wanted = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
-        raise _misplaced("--discretisations", wanted, f"--estimators {','.join(named)}")
+        raise misfit("--discretisations", wanted, f"--estimators {','.join(named)}")
     from vibrident.comparison import document, read_truth
     from vibrident.models import parse
 
@@ -170,32 +171,13 @@ def _outcomes(
 def _loaded(files: list[Path]) -> dict[str, Result]:
     if any(file.suffix.lower() == ".toml" for file in files):
         raise _mixed(files)
-    names = (
-        [file.parent.name or file.stem for file in files]
-        if len({f.stem for f in files}) == 1
-        else [f.stem for f in files]
-    )
-    results = {}
-    for name, file in zip(names, files, strict=True):
-        unique = name if name not in results else f"{name} ({len(results) + 1})"
-        results[unique] = load_result(file)
-    return results
+    return {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}
 
 
 def _refuse_for_results(given: dict[str, object]) -> None:
     for name, value in given.items():
         if value:
-            raise _misplaced(name, "a calibration file (.toml)", "results, which exist already")
-
-
-def _misplaced(option: str, expected: str, found: str) -> InputError:
-    return InputError(
-        f"The option {option} does not fit.",
-        expected=f"{option} with {expected}",
-        found=found,
-        where="command line",
-        remedy=f"leave {option} out, or change what it goes with",
-    )
+            raise misfit(name, "a calibration file (.toml)", "results, which exist already")
 
 
 def _mixed(files: list[Path]) -> InputError:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from vibrident.cli import options
 from vibrident.cli.console import note, wrote
+from vibrident.cli.files import distinct
 from vibrident.cli.options import choice, option
 from vibrident.errors import InputError
 from vibrident.workflow.folder import written_whole
@@ -50,7 +51,7 @@ def report(
     chosen = form or (ending if ending in options.FORMATS else "md")
     loaded = [(path, load_result(path)) for path in results]
     more = _histories(loaded, store, chosen)
-    names = _distinct([path for path, _ in loaded])
+    names = distinct([path for path, _ in loaded])
     everything, alone = [result for _, result in loaded], len(loaded) == 1
     jobs: dict[Path, list[Job]] = {}  # by folder
     if target is not None and ending in options.FORMATS and not target.is_dir():
@@ -113,10 +114,3 @@ def _contradiction(target: Path, form: str) -> InputError:
         where="--out, --format",
         remedy="change one of the two",
     )
-
-
-def _distinct(paths: list[Path]) -> list[str]:
-    """A name for each result: the last part of the path that differs."""
-    parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
-    names = next((list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1), [p[0] for p in parts])
-    return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
