@@ -12,6 +12,7 @@ from typing import Any
 from nicegui import events, ui
 
 from vibrident.errors import InputError
+from vibrident.present.views import count
 from vibrident.web import frame
 from vibrident.web.looks import facts
 from vibrident.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
@@ -206,12 +207,12 @@ class DataStep:
 
     def _list(self) -> None:
         names = self.user.session.names
-        count = f"{len(names)} file{'s' * (len(names) != 1)}"
+        number = count(len(names), "file")
         self.named.clear()
         if len(names) > _MOST_NAMED:
-            self.listing.text = f"{count}: {frame.listed(names)}"
+            self.listing.text = f"{number}: {frame.listed(names)}"
         else:
-            self.listing.text = f"{count}:" if names else "No data yet."
+            self.listing.text = f"{number}:" if names else "No data yet."
             with self.named:
                 for name in names:
                     with ui.element("span").classes("file").props("role=listitem"):

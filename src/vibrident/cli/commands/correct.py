@@ -63,6 +63,7 @@ def correct(
 def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:
     from vibrident import terminal
     from vibrident.naming import pretty
+    from vibrident.present.views import count
 
     unit = pretty(document["unit"])
     rows = []
@@ -80,8 +81,11 @@ def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -
         )
     console = out()
     console.print(terminal.inspection_table(rows, f"Restored {motion}"))
-    csv = folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"
-    written = [folder / "correction.json", csv, *([folder / "correction.png"] if drawn else [])]
+    written = [
+        folder / "correction.json",
+        folder / count(len(rows), "CSV file"),
+        *([folder / "correction.png"] if drawn else []),
+    ]
     wrote(written)
 
 

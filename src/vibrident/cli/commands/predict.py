@@ -52,6 +52,7 @@ def predict(
 
 def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> None:
     from vibrident import terminal
+    from vibrident.present.views import count
 
     unit = document["unit"]
     rows = [
@@ -68,4 +69,4 @@ def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> N
     console.print(terminal.inspection_table(rows, "Predicted response"))
     if predictions.rmse is not None:
         console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
-    wrote([folder / "prediction.json", folder / f"{len(rows)} CSV file{'s' * (len(rows) != 1)}"])
+    wrote([folder / "prediction.json", folder / count(len(rows), "CSV file")])

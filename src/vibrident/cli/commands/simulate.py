@@ -88,6 +88,7 @@ def simulate(
         "seed": seed,
     }
     from vibrident.cli.progress import Busy
+    from vibrident.present.views import count
 
     with written_whole(folder) as output, Busy("Simulating"):
         if interferometer is None:
@@ -96,9 +97,7 @@ def simulate(
             _write_light(output.path, sensor, excitation, interferometer, optics, settings)
     records = [file for file in output.files if file.suffix in (".csv", ".h5") and "_optical" not in file.name]
     others = [file for file in output.files if file.suffix not in (".csv", ".h5")]
-    out().print(
-        f"Simulated: sensor {sensor}, {excitation}, {len(records)} record{'s' * (len(records) != 1)}, seed {seed}."
-    )
+    out().print(f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}.")
     wrote([*others, folder / ("*.csv" if interferometer is None else "*.h5")])
 
 
