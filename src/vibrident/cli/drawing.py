@@ -54,7 +54,7 @@ class Painter:
 def painter(*, wanted: bool = True) -> Iterator[Painter]:
     """Start the process if there is a core for it; end it with the block."""
     started = Painter(None)
-    if wanted and _cores() > 1:
+    if wanted and cores() > 1:
         with contextlib.suppress(OSError):  # no room for another process: draw here
             started = Painter(_start())
     try:
@@ -64,7 +64,8 @@ def painter(*, wanted: bool = True) -> Iterator[Painter]:
         started.dismiss()
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -58,14 +58,14 @@ def reproduce(
 
 
 def _settings(*, quick: bool, full_range: bool, seed: int) -> Settings:
+    from vibrident.cli.drawing import cores
     from vibrident.paper import settings
 
     named = os.environ.get("VIBRIDENT_DATA")
     data = Path(named) if named else None
     if quick:
         return settings.quick(seed, data, full_range=full_range)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return settings.Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, cores))
+    return settings.Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, cores()))
 
 
 def _read(document: Path) -> str:
