@@ -19,6 +19,7 @@ from vibrident.simulation.checks import (
     require_finite,
     require_not_negative,
     require_positive,
+    require_usable,
 )
 from vibrident.simulation.motion import Tonal
 from vibrident.simulation.tones import Tones
@@ -153,14 +154,8 @@ class Sweep:
         require_positive("Sweep", start_hz=self.start_hz, stop_hz=self.stop_hz, duration_s=self.duration_s)
         require_finite("Sweep", amplitude=self.amplitude)
         require_choice("The law of the sweep", self.law, ("linear", "log"))
-        require(
-            0.0 <= self.taper <= 0.5,
-            "The taper of the sweep is not usable.",
-            expected="a fraction of the duration from 0 to 0.5",
-            found=repr(self.taper),
-            where="Sweep",
-            remedy="correct taper",
-        )
+        usable = 0.0 <= self.taper <= 0.5
+        require_usable(usable, "taper", self.taper, "a fraction of the duration from 0 to 0.5", "Sweep")
 
     @property
     def words(self) -> str:

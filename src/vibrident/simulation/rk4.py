@@ -14,7 +14,7 @@ import numpy as np
 from vibrident.errors import ModelError
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray
-from vibrident.simulation.checks import require
+from vibrident.simulation.checks import require, require_usable
 from vibrident.simulation.excitation import Decay
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.linear import LinearSystem
@@ -49,14 +49,7 @@ def rk4_response(
         InputError: the method diverges at this step, or ``substeps`` is below 1.
         ModelError: the sensor is not linear.
     """
-    require(
-        substeps >= 1,
-        "The number of Runge–Kutta steps a sample is not usable.",
-        expected="a whole number from 1",
-        found=repr(substeps),
-        where="simulate",
-        remedy="correct substeps",
-    )
+    require_usable(substeps >= 1, "substeps", substeps, "a whole number from 1", "simulate")
     if not (model.is_linear and model.has_network):
         raise ModelError(
             "Runge–Kutta of fourth order simulates linear sensors that are rational up to a delay.",

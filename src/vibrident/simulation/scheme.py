@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.records import FloatArray
-from vibrident.simulation.checks import require, require_choice, require_finite, require_positive
+from vibrident.simulation.checks import require, require_choice, require_finite, require_positive, require_usable
 from vibrident.simulation.excitation import (
     BandLimitedRandom,
     Decay,
@@ -104,22 +104,12 @@ class Plan:
     def __post_init__(self) -> None:
         require_positive("simulate", sampling_rate_hz=self.sampling_rate_hz)
         require_finite("simulate", amplitude=self.amplitude)
-        require(
-            isinstance(self.samples, int | np.integer) and self.samples >= 8,
-            "The number of samples is not usable.",
-            expected="a whole number from 8",
-            found=repr(self.samples),
-            where="simulate",
-            remedy="correct samples",
-        )
-        require(
-            self.samples_per_period is None or 2.0 < self.samples_per_period < np.inf,
-            "The number of samples a period is not usable.",
-            expected="a number above 2 (the sampling theorem)",
-            found=repr(self.samples_per_period),
-            where="simulate",
-            remedy="raise samples_per_period",
-        )
+        whole = isinstance(self.samples, int | np.integer) and self.samples >= 8
+        require_usable(whole, "samples", self.samples, "a whole number from 8", "simulate")
+        per_period = self.samples_per_period
+        enough = per_period is None or 2.0 < per_period < np.inf
+        expected = "a number above 2 (the sampling theorem)"
+        require_usable(enough, "samples_per_period", per_period, expected, "simulate")
 
     @property
     def duration_s(self) -> float:
@@ -132,14 +122,7 @@ class Plan:
         Raises:
             InputError: the excitation is unknown or does not fit its record.
         """
-        require(
-            repeats >= 1,
-            "The number of repeats is not usable.",
-            expected="a whole number from 1",
-            found=repr(repeats),
-            where="simulate",
-            remedy="correct repeats",
-        )
+        require_usable(repeats >= 1, "repeats", repeats, "a whole number from 1", "simulate")
         if isinstance(excitation, str):
             require_choice("The excitation", excitation, KINDS)
             motions = [motion for turn in range(repeats) for motion in self._named(excitation, turn)]

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from vibrident.errors import InputError, ModelError, unknown
+from vibrident.errors import ModelError, unknown
 from vibrident.models import parse
 from vibrident.records import STANDARD_GRAVITY
-from vibrident.simulation.checks import require_finite, require_positive
+from vibrident.simulation.checks import require_finite, require_not_negative, require_positive
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,8 @@ class Sensor:
             require_finite(where, **{spec.name: value})
             if spec.kind == "log":
                 require_positive(where, **{spec.name: value})
-            if spec.kind == "positive" and value < 0:
-                raise InputError(
-                    f"{spec.name} is not usable.",
-                    expected="0 or above",
-                    found=repr(value),
-                    where=where,
-                    remedy=f"correct {spec.name}",
-                )
+            if spec.kind == "positive":
+                require_not_negative(where, **{spec.name: value})
         values = {spec.name: float(self.parameters[spec.name]) for spec in expected}
         object.__setattr__(self, "parameters", MappingProxyType(values))
 

@@ -38,22 +38,14 @@ class Firmware:
 
 
 def firmware(sensor: Sensor, rate_hz: float | None) -> Firmware:
-    """Design all filters for one sampling rate.
-
-    Raises:
-        InputError: no rate is given, it is too low, or the model is not linear.
-    """
+    """Design all filters for one sampling rate."""
     rate = checked_rate(sensor, rate_hz)
     model, cell = model_filter(sensor, rate)
     return Firmware(sensor, model, correction_filter(sensor, rate), cell, rate)
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME.h`` and ``NAME.c``.
-
-    Raises:
-        InputError: no rate is given, it is too low, or the model is not linear.
-    """
+    """Write ``NAME.h`` and ``NAME.c``."""
     made = firmware(sensor, options.rate_hz)
     about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
     common = _common(made, options.name, about)

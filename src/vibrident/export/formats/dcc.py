@@ -37,12 +37,7 @@ _PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratory
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME.dcc.xml``.
-
-    Raises:
-        InputError: the result lacks what a certificate must state, a unit has no form in D-SI, the schema refuses
-            the certificate, or a library is missing.
-    """
+    """Write ``NAME.dcc.xml``."""
     result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
     _check(result, options)
     tree = Tree()

@@ -106,11 +106,7 @@ class {model}(Fmi2Slave):
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME.fmu``.
-
-    Raises:
-        InputError: no rate is given, it is too low, the model is not linear, or pythonfmu is not installed.
-    """
+    """Write ``NAME.fmu``."""
     library("pythonfmu", "fmu")
     from pythonfmu import FmuBuilder
 
@@ -154,11 +150,7 @@ def _class_name(name: str) -> str:
 
 
 def slave(sensor: Sensor, options: Options) -> str:
-    """Python text of the unit.
-
-    Raises:
-        InputError: no rate is given, it is too low, or the model is not linear.
-    """
+    """Python text of the unit."""
     rate = checked_rate(sensor, options.rate_hz)
     model, cell = model_filter(sensor, rate)
     f = sensor.band

@@ -19,11 +19,7 @@ from vibrident.export.sensor import Sensor, identity
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME.sacpz``.
-
-    Raises:
-        InputError: the sensor cannot be described for ground motion.
-    """
+    """Write ``NAME.sacpz``."""
     system, words = described(sensor)
     whole = _cancelled(PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain))
     where = codes(sensor, options)

@@ -24,11 +24,7 @@ from vibrident.present.history import date_of
 
 
 def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME.station.xml``.
-
-    Raises:
-        InputError: the sensor cannot be described for ground motion, or ObsPy is not installed.
-    """
+    """Write ``NAME.station.xml``."""
     inventory = build(sensor, options)
     stream = io.BytesIO()
     try:
@@ -47,11 +43,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 
 def build(sensor: Sensor, options: Options) -> Any:
-    """ObsPy's Inventory with one channel.
-
-    Raises:
-        InputError: the sensor cannot be described for ground motion, or ObsPy is not installed.
-    """
+    """ObsPy's Inventory with one channel."""
     library("obspy", "seismic")
     from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
 

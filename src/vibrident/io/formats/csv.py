@@ -69,11 +69,7 @@ class CsvFile(ColumnFile):
         return row_lines(self._path, self.file, self._layout)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Parse these columns; each has shape (rows,). An empty cell is NaN.
-
-        Raises:
-            InputError: a row is ragged, or a cell of these columns is text.
-        """
+        """Parse these columns; each has shape (rows,). An empty cell is NaN."""
         try:
             rows = self._row_lines.size
             found = self._plain(positions)

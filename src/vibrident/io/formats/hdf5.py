@@ -96,11 +96,7 @@ class Hdf5File(ArrayFile):
     _arrays: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, path: Path) -> None:
-        """List the datasets.
-
-        Raises:
-            InputError: the file is not HDF5, or holds no dataset of real numbers.
-        """
+        """List the datasets."""
         import h5py
 
         columns: list[ArrayColumn] = []
@@ -121,11 +117,7 @@ class Hdf5File(ArrayFile):
         super().__init__(path, columns, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged or needs a missing filter.
-        """
+        """Read these columns; each has shape (samples,)."""
         import h5py
 
         with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:

@@ -36,11 +36,7 @@ class MatlabFile(ArrayFile):
     """A MATLAB file up to version 7.2. Cells, structures and objects are refused by name, never unpacked."""
 
     def __init__(self, path: Path) -> None:
-        """List the variables.
-
-        Raises:
-            InputError: the file is not a MATLAB file, or holds no plain numeric array.
-        """
+        """List the variables."""
         import scipy.io
 
         with reading(path, _EXPECTED):
@@ -56,11 +52,7 @@ class MatlabFile(ArrayFile):
         super().__init__(path, columns, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged, or an array is complex.
-        """
+        """Read these columns; each has shape (samples,)."""
         import scipy.io
 
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]

@@ -36,11 +36,7 @@ class MdfFile(ChannelFile):
     """An MDF file; values are converted as the file says, and samples that it declares invalid become NaN."""
 
     def __init__(self, path: Path) -> None:
-        """List the channels.
-
-        Raises:
-            InputError: asammdf is not installed, or the file is not an MDF file.
-        """
+        """List the channels."""
         self._path, self._mdf = path, library("asammdf", "mdf", path).MDF
         self._clocks: dict[int, Clock | None] = {}
         channels: list[Channel] = []
@@ -67,11 +63,7 @@ class MdfFile(ChannelFile):
         return self._clocks[group]
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these channels; each has shape (samples,)."""
         with self._opened() as file:
             handles = [self._channels[position].handle for position in positions]
             require_room(self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles))

@@ -25,11 +25,7 @@ class MiniSeedFile(ChannelFile):
     """A miniSEED file; channels are named "NET.STA.LOC.CHA"."""
 
     def __init__(self, path: Path) -> None:
-        """List the channels.
-
-        Raises:
-            InputError: obspy is not installed, or the file is not miniSEED.
-        """
+        """List the channels."""
         self._obspy = library("obspy", "seismic", path)
         traces: dict[str, list[Any]] = {}
         with reading(path, _MINISEED):
@@ -44,11 +40,7 @@ class MiniSeedFile(ChannelFile):
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these channels; each has shape (samples,)."""
         with reading(self._path, _MINISEED):
             stated = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
             require_room(self._path, stated)

@@ -23,11 +23,7 @@ class ParquetFile(ChannelFile):
     """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
     def __init__(self, path: Path) -> None:
-        """List the columns.
-
-        Raises:
-            InputError: pyarrow is not installed, the file is not Parquet, or its sampling rate is not a number above 0.
-        """
+        """List the columns."""
         self._parquet = library("pyarrow.parquet", "parquet", path)
         types = library("pyarrow.types", "parquet", path)
         with reading(path, _EXPECTED), self._parquet.ParquetFile(path) as file:
@@ -46,11 +42,7 @@ class ParquetFile(ChannelFile):
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,). Timestamps become seconds since the first.
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these columns; each has shape (samples,). Timestamps become seconds since the first."""
         names = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED):
             with self._parquet.ParquetFile(self._path) as file:

@@ -23,11 +23,7 @@ class SacFile(ChannelFile):
     """A SAC file. The rate is made from the header's own interval: obspy's is rounded to a microsecond."""
 
     def __init__(self, path: Path) -> None:
-        """Read the header.
-
-        Raises:
-            InputError: obspy is not installed, or the file is not an evenly sampled SAC file.
-        """
+        """Read the header."""
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
         with reading(path, _SAC):
             header = self._trace(path, headonly=True)
@@ -44,11 +40,7 @@ class SacFile(ChannelFile):
         super().__init__(path, [channel], {})
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these channels; each has shape (samples,)."""
         with reading(self._path, _SAC):
             require_room(self._path, self._channels[0].handle * len(positions))
             values = real_numbers(self._trace(self._path, headonly=False).data)

@@ -25,11 +25,7 @@ class TdmsFile(ChannelFile):
     names_are_paths = True
 
     def __init__(self, path: Path) -> None:
-        """List the channels.
-
-        Raises:
-            InputError: npTDMS is not installed, or the file is not a whole TDMS file.
-        """
+        """List the channels."""
         self._path, self._library = path, library("nptdms", "tdms", path).TdmsFile
         channels: list[Channel] = []
         refused: dict[str, str] = {}
@@ -46,11 +42,7 @@ class TdmsFile(ChannelFile):
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these channels; each has shape (samples,)."""
         with self._opened() as file:
             handles = [self._channels[position].handle for position in positions]
             require_room(self._path, sum(len(file[group][name]) for group, name in handles))

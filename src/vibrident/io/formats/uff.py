@@ -32,11 +32,7 @@ class UffFile(ChannelFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """List the data sets.
-
-        Raises:
-            InputError: pyuff is not installed, or the file has no data set 58 that is a time signal.
-        """
+        """List the data sets."""
         self._path = path
         self._pyuff = library("pyuff", "uff", path)
         refused: dict[str, str] = {}
@@ -62,11 +58,7 @@ class UffFile(ChannelFile):
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these channels; each has shape (samples,)."""
         with reading(self._path, _EXPECTED):
             file = self._pyuff.UFF(str(self._path))
             require_room(self._path, sum(self._channels[position].handle[1] for position in positions))

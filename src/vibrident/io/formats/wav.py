@@ -23,11 +23,7 @@ class WavFile(ChannelFile):
     """A WAV file of "channel 1", "channel 2" and so on. Integer samples become float64 in [−1, 1); float ones stay."""
 
     def __init__(self, path: Path) -> None:
-        """Read the header.
-
-        Raises:
-            InputError: the file is not a WAV file.
-        """
+        """Read the header."""
         import soundfile
 
         with reading(path, _EXPECTED):
@@ -39,11 +35,7 @@ class WavFile(ChannelFile):
         super().__init__(path, [Channel(f"channel {number}", number - 1, clock) for number in numbers], {})
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,).
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Read these channels; each has shape (samples,)."""
         require_room(self._path, self._frames * len(self._channels))
         return tuple(channel.copy() for channel in self.block(positions, 0, self._frames))
 
