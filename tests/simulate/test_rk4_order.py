@@ -87,5 +87,5 @@ def test_divergence_is_refused_before_it_happens():
 
 
 def test_no_steps_are_refused():
-    with pytest.raises(InputError, match="steps a sample"):
+    with pytest.raises(InputError, match="substeps is not usable"):
         rk4_response(MODEL, parameters(), [Sine(10.0, 1.0)], sampling_rates_hz=[RATE], samples=100, substeps=0)
