@@ -160,26 +160,35 @@ def test_a_spring_that_stiffens_is_named_with_its_change():
 
 
 @pytest.mark.slow
+def growing(growth, damping, samples=2000):
+    """A decay from one whose damping grows by this part of it to the first swing, without noise."""
+    time, angular = np.arange(samples) / RATE, 2.0 * np.pi * 0.1 * RATE
+
+    def slope(_, state):
+        grown = damping * (1.0 + growth * state[0] ** 2)
+        return [state[1], -angular * (angular * state[0] + 2.0 * grown * state[1])]
+
+    return solve_ivp(slope, (0.0, time[-1]), [1.0, 0.0], "DOP853", time, rtol=1e-7, atol=1e-9).y[0]
+
+
 def test_a_damping_that_grows_with_the_amplitude_is_named(rng):
     """A tenth to as much again at the first swing, under noise; the same without growth, 40 times, is not named."""
-    time = np.arange(2000) / RATE
-
-    def decay(growth, damping, noise):
-        angular = 2.0 * np.pi * 0.1 * RATE
-
-        def slope(_, state):
-            grown = damping * (1.0 + growth * state[0] ** 2)
-            return [state[1], -angular * (angular * state[0] + 2.0 * grown * state[1])]
-
-        way = solve_ivp(slope, (0.0, time[-1]), [1.0, 0.0], "DOP853", time, rtol=1e-7, atol=1e-9)
-        return way.y[0] + noise * rng.standard_normal(time.size)
-
     for growth, damping, noise in ((1.0, 0.013, 1e-3), (0.1, 0.04, 1e-3), (1.0, 0.02, 1e-2)):
-        assert examine(decays(decay(growth, damping, noise)).records).changes, (growth, damping, noise)
+        series = growing(growth, damping)
+        assert examine(decays(series + noise * rng.standard_normal(series.size)).records).changes, (growth, damping)
     for damping in (0.01, 0.1):
-        clean = decay(0.0, damping, 0.0)
+        clean = growing(0.0, damping)
         for noise in [1e-3, 1e-2] * 10:
-            assert not examine(decays(clean + noise * rng.standard_normal(time.size)).records).changes
+            assert not examine(decays(clean + noise * rng.standard_normal(clean.size)).records).changes
+
+
+def test_several_decays_show_together_what_few_show_alone(rng):
+    """Damping that grows by 9 % to the first swing; without growth nothing is named, ten times."""
+    for growth, named, times in ((0.09, True, 2), (0.0, False, 8)):
+        series = growing(growth, 0.04)
+        for _ in range(times):
+            four = [size * series + 1e-3 * rng.standard_normal(series.size) for size in (1.0, 0.9, 0.8, 0.7)]
+            assert bool(examine(decays(*four).records).changes) == named
 
 
 def test_what_follows_from_two_parameters_and_nothing_else():

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from vibrident.measure.odd_records import odd_record
@@ -121,3 +124,69 @@ def test_one_record_of_another_sensor_is_named(rng: np.random.Generator) -> None
         assert odd.record == "r5"
         assert abs(odd.gain / 0.03 - 1.0) < 0.4
     assert alarms == 0
+
+
+def oscillator(frequency: float, damping: float) -> Callable[[FloatArray], NDArray[np.complex128]]:
+    """Response of an accelerometer of gain one."""
+
+    def response(frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        x = frequency_hz / frequency
+        return 1.0 / (1.0 - x**2 + 2j * damping * x)
+
+    return response
+
+
+def slopes(frequency: float, damping: float) -> Callable[[FloatArray], NDArray[np.complex128]]:
+    """∂ ln H/∂ ln f_n and ∂ ln H/∂δ of it."""
+
+    def found(frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        x = frequency_hz / frequency
+        bottom = 1.0 - x**2 + 2j * damping * x
+        return np.stack([(-2.0 * x**2 + 2j * damping * x) / bottom, -2j * x / bottom])
+
+    return found
+
+
+def swept_or_struck(kind: str, rng: np.random.Generator) -> FloatArray:
+    """A sweep from 5 to 150 Hz over the record, or three shocks in a row."""
+    time = T / N
+    if kind == "sweep":
+        return np.sin(2.0 * np.pi * 5.0 * N / RATE * (30.0**time - 1.0) / np.log(30.0) + rng.uniform(0.0, 6.3))
+    return sum(np.exp(-0.5 * ((T - at * N) / rng.uniform(3.0, 6.0)) ** 2) for at in (0.1, 0.45, 0.8))
+
+
+@pytest.mark.parametrize(
+    ("kind", "changed"),
+    [
+        ("sweep", "gain"),
+        ("sweep", "damping"),
+        ("sweep", "nothing"),
+        *(("shock", c) for c in ("gain", "damping", "frequency", "nothing")),
+    ],
+)
+def test_a_change_within_a_sweep_or_among_shocks_is_found(kind: str, changed: str, rng: np.random.Generator) -> None:
+    """5 % of gain, 10 % of damping, 0.3 % of natural frequency, in seven of ten records; without a change 10⁻⁴."""
+    frequency, damping = 60.0, 0.05
+    after = (frequency * (1.003 if changed == "frequency" else 1.0), damping * (1.1 if changed == "damping" else 1.0))
+    lines = np.fft.rfftfreq(N, 1.0 / RATE)
+    number = 0
+    for _ in range(10):
+        motion = swept_or_struck(kind, rng)
+        before, behind = (
+            np.fft.irfft(oscillator(*one)(lines) * np.fft.rfft(motion), N) for one in ((frequency, damping), after)
+        )
+        gate = T < 2200  # the sweep is at the resonance, and the second shock rings
+        response = np.where(gate, before, behind * (1.05 if changed == "gain" else 1.0))
+        response = response + 1e-3 * np.std(before) * rng.standard_normal(N)
+        record = Record("r", motion, response, RATE, kind)  # type: ignore[arg-type]
+        found = changes([record], [before], [None], slopes(frequency, damping))
+        number += len(found)
+        for one in found:
+            assert 1.7 < one.time_s < (3.3 if kind == "shock" else 2.8)  # shocks: before the third
+            if changed == "gain":
+                assert abs(one.gain - 0.05) < 0.02
+            elif kind == "shock":
+                assert one.gain == 0.0
+                assert abs(one.damping_ratio - (after[1] - damping)) < 5e-4
+                assert abs(one.natural_frequency - (after[0] / frequency - 1.0)) < 2e-4
+    assert number >= 7 if changed != "nothing" else number == 0

@@ -129,6 +129,9 @@ def examine(records: Sequence[Record]) -> Decays:
     taken = sum(x.spanned.shape[1] for x in found.locals)
     parts = tuple(parts_of(s, found.natural_frequency_hz, found.damping_ratio) for s in found.stretches)
     changes = [change for one in starts if (change := change_of(one)) is not None]
+    if not changes and len(starts) > 1:  # too small for one decay to show
+        largest = max(starts, key=lambda one: float(np.max(np.abs(_free(one)))))
+        changes = [change for change in [change_of(largest, _chance_of_bend(found))] if change is not None]
     return Decays(found, parts, tuple(changes), found.covariance, float(rows - taken - 2))
 
 
@@ -264,8 +267,13 @@ def parts_of(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float
     return Parts(float(projected @ projected), int(kept.sum()), float(freedom))
 
 
-def change_of(found: DecayFit) -> Change | None:
-    """Whether the beginning of a decay and its end have the same oscillator."""
+def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
+    """Whether the beginning of a decay and its end have the same oscillator.
+
+    Args:
+        found: one decay by itself.
+        together: probability of as much change with the amplitude in several decays, of which this is one.
+    """
     stretch = found.stretches[0]
     alive = int(live_s(stretch, found) * stretch.rate_hz)
     best: Change | None = None
@@ -277,10 +285,10 @@ def change_of(found: DecayFit) -> Change | None:
         two = [fit([half], found.natural_frequency_hz, max(found.damping_ratio, 1e-6)) for half in halves]
         if any(np.any(np.diag(one.covariance) > KNOWN**2) for one in two):
             continue  # of two real poles, the slow one alone outlasts the beginning
-        values = [np.array([np.log(one.natural_frequency_hz), one.damping_ratio]) for one in two]
-        apart = values[1] - values[0]
-        squares = float(apart @ np.linalg.solve(two[0].covariance + two[1].covariance, apart))
-        chance = float(chi2_tail(2, squares))
+        # By likelihoods: where the motion is hardly above the noise, values are not normally distributed.
+        alike = fit(halves, found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
+        squares = alike.cost - sum(one.cost for one in two)
+        chance = min(1.0, len(SHARES) * float(chi2_tail(2, max(squares, 0.0))))
         if best is None or chance < best.probability:
             sizes = [float(np.sqrt(np.mean(_free(one) ** 2))) for one in two]
             best = Change(
@@ -292,26 +300,35 @@ def change_of(found: DecayFit) -> Change | None:
             )
     if best is None:
         return None
-    best = replace(best, probability=min(best.probability, _chance_of_bend(found)))
+    best = replace(best, probability=min(best.probability, _chance_of_bend(found), together))
     return best if best.probability < DIFFER else None
 
 
 def _chance_of_bend(found: DecayFit) -> float:
-    """Probability that a linear sensor leaves as much of what depends on the amplitude, over the whole decay.
+    """Probability that a linear sensor leaves as much of what depends on the amplitude, over all of some decays.
 
-    A score test (Rao 1948): to first order a spring or a damping that depends on the square of the amplitude adds the
-    motion times the square of its envelope, in phase and across. What the linear unknowns can imitate does not count.
+    A score test (Rao 1948): to first order a damping or a spring that depends on the square of the amplitude adds the
+    motion, or the motion a quarter of a period later, times the square of its envelope. What the linear unknowns can
+    imitate does not count.
     """
-    stretch, at = found.stretches[0], found.locals[0]
-    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
     decrement = 2.0 * np.pi * found.natural_frequency_hz * found.damping_ratio
-    added = stretch.whitened(motion * np.exp(-2.0 * decrement * stretch.time_s)[:, None])
-    known = np.linalg.qr(np.concatenate([at.spanned, at.slopes / np.linalg.norm(at.slopes, axis=0)], axis=1))[0]
-    left = added - known @ (known.T @ added)
+    sizes = [float(np.hypot(*at.linear[:2])) for at in found.locals]
+    rows = []
+    for stretch, at, size in zip(found.stretches, found.locals, sizes, strict=True):
+        motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
+        squares = (size / max(sizes)) ** 2 * np.exp(-2.0 * decrement * stretch.time_s)
+        (a, b) = at.linear[:2] / max(sizes)
+        added = stretch.whitened(motion @ np.array([[a, b], [b, -a]]) * squares[:, None])
+        rows.append((added, added - at.spanned @ (at.spanned.T @ added)))
+    added, left = (np.concatenate(part) for part in zip(*rows, strict=True))
+    slopes = np.concatenate([at.slopes for at in found.locals])
+    known = np.linalg.qr(slopes / np.linalg.norm(slopes, axis=0))[0]
+    left = left - known @ (known.T @ left)
     if np.any(np.linalg.norm(left, axis=0) < IMITATED * np.linalg.norm(added, axis=0)):
         return 1.0
     across = np.linalg.qr(left)[0]
-    return float(chi2_tail(2, float(np.sum((across.T @ at.residual) ** 2))))
+    residual = np.concatenate([at.residual for at in found.locals])
+    return float(chi2_tail(2, float(np.sum((across.T @ residual) ** 2))))
 
 
 def _free(found: DecayFit) -> FloatArray:

@@ -19,6 +19,7 @@ from vibrident.measure.odd_records import odd_record
 from vibrident.measure.regimes import changes, findings
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
+from vibrident.models.slopes import response_and_slopes
 from vibrident.naming import in_words
 from vibrident.nominal import nominal_value
 from vibrident.problem import Evidence, FrequencyProblem
@@ -223,7 +224,17 @@ def _regimes(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> li
     if not points.adequate and points.degrees_of_freedom > 0 and evidence.model.is_linear:
         linear = _of_points(evidence, estimate, points)
         odd = odd_record(linear.matrix, linear.rest, points.record, points.relative_deviation)
-    within = changes(evidence.records, judgement.predicted, frequency)
+    model, values = evidence.model.linear, estimate.coordinates.values(estimate.z)
+    names = [model.parameter_names.index(name) for name in ("natural_frequency", "damping_ratio")]
+    sizes = np.array([[values["natural_frequency"]], [1.0]])
+
+    def sensor(frequency_hz: FloatArray) -> ComplexArray:
+        response, slopes = response_and_slopes(model, values, frequency_hz, evidence.quantity)
+        return np.divide(
+            sizes * slopes[names], response, out=np.zeros((2, response.size), complex), where=response != 0
+        )
+
+    within = changes(evidence.records, judgement.predicted, frequency, sensor)
     return [ResultWarning(found.code, found.message) for found in findings(within, odd)]
 
 
