@@ -87,7 +87,7 @@ def _tone(record: Record) -> float | None:
     start = spectral_peak(motion, mask, rate, None)
     if start * record.duration_s < FEWEST_PERIODS:
         return None
-    found = tone_frequency(dataclasses.replace(record, frequency_hz=start)) if start < rate / 2 else start
+    found = tone_frequency(record, start) if start < rate / 2 else start
     amplitude, rest = _without_tone(motion, mask, rate, found)
     if np.sum(rest**2) > _MOST_OTHER * np.sum(motion**2):
         return None

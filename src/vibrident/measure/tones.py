@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy import fft
@@ -19,6 +20,7 @@ from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
 HARMONICS = 5
+_SineFit = tuple[float, ComplexArray, FloatArray]
 #: Noise lines: from this many Hann main-lobe bins off the tone, over this factor in frequency, within these numbers.
 GUARD_BINS = 3
 #: … but no more than this part of the distance between harmonics.
@@ -81,16 +83,31 @@ def find_tones(records: Sequence[Record]) -> MeasuredResponse:
     return MeasuredResponse.join(parts)
 
 
-def tone_frequency(record: Record) -> float:
-    """Frequency of a sine record, Hz: the spectrum's peak, refined by least squares on both channels."""
-    return _sine_fit(record)[0]
+def tone_frequency(record: Record, near: float | None = None) -> float:
+    """Frequency of a sine record, Hz: the spectrum's peak, refined by least squares on both channels.
+
+    ``near`` replaces the record's own start value.
+    """
+    return _sine_fit(record, near)[0]
 
 
-def _sine_fit(record: Record) -> tuple[float, ComplexArray, FloatArray]:
+#: The last fit of each record, and where it began: several findings need it.
+_FITTED: WeakKeyDictionary[Record, tuple[float, _SineFit]] = WeakKeyDictionary()
+
+
+def _sine_fit(record: Record, near: float | None = None) -> _SineFit:
     """Frequency, amplitudes of both channels, and the variance of their real parts for white noise."""
+    near = record.frequency_hz if near is None else near
+    start = spectral_peak(np.asarray(record.reference), record.mask, record.sampling_rate_hz, near)
+    known = _FITTED.get(record)
+    if known is None or known[0] != start:
+        known = _FITTED[record] = (start, _sine_fit_from(record, start))
+    return known[1]
+
+
+def _sine_fit_from(record: Record, start: float) -> _SineFit:
     reference, response, mask = np.asarray(record.reference), record.response, record.mask
     times = record.time_s
-    start = spectral_peak(reference, mask, record.sampling_rate_hz, record.frequency_hz)
     span = times[-1]
     omega = 2.0 * np.pi * start
     t = times - 0.5 * span
