@@ -1,6 +1,6 @@
 """Raw light to parameters: coverage, the Cramér–Rao bound, false alarms and speed, against a truth of its own.
 
-    python -m bench.light coverage --runs 500
+    python -m bench.light coverage --runs 500 --keep FILE    (or in pieces: --first 100 --runs 50)
     python -m bench.light alarms --runs 200
     python -m bench.light speed --kind quadrature --samples 20000000
     python -m bench.light peers            (ellipse fits of hoqi-bench, from an environment that holds it)
@@ -65,11 +65,13 @@ def bound() -> FloatArray:
     return np.sqrt(np.diag(np.linalg.inv(rows @ rows.T)))
 
 
-def coverage(runs: int) -> None:
-    """Share of 95 % intervals that hold the truth, and u over the bound, with an ellipse drawn anew each time."""
+def coverage(first: int, runs: int, keep: Path) -> None:
+    """Share of 95 % intervals that hold the truth, and u over the bound, with an ellipse drawn anew each time.
+
+    Each run is a line of the file ``keep``, so that a study can be made in pieces; the figures are those of all lines.
+    """
     truth = np.array([sensor_named(SENSOR).parameters[name] for name in PARAMETERS])
-    errors, stated, alarms, held = [], [], 0, []
-    for run in range(runs):
+    for run in range(first, first + runs):
         with tempfile.TemporaryDirectory() as folder:
             optics = drawn(Optics(noise=PHASE_NOISE, random=True), run)
             settings = {"sampling_rate_hz": RATE_HZ, "samples": SAMPLES, "frequencies_hz": list(FREQUENCIES)}
@@ -77,18 +79,27 @@ def coverage(runs: int) -> None:
             write_optical_calibration(folder, SENSOR, "sine", optics, seed=run, **settings)
             result = identify(read(Path(folder) / "calibration.toml"))
         found = [result.parameters[name] for name in PARAMETERS]
-        errors.append([p.value for p in found] - truth)
-        stated.append([p.standard_uncertainty for p in found])
-        held.append([p.interval_95[0] <= true <= p.interval_95[1] for p, true in zip(found, truth, strict=True)])
-        alarms += bool(result.warnings)
-        if (run + 1) % 25 == 0:
-            _print_coverage(run + 1, np.array(errors), np.array(stated), np.array(held), alarms)
+        row = {
+            "run": run,
+            "errors": [p.value - true for p, true in zip(found, truth, strict=True)],
+            "stated": [p.standard_uncertainty for p in found],
+            "held": [
+                p.interval_95[0] <= true <= p.interval_95[1] for p, true in zip(found, truth.tolist(), strict=True)
+            ],
+            "warnings": list(result.warning_codes),
+        }
+        with keep.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+    _print_coverage(keep)
 
 
-def _print_coverage(runs: int, errors: FloatArray, stated: FloatArray, held: np.ndarray, alarms: int) -> None:
+def _print_coverage(keep: Path) -> None:
+    rows = {row["run"]: row for row in map(json.loads, keep.read_text(encoding="utf-8").splitlines())}.values()
+    errors, stated, held = (np.array([row[key] for row in rows]) for key in ("errors", "stated", "held"))
+    alarms = sum(bool(row["warnings"]) for row in rows)
     scaled = errors / stated
     figures = {
-        "runs": runs,
+        "runs": len(rows),
         "coverage": dict(zip(PARAMETERS, np.mean(held, axis=0).tolist(), strict=True)),
         "beyond_3u": dict(zip(PARAMETERS, np.mean(np.abs(scaled) > 3.0, axis=0).tolist(), strict=True)),
         "u_over_bound": dict(zip(PARAMETERS, (np.mean(stated, axis=0) / bound()).tolist(), strict=True)),
@@ -199,6 +210,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers"))
     parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--first", type=int, default=0, help="number of the first run, which is its seed")
+    parser.add_argument("--keep", type=Path, default=Path("coverage.jsonl"), help="file of the runs, a line each")
     parser.add_argument("--kind", choices=("quadrature", "heterodyne"), default="quadrature")
     parser.add_argument("--samples", type=int, default=20_000_000)
     parser.add_argument("--python", default="python", help="of the environment that holds hoqi-bench")
@@ -207,8 +220,10 @@ def main() -> None:
         speed(asked.kind, asked.samples)
     elif asked.study == "peers":
         peers(asked.python)
+    elif asked.study == "alarms":
+        alarms(asked.runs)
     else:
-        {"coverage": coverage, "alarms": alarms}[asked.study](asked.runs)
+        coverage(asked.first, asked.runs, asked.keep)
 
 
 if __name__ == "__main__":

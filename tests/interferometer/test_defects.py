@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 
@@ -93,6 +94,38 @@ def test_a_small_motion_takes_its_ellipse_from_a_larger_one(tmp_path):
 def test_motion_that_is_too_fast_for_the_sampling_is_refused(tmp_path):
     with pytest.raises(InputError, match="too fast"):
         read(tmp_path, Optics(rate_hz=1e5), [20.0], 10.0, sampling_rate_hz=1e5, samples=30_000)
+
+
+def with_signals(folder, change):
+    """A calibration whose photodetector signals, shape (2, n), are changed."""
+    settings = {**COMMON, "frequencies_hz": [400.0, 1000.0], "amplitude": 10.0, "samples": 20_000}
+    write_optical_calibration(folder, "paper", "sine", Optics(bits=12), seed=4, **settings)
+    for path in folder.glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            changed = change(np.stack([file["u1"][:], file["u2"][:]]).astype(float))
+            for name, values in zip(("u1", "u2"), changed, strict=True):
+                del file[name]
+                file[name] = values
+    return vibrident.read(folder / "calibration.toml")
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda u: np.stack([u[0], np.full(u.shape[1], 7.0)]), "constant"),
+        (lambda u: np.stack([u[0], 2.0 * u[0] + 1.0]), "the same"),
+    ],
+)
+def test_a_dead_detector_is_refused(tmp_path, change, word):
+    with pytest.raises(InputError, match=word):
+        with_signals(tmp_path, change)
+
+
+def test_a_detector_at_its_limit_is_named(tmp_path):
+    assert codes(with_signals(tmp_path / "free", lambda u: u)) == set()
+    clipped = with_signals(tmp_path / "clipped", lambda u: np.stack([np.minimum(u[0], 0.9 * u[0].max()), u[1]]))
+    assert codes(clipped) == {"clipped"}
+    assert "signal 1" in clipped.records[0].optical.findings[-1].message
 
 
 def test_slow_motion_of_the_table_is_taken_out(tmp_path):

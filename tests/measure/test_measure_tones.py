@@ -234,3 +234,32 @@ def test_few_periods_are_as_uncertain_as_they_scatter(samples, periods):
         found = measure_tones([record], [omega / (2.0 * np.pi)], np.array([pole, np.conj(pole)]))
         scatter.append(abs(found.ratio[0] - 2.0) ** 2 / 2.0 / found.error_deviation()[0] ** 2)
     assert 0.3 < np.median(scatter) / np.log(2.0) < 1.5  # as at the worst phase
+
+
+@pytest.mark.parametrize("moving", [0.0, 3e-4])
+def test_noise_of_the_response_is_known_beside_a_noisy_displacement(rng, moving):
+    """Three periods: noise of the displacement, times the square of the frequency, hides the response's at most lines.
+
+    Each channel's own lines give it, unless motion beside the tone is in both.
+    """
+    rate, samples, frequency = 20_000.0, 2000, 30.0
+    time = np.arange(samples) / rate
+    lines = np.fft.rfftfreq(samples, 1.0 / rate)
+
+    def through(f):
+        return parse("accelerometer").frequency_response(P, np.asarray(f), "displacement")
+
+    stated, errors = [], []
+    for _ in range(40):
+        vibration = moving * rng.standard_normal(samples)  # in the circular sense, so that it passes H exactly
+        moved = np.fft.irfft(np.fft.rfft(vibration) * np.where(lines < 1000.0, 1.0, 0.0), samples)
+        answer = np.fft.irfft(np.fft.rfft(moved) * through(np.maximum(lines, 1e-3)), samples)
+        turn = np.exp(2j * np.pi * frequency * time)
+        reference = np.real(turn) + moved + 1e-5 * rng.standard_normal(samples)
+        response = np.real(through([frequency])[0] * turn) + answer + 3.0 * rng.standard_normal(samples)
+        found = measure_tones([Record("tone", reference, response, rate, "sine")], [frequency])
+        stated.append(found.error_deviation(through)[0] ** 2)
+        errors.append(abs(found.response[0] - through([frequency])[0] * found.reference[0]) ** 2 / 2.0)
+    assert np.median(stated) == pytest.approx(np.mean(errors), rel=0.5)  # 40 draws know it to 16 %
+    if not moving:
+        assert np.std(stated) < 0.4 * np.mean(stated)  # once 1.5

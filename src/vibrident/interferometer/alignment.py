@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 from vibrident.errors import InputError
 from vibrident.interferometer.acceleration import LOST, accelerated
@@ -119,4 +120,7 @@ def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate:
             where="[interferometer]",
             remedy="record for longer, or check rate_hz and delay_s",
         )
-    return Aligned(displacement, values, valid, rate, start)
+    count = (
+        fft.prev_fast_len(displacement.shape[0]) or displacement.shape[0]
+    )  # a few samples less, and every transform is quick
+    return Aligned(displacement[:count], values[:count], valid[:count], rate, start)

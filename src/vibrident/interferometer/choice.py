@@ -54,7 +54,22 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
             choices.append(_own(found, common, index, len(steady)))
         else:
             choices.append(_borrowed(found, name, index, surveys, steady, common, scatter))
-    return choices
+    return [
+        replace(choice, findings=(*choice.findings, *_clipped(found, name)))
+        for choice, found, name in zip(choices, surveys, names, strict=True)
+    ]
+
+
+def _clipped(found: Survey, name: str) -> list[OpticalFinding]:
+    return [
+        OpticalFinding(
+            "clipped",
+            f"{name}: photodetector signal {number} has its extreme value in {100 * part:.2g} % of its samples: the "
+            "detector or its converter is at a limit, and the phase is wrong there.",
+        )
+        for number, part in enumerate(found.at_limit, 1)
+        if part > 0.0
+    ]
 
 
 def of_carrier(found: Survey, index: int) -> Choice:

@@ -152,7 +152,10 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
     whole = np.sum(blocks, axis=0)
     ellipse, found = replace(start, noise=_noise(whole, start)), False
     for _ in range(ITERATIONS):
-        step, *_ = _step(whole, ellipse)
+        try:
+            step, *_ = _step(whole, ellipse)
+        except linalg.LinAlgError:  # the samples lie on a line, or nearly
+            return None
         length = float(np.max(np.abs(step)))
         ellipse = ellipse.changed(step * min(1.0, LONGEST_STEP / max(length, 1e-300)))
         ellipse = replace(ellipse, noise=_noise(whole, ellipse))

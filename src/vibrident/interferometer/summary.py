@@ -12,7 +12,7 @@ from vibrident.interferometer.setting import FloatArray, Interferometer
 if TYPE_CHECKING:
     from vibrident.interferometer.ellipse import Ellipse
 
-OpticalCode = Literal["fringe_slip", "few_fringes", "ellipse_unstable"]
+OpticalCode = Literal["fringe_slip", "few_fringes", "ellipse_unstable", "clipped"]
 
 
 @dataclass(frozen=True)

@@ -126,12 +126,22 @@ def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
 
 def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[_Opened], list[Survey], list[Choice]]:
     """The records, those of a small motion without needless noise, with their ellipses."""
-    seen = [survey(one.optical) for one in opened]
+    seen = [_surveyed(one) for one in opened]
     if setting.kind == "heterodyne":
         return list(opened), seen, [of_carrier(look, index) for index, look in enumerate(seen)]
     slow = [_slower(one, look) for one, look in zip(opened, seen, strict=True)]
-    seen = [look if one is was else survey(one.optical) for one, was, look in zip(slow, opened, seen, strict=True)]
+    seen = [
+        look if one is was else replace(survey(one.optical), at_limit=look.at_limit)
+        for one, was, look in zip(slow, opened, seen, strict=True)
+    ]
     return slow, seen, choose(seen, [one.name for one in opened])
+
+
+def _surveyed(one: _Opened) -> Survey:
+    try:
+        return survey(one.optical)
+    except InputError as error:
+        raise InputError(**{**vars(error), "where": f"{one.part.where}, {error.where}"}) from None
 
 
 def _slower(one: _Opened, look: Survey) -> _Opened:

@@ -4,6 +4,10 @@ A line of Gaussian noise has an exponentially distributed power. Three descripti
 the same at all lines; a power of the frequency (1/f noise, the foot of mains hum); and, where the sensor's response is
 known, a + b |H|²: noise of the response channel beside noise of the reference channel itself, which
 reaches Y − H X through H. The simplest is used unless another is significantly better.
+
+Where no motion stands beside the tone, the channels' own lines give a and b, each from all of its lines. In Y − H X one
+of them can be hidden: noise of a displacement passes a sensor of acceleration with the square of the frequency, and of
+a record of a few periods hardly a line is left in which the response's own noise could be read.
 """
 
 from __future__ import annotations
@@ -12,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.records import FloatArray
+
+ComplexArray = NDArray[np.complex128]
 
 #: Lines count by their distance from the tone, a normal curve of this width in the logarithm of frequency.
 NEAR = 0.7
@@ -26,6 +32,10 @@ SIGNIFICANT = 4.0
 ENOUGH_FOR_SHAPE, ENOUGH_FOR_LAW = 1.0, 2.0
 #: Rounds of Fisher scoring for a + b |H|².
 ROUNDS = 12
+#: The channels' own noise does not explain Y − H X where the best a + b |H|² has a larger log-likelihood by this.
+WORSE = 4.0
+#: There is motion beside the tone where both channels correlate beyond so many standard deviations.
+COHERENT = 3.0
 
 
 def level_at_tone(
@@ -61,6 +71,45 @@ def level_at_tone(
     level = np.where(shaped, own + passed * through_tone / size, mean)
     rival = np.where(shaped[:, None], two, even)
     return scale * np.where(_gain(power, along, rival, near) > ENOUGH_FOR_LAW, law, level)
+
+
+def levels_apart(
+    lines: tuple[ComplexArray, ComplexArray],
+    gain: ComplexArray,
+    at_tone: ComplexArray,
+    ratio: FloatArray,
+    weight: FloatArray,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Mean noise power of Y − H X at each tone by the noise of each channel, and where that holds; both shape (n,).
+
+    Args:
+        lines: of the reference X and of the response Y, each of shape (n, K).
+        gain: H at the lines, shape (n, K).
+        at_tone: H at the tones, shape (n,).
+        ratio: frequency of each line over the tone's, shape (n, K).
+        weight: one for a line, zero for padding, shape (n, K).
+    """
+    own, flat = [], np.ones(len(weight), dtype=bool)
+    for line in lines:
+        power = np.abs(line) ** 2
+        own.append(np.maximum(np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny))
+        near = weight * np.exp(-0.5 * (np.log(np.maximum(ratio, 1e-6)) / NEAR) ** 2)
+        flat &= ~_power_law(power / own[-1][:, None], ratio, weight, near * (power > 0))[2]
+    passed, felt = own
+    through = np.abs(gain) ** 2
+    scale = felt + passed * np.max(weight * through, axis=1)
+    power = np.abs(lines[1] - gain * lines[0]) ** 2 / scale[:, None]
+    size = np.maximum(np.max(weight * through, axis=1), 1e-300)
+    apart = (felt[:, None] + passed[:, None] * through) / scale[:, None]
+    mean = np.maximum(np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny)
+    a, b = _two_levels(power, through / size[:, None], weight, mean)
+    fits = _gain(power, a[:, None] + b[:, None] * through / size[:, None], apart, weight) < WORSE
+    common = np.real(np.conj(gain * lines[0]) * lines[1]) / np.maximum(np.abs(gain), 1e-300)
+    for steep in (0.0, 2.0):  # motion of one velocity or acceleration stands out at low frequencies
+        at = weight * np.maximum(ratio, 1e-6) ** -steep
+        spread = np.sqrt(0.5 * np.sum((at * np.abs(lines[0]) * np.abs(lines[1])) ** 2, axis=1))
+        fits &= np.sum(at * common, axis=1) < COHERENT * CORRELATED * np.maximum(spread, 1e-300)
+    return felt + passed * np.abs(at_tone) ** 2, fits & flat
 
 
 def _power_law(

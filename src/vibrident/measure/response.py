@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.measure.level import level_at_tone
+from vibrident.measure.level import level_at_tone, levels_apart
 from vibrident.records import FloatArray
 
 #: Smallest deviation, relative to the amplitude: interpolation between samples is not better.
@@ -69,7 +69,12 @@ class MeasuredResponse:
         h = self.ratio[:, None] if model is None else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
         error = np.abs(self.line_response - h * self.line_reference) ** 2
         through = (None, None) if model is None else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
-        variance = level_at_tone(error, self.line_hz / self.frequency_hz[:, None], self.line_weight, *through)
+        ratio = self.line_hz / self.frequency_hz[:, None]
+        variance = level_at_tone(error, ratio, self.line_weight, *through)
+        if model is not None:
+            lines = (self.line_reference, self.line_response)
+            apart, holds = levels_apart(lines, h, model(self.frequency_hz), ratio, self.line_weight)
+            variance = np.where(holds, apart, variance)
         floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
 

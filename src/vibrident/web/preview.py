@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vibrident.errors import InputError
 from vibrident.io.columns import ColumnFile
 from vibrident.io.readers import open_columns
 from vibrident.present import axes
@@ -78,7 +79,10 @@ def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
     places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
     size = min(*(source.length(place) for place in places), MOST_LIGHT)
     signals = source.block(places, 0, size)
-    if size < 2 or not np.isfinite(signals).all() or not np.all(np.ptp(signals, axis=1) > 0):
+    if size < 2 or not np.isfinite(signals).all():
         return ()
-    seen = survey(Held(signals, 1.0))
+    try:
+        seen = survey(Held(signals, 1.0))
+    except InputError:  # reported when the file is confirmed; the signals themselves show it
+        return (Stack((lissajous(signals[:, :: max(size // MOST_SAMPLES, 1)], None),)),)
     return (Stack((lissajous(seen.points, seen.ellipse if seen.fitted else None),)),)
