@@ -6,6 +6,7 @@ to below 0.4. They are symmetric; only samples whose filter lies wholly within t
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -166,11 +167,8 @@ def at_positions(values: FloatArray, positions: FloatArray, spacing: float) -> F
         positions: in samples, shape (m,); from ``reach(spacing)`` to n − 1 − ``reach(spacing)``.
         spacing: of the new samples, in old ones; 1 or more.
     """
-    half = reach(spacing)
+    half, table = reach(spacing), _table(spacing)
     offsets = np.arange(-half, half + 2)
-    fraction = np.arange(PLACES + 1) / PLACES
-    table = _kernel(offsets[None, :] - fraction[:, None], spacing, half)
-    table /= table.sum(axis=1, keepdims=True)
     found = np.empty(positions.shape[0])
     for begin in range(0, positions.shape[0], 4096):
         part = positions[begin : begin + 4096]
@@ -189,7 +187,12 @@ def reach(spacing: float) -> int:
     return int(np.ceil(HALF * spacing))
 
 
-def _kernel(distance: FloatArray, spacing: float, half: int) -> FloatArray:
+@functools.lru_cache(maxsize=2)
+def _table(spacing: float) -> FloatArray:
+    """The filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
+    half = reach(spacing)
+    distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
     beta = signal.kaiser_beta(ATTENUATION_DB)
-    return np.where(np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(beta * np.sqrt(inside)), 0.0)
+    table = np.where(np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(beta * np.sqrt(inside)), 0.0)
+    return np.asarray(table / table.sum(axis=1, keepdims=True))

@@ -98,11 +98,12 @@ class Ellipse:
 
     def round(self, u: FloatArray) -> FloatArray:
         """Signals, shape (2, n), as v: cos φ and sin φ with their noise, shape (2, n)."""
-        inverse = self.inverse
-        first = (u[0] - self.centre[0]) * inverse[0, 0]
-        second = (u[1] - self.centre[1]) * inverse[1, 1]
-        second += (inverse[1, 0] / inverse[0, 0]) * first
-        return np.stack([first, second])
+        inverse, v = self.inverse, np.empty(u.shape)
+        for row in range(2):
+            np.subtract(u[row], self.centre[row], out=v[row])
+            v[row] *= inverse[row, row]
+        v[1] += (inverse[1, 0] / inverse[0, 0]) * v[0]
+        return v
 
     def difference(self, other: Ellipse) -> FloatArray:
         """(p, q, a, b, e) of another ellipse seen in the coordinates of this one, shape (5,)."""

@@ -87,10 +87,12 @@ def _round(u: FloatArray, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse
 
 
 def _good(v: FloatArray, ellipse: Ellipse) -> BoolArray:
-    radius = v[0] * v[0] + v[1] * v[1]
-    good = (radius > lost_radius(ellipse) ** 2) & (radius < TOO_LARGE**2)
-    if good.all():
-        return good
+    radius = v[0] * v[0]
+    radius += v[1] * v[1]
+    least, most = lost_radius(ellipse) ** 2, TOO_LARGE**2
+    if radius.min() > least and radius.max() < most:
+        return np.ones(radius.shape, dtype=bool)
+    good = (radius > least) & (radius < most)
     bad = np.flatnonzero(~good)
     for shift in range(-GUARD, GUARD + 1):
         good[np.clip(bad + shift, 0, good.shape[0] - 1)] = False
