@@ -14,6 +14,17 @@ from vibrident.simulation.optics import Optics
 SETTING = Interferometer("heterodyne", 632.991e-9, carrier_hz=2.0e5, direction=-1)
 
 
+def test_noise_of_a_small_motion_is_not_taken_for_too_little(tmp_path):
+    """The displacement of 10 kHz needs fewer samples than the response has: interpolated, its noise had no high
+    frequencies, and was taken for a nonlinearity of the sensor."""
+    settings = {"start": "steady", "sampling_rate_hz": 1e6, "samples": 60_000, "response_noise": 1e-3}
+    settings |= {"frequencies_hz": [2000.0, 6000.0, 10_000.0], "amplitude": 100.0}
+    write_optical_calibration(tmp_path, "paper", "sine", Optics(SETTING, noise=0.05), seed=5, **settings)
+    calibration = vibrident.read(tmp_path / "calibration.toml")
+    assert all(record.sampling_rate_hz <= record.optical.rate_hz * 1.000001 for record in calibration.records)
+    assert vibrident.identify(calibration).warning_codes == ()
+
+
 @pytest.mark.parametrize(
     ("optics", "together"),
     [

@@ -57,6 +57,15 @@ def thinning(samples: int, rate_hz: float, highest_hz: float, *, sine: bool) -> 
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
 
 
+def no_finer(response_hz: float, optical_hz: float) -> int:
+    """Factor by which a response is decimated at least, so that it is no finer than the displacement.
+
+    Between the samples of a displacement there is no noise: interpolated, its noise would end below half the rate, and
+    whatever takes it for white would take too little for it.
+    """
+    return max(int(np.ceil(response_hz / optical_hz * (1.0 - 1e-9))), 1)
+
+
 def finer(rate_hz: float, response_hz: float) -> int:
     """Factor from optical samples to the displacement's, for a response of another rate."""
     return max(int(rate_hz / (FINER * response_hz)), 1)

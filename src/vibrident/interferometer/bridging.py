@@ -63,6 +63,6 @@ def _step(before: FloatArray, after: FloatArray, left: int, right: int, noise: f
         rest = float(np.sqrt(np.sum((phase - design @ found) ** 2) / (time.size - degree - 2)))
         u = max(rest, noise, 1e-9) / abs(float(r[-1, -1])) / TURN
         step = float(found[-1]) / TURN
-        if rest < NOISE * max(noise, 1e-4) and u < KNOWN and abs(step - round(step)) < max(WHOLE, 0.0):
+        if rest < NOISE * max(noise, 1e-4) and u < KNOWN and abs(step - round(step)) < WHOLE:
             return -round(step)
     return None

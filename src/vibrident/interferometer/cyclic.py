@@ -30,14 +30,14 @@ DEGREE = 11
 #: Fewest pieces.
 FEWEST = 16
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
-_OF_ELLIPSE = np.zeros((6, 5))
-_OF_ELLIPSE[0, 1], _OF_ELLIPSE[1, 0], _OF_ELLIPSE[2, 4], _OF_ELLIPSE[3, 2], _OF_ELLIPSE[3, 3] = (
-    1.0,
-    -1.0,
-    0.5,
-    -0.5,
-    0.5,
-)
+_OF_ELLIPSE = np.array([
+    [0.0, 1.0, 0.0, 0.0, 0.0],
+    [-1.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 0.0, 0.0, 0.5],
+    [0.0, 0.0, -0.5, 0.5, 0.0],
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.interferometer import effects, phase
-from vibrident.interferometer.bridging import turns
+from vibrident.interferometer.bridging import WHOLE, turns
 from vibrident.interferometer.choice import Choice
 from vibrident.interferometer.cyclic import Cyclic, cyclic_error
 from vibrident.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
@@ -25,8 +25,6 @@ from vibrident.interferometer.survey import Survey
 MOST_LEFT_OUT = 0.5
 #: Most gaps that are examined one by one.
 MOST_GAPS = 400
-#: A piece of a sine record joins the longest one if the step is a whole number of turns within this part.
-WHOLE = 0.12
 #: Samples of the excerpt.
 EXCERPT = 2000
 #: Points kept for pictures.
@@ -224,7 +222,7 @@ def _answer(
         frequency, harmonics = effects.of_sine(found.amplitude, found.mean, found.frequency_hz)
         relative_noise = np.array([noise * np.sqrt(2.0 / signals.samples) / max(found.amplitude, 1e-300)])
     else:
-        frequency, harmonics = effects.of_motion(values + 0.0, valid, rate)
+        frequency, harmonics = effects.of_motion(values, valid, rate)
         size = float(np.std(values[valid]))
         relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
     covariance = effects.shape_covariance(choice.ellipse)

@@ -114,7 +114,8 @@ def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
         root = _root(members[0].covariance)
         for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
             if value > NEGLIGIBLE**2:
-                found.append((float(value), _effect(SOURCE, "ellipse", members, root @ vector, grid)))
+                parts = [(one.frequency_hz, -(root @ vector @ one.relative)) for one in members]
+                found.append((float(value), _pattern(SOURCE, "ellipse", parts, grid)))
     waves = _cyclic(answers)
     if np.any(waves):
         parts = [(answer.frequency_hz, -(waves @ answer.harmonics)) for answer in answers]
@@ -141,12 +142,6 @@ def _weighed(stacked: np.ndarray, noise: FloatArray, covariance: FloatArray) -> 
     """Σ over points of |change|² over the noise's variance, in directions of unit variance, shape (4, 4)."""
     rows = (_root(covariance).T @ stacked) / np.maximum(noise, 1e-300)
     return np.real(rows @ np.conj(rows.T))
-
-
-def _effect(
-    source: str, kind: str, members: Sequence[Answer], direction: FloatArray, grid: FloatArray
-) -> SystematicEffect:
-    return _pattern(source, kind, [(m.frequency_hz, -(direction @ m.relative)) for m in members], grid)
 
 
 def _pattern(

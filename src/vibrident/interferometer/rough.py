@@ -20,8 +20,8 @@ LINES = 1 << 14
 SMOOTH = 5
 #: Motion is above this multiple of the floor.
 ABOVE = 6.0
-#: Band that is kept of slow signals, over the highest frequency that stands above the noise.
-ROOM = 2.0
+#: Band that is kept of slow signals, over the highest frequency that stands above the noise: 16 samples of its period.
+ROOM = 6.4
 #: Fewest samples that are kept of slow signals.
 FEWEST = 1 << 12
 

@@ -223,6 +223,7 @@ def _record(
     top = near or highest_frequency(one.optical, choice)
     thinned = one.beside or not sine
     every = alignment.thinning(one.response.samples, one.response.rate_hz, top, sine=sine) if thinned else 1
+    every = max(every, alignment.no_finer(one.response.rate_hz, one.optical.rate_hz))
     alike = one.beside and one.offset_s == 0.0
     factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
     found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
