@@ -127,8 +127,8 @@ def _costs(files: list[Path], folder: Path) -> tuple[float, float, float]:
 
 def _as_a_worker(path: str, orders: Orders) -> None:
     key = look(path, orders).key
-    answer = worker._answer(path, key, orders)
-    assert answer["row"]["status"] == IDENTIFIED
+    answer = worker._answer([(path, key)], orders)
+    assert answer["rows"][0]["status"] == IDENTIFIED
     json.loads(json.dumps(answer))
 
 

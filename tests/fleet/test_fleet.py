@@ -163,10 +163,10 @@ def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypa
     victims, exchange = ["s001", "s003"], Process._exchange
 
     def killed_once(process, message, seconds):
-        name = Path(message.get("path", "")).parent.name
-        if name in victims:
-            victims.remove(name)
-            process._process.kill()
+        for path, _ in message.get("tasks", ()):
+            if (name := Path(path).parent.name) in victims:
+                victims.remove(name)
+                process._process.kill()
         return exchange(process, message, seconds)
 
     monkeypatch.setattr(Process, "_exchange", killed_once)
@@ -184,7 +184,7 @@ def test_a_process_that_is_ended_while_it_starts_is_given_no_calibration(tmp_pat
 
     monkeypatch.setattr("vibrident.fleet.process.subprocess.Popen", ended_meanwhile)
     with pytest.raises(Ended):
-        process.identify("c.toml", "key")
+        process.identify([("c.toml", "key")])
     assert process._process is None
 
 

@@ -21,6 +21,7 @@ from vibrident.fleet.key import Look
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.parts import write_part
 from vibrident.fleet.process import Died, Process, unwritable
+from vibrident.many import TOGETHER
 
 #: Attempts for a calibration alone: the process may have been ended from outside.
 _TRIES_ALONE = 2
@@ -70,7 +71,8 @@ def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
     """
     _require_same_version(orders)
     process = _process(orders)
-    found = [_row(process, path, key) for path, key in tasks]
+    size = TOGETHER if orders.device == "gpu" else 1
+    found = [row for at in range(0, len(tasks), size) for row in _rows(process, tasks[at : at + size])]
     keep, passing = [row for row in found if not row["passing"]], [row for row in found if row["passing"]]
     part = ""
     try:
@@ -101,15 +103,25 @@ def _process(orders: Orders) -> Process:
     return process
 
 
+def _rows(process: Process, tasks: Sequence[tuple[str, str]]) -> list[rows.Row]:
+    """Rows of calibrations that the process has at the same time; one by one if that ends it."""
+    if len(tasks) > 1:
+        try:
+            return process.identify(tasks)
+        except Died:
+            process.close()
+    return [_row(process, path, key) for path, key in tasks]
+
+
 def _row(process: Process, path: str, key: str) -> rows.Row:
     try:
-        return process.identify(path, key)
+        return process.identify([(path, key)])[0]
     except Died as death:
         last = death
     for _ in range(_TRIES_ALONE if last.reason != "time" else 0):
         process.close()
         try:
-            return process.identify(path, key)
+            return process.identify([(path, key)])[0]
         except Died as death:
             last = death
         finally:

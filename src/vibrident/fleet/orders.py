@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from vibrident import __version__
 
@@ -36,6 +36,7 @@ class Orders:
         time_limit_s: longest time of one calibration.
         memory_limit_bytes: largest memory of one process; None: a share of the machine's, see ``memory_limit``.
         results: whether whole results are written.
+        device: where tones and lines are fitted: ``cpu``, or ``gpu`` for many calibrations at once.
         version: of this package; a remote worker must have the same.
         plug_ins: packages that may change an outcome.
         run: name of this run; it distinguishes its processes from those of another run.
@@ -47,6 +48,7 @@ class Orders:
     time_limit_s: float = TIME_LIMIT_S
     memory_limit_bytes: int | None = None
     results: bool = True
+    device: Literal["cpu", "gpu"] = "cpu"
     version: str = __version__
     plug_ins: Sequence[str] = field(default_factory=plug_ins)
     run: str = ""
@@ -55,6 +57,8 @@ class Orders:
     def settings(self) -> dict[str, Any]:
         """The settings that change the numbers of an outcome."""
         chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
+        if self.device != "cpu":
+            chosen["device"] = self.device
         return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
 
     @property

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import IO, Any
 
@@ -21,6 +22,7 @@ _WORK = "from vibrident.fleet.worker import work; work()"
 _SURROUNDINGS = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"),
     "HDF5_PLUGIN_PRELOAD": "::",
+    "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # processes share a GPU
 }
 #: Longest time to load the libraries, in seconds; a network drive may be slow.
 _START_S = 180.0
@@ -64,8 +66,8 @@ class Process:
         self._lock = threading.Lock()
         self.ended = False
 
-    def identify(self, path: str, key: str) -> Row:
-        """The row of a calibration.
+    def identify(self, tasks: Sequence[tuple[str, str]]) -> list[Row]:
+        """The rows of calibrations, each a path and its key; more than one only for a device that takes many.
 
         Raises:
             Died: the process ended during the calibration.
@@ -74,28 +76,28 @@ class Process:
         """
         with self._lock:
             try:
-                return self._identify(path, key)
+                return self._identify(tasks)
             finally:
                 if self.ended:
                     self.close()
 
-    def _identify(self, path: str, key: str) -> Row:
+    def _identify(self, tasks: Sequence[tuple[str, str]]) -> list[Row]:
         if self.ended:
             raise Ended
         if self._process is None or self._process.poll() is not None:
             self._start()
             if self.ended:  # before there was a process to kill
                 raise Ended
-        answer = self._exchange({"path": path, "key": key}, self.orders.time_limit_s)
+        answer = self._exchange({"tasks": tasks}, len(tasks) * self.orders.time_limit_s)
         if "unwritable" in answer:
             raise unwritable(answer["unwritable"], self.orders.folder)
         if "memory" in answer:
             self.close()
             raise Died("memory", "a process that asked for more")
-        self._done += 1
+        self._done += len(tasks)
         if self._done >= _MOST_DONE or answer["memory_bytes"] > _MOST_BYTES:
             self.close()
-        return answer["row"]
+        return answer["rows"]
 
     def end(self) -> None:
         """End the process from another thread; it is not started again."""
@@ -134,9 +136,12 @@ class Process:
             env={**os.environ, **_SURROUNDINGS, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )
         try:
-            self._exchange({"orders": asdict(self.orders), "memory_bytes": self.memory_bytes}, _START_S)
+            ready = self._exchange({"orders": asdict(self.orders), "memory_bytes": self.memory_bytes}, _START_S)
         except Died as death:
             raise self._not_started(death) from None
+        if "refused" in ready:
+            self.close()
+            raise InputError(**ready["refused"])
 
     def _exchange(self, message: dict[str, Any], seconds: float) -> dict[str, Any]:
         process = self._process

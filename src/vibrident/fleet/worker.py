@@ -1,4 +1,4 @@
-"""The process that identifies: a calibration a line on stdin, its row a line on stdout.
+"""The process that identifies: calibrations on stdin, their rows on stdout, in most cases one a line.
 
 It ends when its stdin ends, in the middle of whatever it does: whoever started it is gone. What it writes is written
 under another name first, so that nothing half-written stays under its own.
@@ -13,10 +13,11 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import VibridentError
+from vibrident.errors import InputError, VibridentError
 from vibrident.fleet import row as rows
 from vibrident.fleet.key import look, sensor_text
 from vibrident.fleet.orders import Orders
@@ -28,6 +29,8 @@ from vibrident.sandbox import set_limits
 _IDLE_S = 120.0
 #: How often a calibration is begun again whose files change while it is read.
 _MOST_TRIES = 3
+#: Path and key.
+Task = tuple[str, str]
 
 
 def work() -> None:
@@ -44,7 +47,7 @@ def work() -> None:
     import vibrident.identification
     import vibrident.io  # noqa: F401  all that linear sensors need
 
-    answer: dict[str, Any] = {"ready": True}
+    answer = _ready(orders)
     while True:
         stream.write(json.dumps(answer) + "\n")
         stream.flush()
@@ -52,7 +55,7 @@ def work() -> None:
             task = json.loads(lines.get(timeout=_IDLE_S))
         except queue.Empty:
             os._exit(0)
-        answer = _answer(task["path"], task["key"], orders)
+        answer = _answer([(path, key) for path, key in task["tasks"]], orders)
 
 
 def _listen(lines: queue.SimpleQueue[str]) -> None:
@@ -61,15 +64,28 @@ def _listen(lines: queue.SimpleQueue[str]) -> None:
     os._exit(0)
 
 
-def _answer(path: str, key: str, orders: Orders) -> dict[str, Any]:
+def _ready(orders: Orders) -> dict[str, Any]:
+    """The first answer: whether the device is there."""
+    if orders.device == "gpu":
+        from vibrident.batched.program import gpu
+
+        try:
+            gpu()
+        except InputError as error:
+            return {"refused": vars(error)}
+    return {"ready": True}
+
+
+def _answer(tasks: Sequence[Task], orders: Orders) -> dict[str, Any]:
     try:
+        found: dict[str, rows.Row] = {}
         for _ in range(_MOST_TRIES):
-            row = _identified(path, key, orders)
-            now = look(path, orders).key
-            if now == key:
+            found |= {path: row for (path, _), row in zip(tasks, _identified(tasks, orders), strict=True)}
+            now = [(path, look(path, orders).key) for path, _ in tasks]
+            tasks = [task for task in now if task not in tasks]  # the files changed while they were read
+            if not tasks:
                 break
-            key = now  # the files changed while they were read
-        return {"row": row, "memory_bytes": _held_bytes()}
+        return {"rows": list(found.values()), "memory_bytes": _held_bytes()}
     except MemoryError:
         pass  # said outside, when what it held is gone
     except OSError as error:
@@ -77,26 +93,51 @@ def _answer(path: str, key: str, orders: Orders) -> dict[str, Any]:
     return {"memory": True}
 
 
-def _identified(path: str, key: str, orders: Orders) -> rows.Row:
-    """Read, identify, write the result. The outcome does not depend on the folder of the files."""
-    from vibrident.identification import identify
-    from vibrident.io import read
+def _identified(tasks: Sequence[Task], orders: Orders) -> list[rows.Row]:
+    """Read, identify, write the results. The outcome does not depend on the folder of the files."""
+    from vibrident.many import identify_many
 
     begin = time.perf_counter()
+    found: list[Any] = [_read(path) for path, _ in tasks]
+    whole = [one for one in found if not isinstance(one, Exception)]
+    try:
+        made = identify_many(whole, orders.model, orders.estimator, refused="return", device=orders.device)
+        ended: Iterator[Any] = iter(list(made))
+    except MemoryError:
+        raise
+    except Exception as error:
+        if len(tasks) > 1:  # which one it was shows one by one
+            return [row for task in tasks for row in _identified([task], orders)]
+        ended = iter([error])
+    found = [one if isinstance(one, Exception) else next(ended) for one in found]
+    seconds = (time.perf_counter() - begin) / len(tasks)
+    return [_row(*task, one, orders, seconds) for task, one in zip(tasks, found, strict=True)]
+
+
+def _read(path: str) -> Any:
+    """The calibration, or the exception that reading it raised."""
+    from vibrident.io import read
+
     folder, name = os.path.split(path)
     try:
         _enter(folder, path)
-        result = identify(read(name), orders.model, orders.estimator)  # type: ignore[arg-type]
+        return read(name)
     except MemoryError:
         raise
-    except VibridentError as error:
-        return rows.refused(key, error, sensor_text(path), orders.model, time.perf_counter() - begin)
     except Exception as error:
-        return rows.failed(key, rows.fault(error), sensor_text(path), orders.model, time.perf_counter() - begin)
+        return error
+
+
+def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> rows.Row:
+    """The row of a result or an exception."""
+    if isinstance(found, VibridentError):
+        return rows.refused(key, found, sensor_text(path), orders.model, seconds)
+    if isinstance(found, Exception):
+        return rows.failed(key, rows.fault(found), sensor_text(path), orders.model, seconds)
     if orders.results:
-        text = json.dumps(result.to_dict(), allow_nan=False, separators=(",", ":"))
+        text = json.dumps(found.to_dict(), allow_nan=False, separators=(",", ":"))
         write_whole(orders.results_folder / f"{key}.json", text.encode("ascii"))
-    return rows.identified(key, result, time.perf_counter() - begin)
+    return rows.identified(key, found, seconds)
 
 
 def _enter(folder: str, path: str) -> None:

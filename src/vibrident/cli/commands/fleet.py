@@ -45,6 +45,12 @@ def fleet(
         str,
         choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", "{estimators}"),
     ] = AUTO,
+    device: Annotated[
+        str,
+        choice(
+            "--device", ("cpu", "gpu"), "Where tones and lines are fitted; gpu: not measured on one, see docs/fleet.md."
+        ),
+    ] = "cpu",
     resume: Annotated[bool, flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.")] = True,
     time_limit_s: Annotated[float, option("--time-limit", "S", "Most seconds of one calibration.")] = 300.0,
     memory_limit_mb: Annotated[
@@ -80,6 +86,7 @@ def fleet(
         _positive("--time-limit", time_limit_s, "seconds"),
         None if memory is None else int(memory),
         results,
+        "gpu" if device == "gpu" else "cpu",
     )
     asked = Asked(patterns, orders, _specification(limits), fresh=not resume)
     if store is not None:
