@@ -52,7 +52,7 @@ def _measured(kept: dict[str, Any]) -> str:
         ),
         (
             "sensors a second, two workers over one that is always busy: by these shares, where each has a core; and "
-            "measured over one, while other programs used both cores",
+            "measured over one, on a virtual machine of two shared cores",
             f"{2 * speed['busy_share_of_two_workers']:.2f}; {speed['two_workers_over_one']:.2f}",
         ),
         (

@@ -10,6 +10,7 @@ from vibrident.batched import program
 from vibrident.errors import InputError
 from vibrident.fleet import Orders, row, worker
 from vibrident.fleet.batch import _rows
+from vibrident.fleet.key import look
 from vibrident.fleet.process import Died
 
 
@@ -19,10 +20,10 @@ def test_a_worker_gives_the_rows_that_it_gives_one_by_one(tmp_path, monkeypatch)
     fleet(tmp_path / "data", 3)
     broken(tmp_path / "data")
     (tmp_path / "out/results").mkdir(parents=True)
-    files = sorted(tmp_path.glob("data/*/c.toml"))
-    tasks = [(str(file), file.parent.name) for file in files]
-    alone = [worker._answer([task], Orders(str(tmp_path / "out"), results=False))["rows"][0] for task in tasks]
-    together = worker._answer(tasks, Orders(str(tmp_path / "out"), device="gpu"))["rows"]
+    plain, orders = Orders(str(tmp_path / "out"), results=False), Orders(str(tmp_path / "out"), device="gpu")
+    files = [str(file) for file in sorted(tmp_path.glob("data/*/c.toml"))]
+    alone = [worker._answer([(file, look(file, plain).key)], plain)["rows"][0] for file in files]
+    together = worker._answer([(file, look(file, orders).key) for file in files], orders)["rows"]
     assert len(together) == 13
     for one, other in zip(alone, together, strict=True):
         assert (one["status"], one["message"], one["warnings"]) == (
