@@ -39,8 +39,10 @@ MOST_BLOCKS = 32
 FEWEST_BLOCKS = 8
 #: Fewest samples of a block.
 FEWEST_SAMPLES = 24
-#: Less than so many steps of a converter are no change, unless the noise is larger than a step.
-STEPS = 10.0
+#: Noise of so many steps of a converter hides them …
+COARSE = 2.0
+#: … and below it less than so many steps are no change.
+STEPS = 3.0
 #: Noise of the reference stands at each line in prediction and residual alike: so many times the latter is none of it.
 OWN = 2.0
 #: Lines averaged on either side for the residual's spectrum.
@@ -117,7 +119,7 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
         return None
     residual = np.where(used, record.response - series, 0.0)
     residual = np.where(used, residual - np.mean(residual[used]), 0.0)
-    if record.excitation == "random":
+    if record.excitation in ("random", "shock"):
         series, residual, used = _without_memory(series, residual, used)
     lines = np.asarray(fft.rfft(residual), dtype=complex)
     power = np.abs(lines) ** 2
@@ -170,8 +172,10 @@ def _least(record: Record, series: FloatArray, residual: FloatArray) -> float:
     size, motion = float(np.std(series)), float(np.std(record.reference[record.reference_mask]))
     of_reference = converter_step(record.reference, record.reference_mask) * size / max(motion, np.finfo(float).tiny)
     step = max(converter_step(record.response, record.mask), of_reference)
-    coarse = float(np.std(residual)) < step and record.excitation != "random"
-    return max(LEAST_DEVIATION * size, STEPS * step if coarse else 0.0)
+    if float(np.std(residual)) < COARSE * step and record.excitation != "random":
+        # What rounding leaves of a swing that dies away follows the swing.
+        return STEPS * step if record.excitation in STEADY else np.inf
+    return LEAST_DEVIATION * size
 
 
 def _columns(motion: FloatArray, rate: float, sensor: SensorSlopes | None) -> FloatArray:
