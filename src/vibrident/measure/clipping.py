@@ -19,27 +19,46 @@ FULLER = 4.0
 #: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top
 #: more.
 LEVEL = 1.4
-#: Fewest samples in the first bin where they are exactly equal, and where they carry noise.
-FEWEST_EQUAL, FEWEST_NEAR = 8, 40
+#: Fewest samples in the first bin where they are exactly equal.
+FEWEST_EQUAL = 8
+#: Fewest where they carry noise.
+FEWEST_NEAR = 40
 #: Where the values below the first occur once each, so often may equal ones be chance.
 CHANCE = 1e-5
-#: Values, and bins, below the first that are compared with it.
-BELOW, BINS = 8, 5
+#: Values below the first that are compared with it.
+BELOW = 8
+#: Bins below the first that are compared with it.
+BINS = 5
 #: Widths of bins: the range over these powers of two.
 WIDTHS = range(4, 13)
-#: A rail is visited so often, unless its samples are exactly equal for longer than this.
-VISITS, LONG = 3, 8
-#: A level that holds this part of the record in one piece is rest, or one that holds most; a signal whose two levels
-#: together hold more than the second part is square.
-REST, SQUARE, MOSTLY = 0.12, 0.9, 0.45
-#: Visits of so few samples are doubted in a signal that so many neighbours on either side tell to this part of its
-#: standard deviation, unless they tell the samples at the level so many times worse than the others.
-SHORT, NEIGHBOURS, PREDICTED, STRANGE = 6.0, 3, 0.1, 1.6
-#: Visits looked at; how far the samples beside one lead past it, in spreads of its samples, and in parts of the
-#: signal's range: less is the flat step of a coarse generator.
-MOST_VISITS, PASSES, LEAST_CUT = 15, 1.0, 2.5e-3
-#: The smallest difference of values that occur is at most so many steps; values lie on the grid to this part of one.
-MOST_PARTS, ON_GRID = 24, 0.05
+#: A rail is visited so often …
+VISITS = 3
+#: … unless its samples are exactly equal for longer than this.
+LONG = 8
+#: A level that holds this part of the record in one piece is rest …
+REST = 0.12
+#: … and one that holds this part of it in all.
+MOSTLY = 0.45
+#: A signal whose two levels together hold more than this is square.
+SQUARE = 0.9
+#: Visits of so few samples are doubted in a signal that its neighbours tell well.
+SHORT = 6.0
+#: Neighbours on either side that tell a sample.
+NEIGHBOURS = 3
+#: They tell it well to this part of the signal's standard deviation.
+PREDICTED = 0.1
+#: A rail's samples are told so many times worse than the others.
+STRANGE = 1.6
+#: Visits looked at.
+MOST_VISITS = 15
+#: The samples beside a visit lead past it by so many spreads of its samples …
+PASSES = 1.0
+#: … and by this part of the signal's range: less is the flat step of a coarse generator.
+LEAST_CUT = 2.5e-3
+#: The smallest difference of values that occur is at most so many steps.
+MOST_PARTS = 24
+#: Values lie on the grid to this part of a step.
+ON_GRID = 0.05
 #: So many values tell mostly that there is no grid.
 FIRST = 32
 #: Values closer than this part of the range are the same.

@@ -13,9 +13,14 @@ from vibrident.records import FloatArray, Record
 COUNTED_ONCE = "counted once: the same samples as in "
 #: Two forms of one number differ by less, as a part of the range: seven digits were kept. No channel is so quiet.
 _ROUNDING = 5e-7
-#: A coarser form (16 bit, few decimals) leaves rounding errors: within half a step, so no larger than √3 of their rms,
-#: and of as many sizes as there are samples. Noise has tails, and steps of one converter have few sizes.
-_MOST_ERROR, _MOST_PEAK, _LEAST_SIZES, _FEWEST_SAMPLES = 1e-3, 2.0, 0.25, 200
+#: A coarser form (16 bit, few decimals) leaves rounding errors of less than this part of the range …
+_MOST_ERROR = 1e-3
+#: … within half a step, so no larger than √3 of their rms: noise has tails …
+_MOST_PEAK = 2.0
+#: … and of as many sizes as there are samples: steps of one converter have few sizes.
+_LEAST_SIZES = 0.25
+#: Fewest samples that tell so.
+_FEWEST_SAMPLES = 200
 
 
 def without_copies(records: Sequence[Record]) -> tuple[Record, ...]:

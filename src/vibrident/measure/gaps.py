@@ -13,10 +13,14 @@ from vibrident.records import BoolArray, FloatArray
 
 #: Equal samples in a row that are looked at.
 FEWEST = 3
-#: How often chance may make a run, in a record, and the samples on either side that tell how the channel changes.
-CHANCE, AROUND = 1e-4, 30
-#: A jump is this many times the changes of a channel of coarse steps that all but this part of the others stay below.
-JUMP, OTHERS = 4.0, 0.02
+#: How often chance may make a run, in a record.
+CHANCE = 1e-4
+#: Samples on either side that tell how the channel changes.
+AROUND = 30
+#: A jump is this many times the usual largest change of a channel of coarse steps …
+JUMP = 4.0
+#: … which this part of the changes exceed.
+OTHERS = 0.02
 #: A longer run than this part of the record is rest.
 REST = 0.25
 #: Samples left out beside a stretch.

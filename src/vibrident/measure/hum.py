@@ -12,8 +12,12 @@ from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record
 
 #: A line this many times above the median of the lines around is a tone, and none of the motion where the prediction
-#: does not stand out there; so many lines on either side, but the nearest.
-STANDS_OUT, AROUND, NEAREST = 40.0, 40, 4
+#: does not stand out there.
+STANDS_OUT = 40.0
+#: Lines around on either side …
+AROUND = 40
+#: … but the nearest.
+NEAREST = 4
 #: So many lines from a line of the motion it is another.
 APART = 0.4
 #: Largest number of hum tones; more significant tones are a misfit.

@@ -12,18 +12,30 @@ from vibrident.records import BoolArray, Excitation, FloatArray, Record
 
 #: Samples looked at.
 MOST_SAMPLES = 2**18
-#: A shock has this part of its energy in so small a part of its samples; a sine needs 0.7 of them, Gaussian noise 0.4.
-ENERGY, BRIEF = 0.9, 0.2
-#: A tone lies within so many lines of its peak, and nothing else is a fifth as strong; of a piece of a sweep it holds
-#: this part of the power.
-LOBE, ALONE, MOSTLY = 3, 5.0, 0.5
-#: Pieces that a sweep is cut into, fewest samples of each, the part of them that must hold a tone of their own, and the
-#: rank correlation of its frequency with time.
-PIECES, FEWEST, OWN_TONE, ORDERED = 32, 32, 0.7, 0.9
+#: A shock has this part of its energy …
+ENERGY = 0.9
+#: … in so small a part of its samples; a sine needs 0.7 of them, Gaussian noise 0.4.
+BRIEF = 0.2
+#: A tone lies within so many lines of its peak.
+LOBE = 3
+#: It is so many times as strong as anything else.
+ALONE = 5.0
+#: Of a piece of a sweep it holds this part of the power.
+MOSTLY = 0.5
+#: Pieces that a sweep is cut into.
+PIECES = 32
+#: Fewest samples of each.
+FEWEST = 32
+#: Part of the pieces that must hold a tone of their own.
+OWN_TONE = 0.7
+#: Rank correlation of that tone's frequency with time.
+ORDERED = 0.9
 #: Lines of a multisine hold 90 % of the power in less than this part of the lines between the first and the last.
 SPARSE = 0.2
-#: Lines on either side of a tone that are its own; its harmonics', too, or this part of its frequency.
-BESIDE, PART = 3, 0.25
+#: Lines on either side of a tone that are its own, and its harmonics' …
+BESIDE = 3
+#: … or this part of its frequency.
+PART = 0.25
 
 
 def kind_of_motion(motion: FloatArray) -> Excitation:

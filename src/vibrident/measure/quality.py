@@ -21,9 +21,12 @@ from vibrident.result import WarningCode
 #: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
 ALIAS_POWER = 0.01
 FEWEST_PERIODS = 2.0
-#: Samples on either side that the interpolation of the reference takes in; a record that lost samples is used where at
-#: least this part of it, and so many samples, are whole over as many.
-REACH, LEAST_WHOLE, FEWEST_WHOLE = 40, 0.05, 128
+#: Samples on either side that the interpolation of the reference takes in.
+REACH = 40
+#: A record that lost samples is used where at least this part of it is whole over as many …
+LEAST_WHOLE = 0.05
+#: … and so many samples are.
+FEWEST_WHOLE = 128
 #: Wild samples of both channels that are so many samples apart, or fewer, are one event.
 TOGETHER = 2
 #: Stationary motions; others may end within the record.
