@@ -14,6 +14,7 @@ from tests.support.sample_results import pickup, table2, table_only
 
 from vibrident import report
 from vibrident.comparison import normalized_error, not_comparable
+from vibrident.errors import InputError
 from vibrident.naming import Scale
 from vibrident.present.comparison import Quantity, Value, comparison_tables, difference, quantities
 from vibrident.present.history import date_of, drift_table, histories
@@ -161,7 +162,7 @@ def test_files_have_names_of_their_own(results, tmp_path):
     assert report.write(results[:2], "pdf", tmp_path / "two").name == "comparison.pdf"
     assert report.write(results[:2], "md", tmp_path / "two.md").read_text().startswith("# Comparison of 2")
     assert report.write(results[:1], "html", tmp_path / "deep" / "er" / "x.html").is_file()
-    with pytest.raises(report.InputError, match=r"html \| pdf \| md"):
+    with pytest.raises(InputError, match=r"html \| pdf \| md"):
         report.write(results[0], "docx", tmp_path)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TypeVar, get_args
 
@@ -224,18 +224,29 @@ def _regimes(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> li
     if not points.adequate and points.degrees_of_freedom > 0 and evidence.model.is_linear:
         linear = _of_points(evidence, estimate, points)
         odd = odd_record(linear.matrix, linear.rest, points.record, points.relative_deviation)
-    model, values = evidence.model.linear, estimate.coordinates.values(estimate.z)
-    names = [model.parameter_names.index(name) for name in ("natural_frequency", "damping_ratio")]
-    sizes = np.array([[values["natural_frequency"]], [1.0]])
+    values = estimate.coordinates.values(estimate.z)
+    sensor = _oscillator_slopes(evidence.model.linear, values, evidence.quantity)
+    within = changes(evidence.records, judgement.predicted, frequency, sensor)
+    return [ResultWarning(found.code, found.message) for found in findings(within, odd)]
 
-    def sensor(frequency_hz: FloatArray) -> ComplexArray:
-        response, slopes = response_and_slopes(model, values, frequency_hz, evidence.quantity)
+
+def _oscillator_slopes(
+    model: SensorModel, values: Mapping[str, float], quantity: Quantity
+) -> Callable[[FloatArray], ComplexArray] | None:
+    """(∂ ln H/∂ ln fn, ∂ ln H/∂δ) at frequencies in Hz; None for a sensor that is no oscillator."""
+    if model.core.oscillator is None:
+        return None
+    natural, damping = model.core.oscillator
+    names = [model.parameter_names.index(name) for name in (natural, damping)]
+    sizes = np.array([[values[natural]], [1.0]])
+
+    def slopes_at(frequency_hz: FloatArray) -> ComplexArray:
+        response, slopes = response_and_slopes(model, values, frequency_hz, quantity)
         return np.divide(
             sizes * slopes[names], response, out=np.zeros((2, response.size), complex), where=response != 0
         )
 
-    within = changes(evidence.records, judgement.predicted, frequency, sensor)
-    return [ResultWarning(found.code, found.message) for found in findings(within, odd)]
+    return slopes_at
 
 
 def _others(
