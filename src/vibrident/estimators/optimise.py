@@ -58,6 +58,8 @@ class Quadratic(Protocol):
 Objective = Callable[[Any, Any], Quadratic]
 
 
+#: Iterates of a descent that goes straight on; a longer one is in a curved valley.
+STRAIGHT = 10
 #: Takes coordinates, a step and its damping, and gives the coordinates to try in place of their sum.
 Bent = Callable[[FloatArray, FloatArray, float], FloatArray]
 
@@ -132,13 +134,14 @@ def levenberg_marquardt(
         tolerance: decrease of the cost that is not worth a step.
         most: most evaluations of the objective.
         progress: called after each iteration.
-        bent: where a step leads to if not straight on; None: straight on.
+        bent: where a step leads to if not straight on, once a descent has turned out to be long; None: straight on.
 
     Raises:
         NotConverged: the cost is not finite at the start.
     """
     elsewhere = _elsewhere.get()
-    if elsewhere is not None and (trace := elsewhere(objective, start, args, tolerance, most)) is not None:
+    trace = None if elsewhere is None else elsewhere(objective, start, args, tolerance, most)
+    if trace is not None and (bent is None or len(trace.costs) <= STRAIGHT):
         return trace
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
@@ -149,7 +152,8 @@ def levenberg_marquardt(
         if here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED:
             break
         step = here.step(damping)
-        trial = _Point.of(bent(here.z, step, damping) if bent is not None else here.z + step, objective, args)
+        moved = here.z + step if bent is None or len(way) < STRAIGHT else bent(here.z, step, damping)
+        trial = _Point.of(moved, objective, args)
         gained = (here.cost - trial.cost) / (2.0 * step @ here.gradient - step @ here.matrix @ step)
         gained = gained if np.isfinite(gained) else -np.inf
         if gained >= ENOUGH:
