@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.errors import InputError
+from vibrident.io.allowance import require_room
 from vibrident.io.columns import ColumnFile
 from vibrident.io.readers import open_columns
 from vibrident.present import axes
@@ -32,12 +33,15 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     Two photodetector signals are also drawn over each other, with their ellipse.
 
     Raises:
-        InputError: a column cannot be read.
+        InputError: a column cannot be read, or the columns are too large to be read whole.
     """
     source = open_columns(folder / files[0])
     across = given.frequency if given.table else given.time
     drawn = (given.magnitude, given.phase) if given.table else (*(given.signals or (given.reference,)), given.response)
     wanted = list(dict.fromkeys(column for column in drawn if column is not None))
+    if not given.signals:  # those of an interferometer are read in blocks
+        whole = [source.position_of(column, "columns and units") for column in wanted]
+        require_room(folder / files[0], sum(source.length(place) for place in whole))
     values = dict(zip(wanted, _beginnings(source, wanted), strict=True))
     x = None if across is None else _beginnings(source, [across])[0]
     if x is not None and not given.table and x.size:  # times since 1970 make unreadable labels
