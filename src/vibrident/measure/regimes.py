@@ -25,6 +25,8 @@ from vibrident.measure.rounding import converter_step
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.tails import chi2_tail
 
+#: Largest change of a natural frequency, relative to it, that its slope describes.
+FARTHEST = 1.0
 #: Probability of a finding in a calibration without a change.
 CHANCE = 1e-4
 #: Probability that all records together show one, by chances that are known to a few times …
@@ -147,6 +149,8 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     if not steady and (found.slow or not found.explains):
         return None  # under other motion a misfit over frequency looks like one over time
     first, second = change.tolist()
+    if found.pair.start and abs(first) > FARTHEST:
+        return None  # no natural frequency changes so: one far beyond the band, in noise of the reference
     amounts = (0.0, 0.0, first, second) if found.pair.start else (first, -second, 0.0, 0.0)
     return Change(record.name, time_s, *amounts, found.slow, steady, found.chance())
 
