@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.errors import InputError
-from vibrident.interferometer.decimation import HALF, PASS, decimated_length, filtered, taps
+from vibrident.interferometer.decimation import HALF, PASS, Decimated, filtered, taps
 from vibrident.interferometer.setting import FloatArray, Signals
 
 #: Pieces of the signal in which the carrier is searched.
@@ -29,18 +29,14 @@ ROOM = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Baseband:
-    """A heterodyne signal mixed down to two signals in quadrature.
+class Baseband(Decimated):
+    """A heterodyne signal, one, mixed down to two signals in quadrature.
 
     Attributes:
-        raw: the signal, one.
         carrier_hz: what it is mixed with.
-        factor: decimation.
     """
 
-    raw: Signals
     carrier_hz: float
-    factor: int
 
     @staticmethod
     def around(raw: Signals, near_hz: float, where: str) -> Baseband:
@@ -64,22 +60,7 @@ class Baseband:
         carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
         wide = min(wide, ROOM * min(carrier, half - carrier))
         most = max(raw.samples // (8 * HALF), 2)
-        return Baseband(raw, carrier, int(np.clip(PASS * raw.rate_hz / wide, 2, most)))
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each signal."""
-        return decimated_length(self.raw.samples, self.factor)
-
-    @property
-    def rate_hz(self) -> float:
-        """Samples per second."""
-        return self.raw.rate_hz / self.factor
-
-    @property
-    def first(self) -> int:
-        """Position of the first sample in the raw signal."""
-        return HALF * self.factor
+        return Baseband(raw, int(np.clip(PASS * raw.rate_hz / wide, 2, most)), carrier)
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""

@@ -117,8 +117,8 @@ def filtered(raw: Signals, factor: int, kernel: np.ndarray, start: int, stop: in
 
 
 @dataclass(frozen=True, eq=False)
-class Slower:
-    """Signals at a lower rate: of slow signals the same with less noise in a sample.
+class Decimated:
+    """Signals at a lower rate; subclasses make their samples.
 
     Attributes:
         raw: the signals.
@@ -142,6 +142,10 @@ class Slower:
     def first(self) -> int:
         """Position of the first sample in the raw signals."""
         return HALF * self.factor
+
+
+class Slower(Decimated):
+    """Slow signals at a lower rate: the same with less noise in a sample."""
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
