@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibrident.backend import jax, jnp
-from vibrident.discretize import Weights, method
+from vibrident.discretize import method
 from vibrident.lines import Trained
 from vibrident.lines.normal import LEAST_SHOWN
+from vibrident.lines.transfer import transfer_of
 from vibrident.models import SensorModel
 from vibrident.problem import Coordinates, LineProblem
 from vibrident.problem.frequency_domain import response_residual
@@ -101,26 +102,12 @@ def _of_batch(trained: Trained, coordinates: Coordinates, z: Any, batch: Any) ->
 def _modelled(trained: Trained, values: Any, states: Any, at: Any) -> Any:
     """Weighted response of each run at its lines, with its n states, shape (R, n); the result (R, L) is complex."""
     shifted, inputs, root, step = at
-    denominator, numerator = _transfer(trained.weights(values, *step))
+    transfer = transfer_of(trained.weights(values, *step))
+    denominator, numerator = transfer.denominator, transfer.numerator
     powers = shifted ** jnp.arange(denominator.size)[:, None]
     driven = jnp.einsum("kl,kq,rql->rl", powers, numerator, inputs)
     free = jnp.einsum("rk,kl->rl", states, powers[:-1]) * (1.0 + shifted)
     return root * (driven + free) / (denominator @ powers)
-
-
-def _transfer(weights: Weights) -> tuple[Any, Any]:
-    """Denominator (n + 1,) and numerator (n + 1, q) in powers of w, as ``vibrident.lines.transfer.transfer_of``."""
-    order = weights.output.shape[0]
-    shifted = weights.transition - jnp.eye(order)
-    coefficients, adjugate = [jnp.ones(())], [jnp.eye(order)]
-    for k in range(1, order + 1):
-        product = shifted @ adjugate[-1]
-        coefficients.append(-jnp.trace(product) / k)
-        adjugate.append(product + coefficients[-1] * jnp.eye(order))
-    denominator = jnp.stack(coefficients[::-1])
-    rows = [weights.output @ matrix @ weights.drive for matrix in adjugate[order - 1 :: -1]]
-    numerator = jnp.stack([*rows, jnp.zeros_like(rows[0])])
-    return denominator, numerator + denominator[:, None] * weights.feedthrough
 
 
 def _products(one: Any, other: Any) -> Any:

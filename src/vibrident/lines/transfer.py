@@ -17,6 +17,7 @@ import numpy as np
 
 from vibrident.discretize import Method, Weights
 from vibrident.models import SensorModel
+from vibrident.models.base import array_library
 from vibrident.models.state_space import realise
 from vibrident.records import FloatArray, Quantity
 
@@ -37,19 +38,19 @@ class StepTransfer(NamedTuple):
 
 
 def transfer_of(weights: Weights) -> StepTransfer:
-    """Transfer function of a step with these weights, of NumPy arrays; complex where they are."""
-    shifted = weights.transition - np.eye(len(weights.output))
-    order = len(weights.output)
-    coefficients = [np.ones((), dtype=shifted.dtype)]
-    adjugate = [np.eye(order, dtype=shifted.dtype)]  # the matrices of w^{n−1}, w^{n−2}, …
+    """Transfer function of a step with these weights, of NumPy's or JAX's arrays; complex where they are."""
+    xp, order = array_library(weights.output), len(weights.output)
+    shifted = weights.transition - xp.eye(order)
+    coefficients = [xp.ones((), dtype=shifted.dtype)]
+    adjugate = [xp.eye(order, dtype=shifted.dtype)]  # the matrices of w^{n−1}, w^{n−2}, …
     for k in range(1, order + 1):
         product = shifted @ adjugate[-1]
-        coefficients.append(-np.trace(product) / k)
-        adjugate.append(product + coefficients[-1] * np.eye(order))
-    denominator = np.stack(coefficients[::-1])
+        coefficients.append(-xp.trace(product) / k)
+        adjugate.append(product + coefficients[-1] * xp.eye(order))
+    denominator = xp.stack(coefficients[::-1])
     rows = [weights.output @ matrix @ weights.drive for matrix in adjugate[order - 1 :: -1]]
-    rows.append(np.zeros_like(rows[0]))
-    return StepTransfer(denominator, np.stack(rows) + denominator[:, None] * weights.feedthrough)
+    rows.append(xp.zeros_like(rows[0]))
+    return StepTransfer(denominator, xp.stack(rows) + denominator[:, None] * weights.feedthrough)
 
 
 @dataclass(frozen=True)
