@@ -17,15 +17,17 @@ from vibrident.tails import f_tail
 
 #: Number of independent places of a step.
 PLACES = 8.0
-#: A change explains why blocks differ where it leaves this part of it, or what chance would leave as often as this.
+#: A change explains why blocks differ where it leaves, beyond noise, less than this part of what it explains …
 UNEXPLAINED = 0.2
+#: … or what chance would leave with a probability above this.
 CONSISTENT = 1e-3
 #: It begins somewhere in a block, and filters carry it into the next: so many on either side may differ.
 AWAY = 2.0
 #: Fewest blocks on either side of a step.
 BESIDE = 2
-#: A block moves where it has this part of the mean power of the motion, or this many times what is left.
+#: A block moves where it has this part of the mean power of the motion …
 MOVING = 0.02
+#: … or so many times the power of what is left.
 STANDS_OUT = 300.0
 #: Number of neighbours with which a block may be correlated.
 LAGS = 4
