@@ -12,6 +12,7 @@ import pytest
 import vibrident
 from vibrident.batched import Together, program
 from vibrident.errors import InputError, NotConverged, VibridentError
+from vibrident.estimators import optimise
 from vibrident.simulation import simulate, with_noise
 
 
@@ -64,6 +65,14 @@ def test_what_cannot_go_that_way_is_fitted_on_the_processor_and_says_so(on_cpu, 
     assert fitted.settings["device"] == "cpu: samples are missing"
     require_same([vibrident.identify(gaps, estimator="ipnn")], [fitted])
     assert isinstance(refused, VibridentError)
+
+
+def test_a_descent_that_needs_bent_steps_is_made_on_the_processor_and_says_so(on_cpu, monkeypatch):
+    monkeypatch.setattr(optimise, "STRAIGHT", 1)  # as if every descent of a network were long
+    calibrations = [sines(seed) for seed in (1, 2)]
+    together = list(vibrident.identify_many(calibrations, estimator="ipnn", device="gpu"))
+    require_same([vibrident.identify(one, estimator="ipnn") for one in calibrations], together)
+    assert "a descent follows a curved valley" in together[0].settings["device"]
 
 
 def test_without_a_gpu_it_is_refused_at_once():

@@ -87,15 +87,21 @@ class _Taker:
     taken: int = 0
     reasons: dict[str, None] = field(default_factory=dict)
 
-    def __call__(self, objective: Objective, start: FloatArray, args: Any, tolerance: float, most: int) -> Trace | None:
+    def __call__(
+        self, objective: Objective, start: FloatArray, args: Any, tolerance: float, most: int, straight: int
+    ) -> Trace | None:
         from vibrident.batched.program import Descent
 
         found = _problem_of(objective, args)
         if isinstance(found, str):
             self.reasons[found] = None
             return None
+        trace = self.together.trace(Descent.of(*found, start, tolerance, most))
+        if len(trace.costs) > straight:
+            self.reasons["a descent follows a curved valley"] = None
+            return None
         self.taken += 1
-        return self.together.trace(Descent.of(*found, start, tolerance, most))
+        return trace
 
     @property
     def said(self) -> str:

@@ -94,8 +94,10 @@ class Trace:
 class Elsewhere(Protocol):
     """Makes a descent in another place: one of many on a device. It returns None for one that it cannot make."""
 
-    def __call__(self, objective: Objective, start: FloatArray, args: Any, tolerance: float, most: int) -> Trace | None:
-        """As :func:`levenberg_marquardt`."""
+    def __call__(
+        self, objective: Objective, start: FloatArray, args: Any, tolerance: float, most: int, straight: int
+    ) -> Trace | None:
+        """As :func:`levenberg_marquardt`; ``straight``: most iterates of a descent that needs no bent steps."""
 
 
 _elsewhere: ContextVar[Elsewhere | None] = ContextVar("elsewhere", default=None)
@@ -140,9 +142,10 @@ def levenberg_marquardt(
         NotConverged: the cost is not finite at the start.
     """
     elsewhere = _elsewhere.get()
-    trace = None if elsewhere is None else elsewhere(objective, start, args, tolerance, most)
-    if trace is not None and (bent is None or len(trace.costs) <= STRAIGHT):
-        return trace
+    if elsewhere is not None:
+        trace = elsewhere(objective, start, args, tolerance, most, most if bent is None else STRAIGHT)
+        if trace is not None:
+            return trace
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
         raise NotConverged(NOT_FINITE)
