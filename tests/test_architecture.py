@@ -21,6 +21,7 @@ SOURCES = ROOT / "src"
 #: From the ground up; a module imports from layers above it in this list or from its own folder, and nothing else.
 LAYERS = (
     "errors",
+    "brief",
     "extras",
     "registry",
     "warning_kinds",
@@ -73,6 +74,12 @@ LAYERS = (
     "web",
     "__main__",
 )
+#: Methods for Python's users that show what later layers make of an object, imported when one is called: no part of the
+#: package calls them.
+CONVENIENCES = {
+    "vibrident.result.result": ("sensor", "terminal", "plots"),
+    "vibrident.sensor": ("export",),
+}
 #: Users of the rest side by side: neither imports from the other.
 SIBLINGS = (("cli", "web"), ("paper", "workflow"), ("paper", "web"))
 #: What only a command that asks for it imports.
@@ -81,6 +88,7 @@ BESIDE = {"paper": ("cli",)}
 #: Layers whose modules load no JAX.
 NO_JAX = (
     "errors",
+    "brief",
     "extras",
     "registry",
     "memory",
@@ -130,7 +138,7 @@ MOST_LINES_A_FUNCTION = 80
 
 @dataclass(frozen=True)
 class Import:
-    """One import statement's target, as a full dotted name, and where it stands."""
+    """One import statement's target, as a full dotted name, and where it stands; lazy: in a function, or for types."""
 
     target: str
     line: int
@@ -160,14 +168,9 @@ def layer(module: str) -> str:
 def imports(module: str) -> Iterator[Import]:
     """Every import of a module, those inside functions and for type checking among them."""
     package = module if modules()[module].name == "__init__.py" else module.rpartition(".")[0]
-    inside_functions = {
-        id(node)
-        for function in ast.walk(tree(module))
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        for node in ast.walk(function)
-    }
+    when_called = {id(node) for part in ast.walk(tree(module)) if _runs_later(part) for node in ast.walk(part)}
     for node in ast.walk(tree(module)):
-        lazy = id(node) in inside_functions
+        lazy = id(node) in when_called
         if isinstance(node, ast.Import):
             yield from (Import(alias.name, node.lineno, lazy) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -181,8 +184,18 @@ def imports(module: str) -> Iterator[Import]:
                 yield Import(whole if whole in modules() or base == "vibrident" else base, node.lineno, lazy)
 
 
+def _runs_later(node: ast.AST) -> bool:
+    if isinstance(node, ast.If):
+        return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    return isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+
+
 def own_imports(module: str) -> Iterator[Import]:
     return (found for found in imports(module) if found.target.split(".")[0] == "vibrident")
+
+
+def convenience(module: str, found: Import) -> bool:
+    return found.lazy and layer(found.target) in CONVENIENCES.get(module, ())
 
 
 def names(*layers: str) -> list[str]:
@@ -219,7 +232,7 @@ def test_modules_import_from_the_layers_above_them_only():
             continue
         for found in own_imports(module):
             other = layer(found.target)
-            if found.target in ("vibrident", "vibrident.__version__") or other == own:
+            if found.target in ("vibrident", "vibrident.__version__") or other == own or convenience(module, found):
                 continue
             if other not in LAYERS:
                 complaints.append(
@@ -270,7 +283,10 @@ def test_the_package_loads_its_modules_lazily():
 
 
 def test_no_import_goes_in_a_circle():
-    graph = {module: {found.target for found in own_imports(module)} - {module} for module in modules()}
+    graph = {
+        module: {found.target for found in own_imports(module) if not convenience(module, found)} - {module}
+        for module in modules()
+    }
     del graph["vibrident"]
     try:
         graphlib.TopologicalSorter(graph).prepare()

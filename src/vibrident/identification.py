@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def identify(
-    calibration: Calibration,
+    calibration: Calibration | str | os.PathLike[str],
     model: str | None = None,
     estimator: str | Estimator = AUTO,
     *,
@@ -49,7 +50,8 @@ def identify(
     """Identify a sensor from its calibration.
 
     Args:
-        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand.
+        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the path of a
+            calibration file.
         model: name of the sensor model; None takes the calibration's.
         estimator: ``auto``, a name, or an estimator object with settings of its own, such as
             ``Ipnn(discretisation="euler", optimiser="adam")``.
@@ -70,6 +72,10 @@ def identify(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
+    if not isinstance(calibration, Calibration):
+        from vibrident.io import read
+
+        calibration = read(calibration)
     if decays_alone(calibration):
         from vibrident.decay.document import identify_decays, require_plain
 

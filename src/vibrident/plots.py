@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vibrident.errors import unknown
 from vibrident.present import drawing, figures
 from vibrident.present.data_figures import inspection, light
 from vibrident.present.use_figures import correction, plan
@@ -26,7 +27,12 @@ def draw(name: str, result: Result) -> Picture:
     Args:
         name: ``sensitivity``, ``deviation``, ``signals``, ``residuals`` or ``training``.
         result: any result; where it has nothing to show, the picture says so.
+
+    Raises:
+        InputError: there is no such picture.
     """
+    if name not in figures.PICTURES:
+        raise unknown("There is no such picture of a result.", name, list(figures.PICTURES), "name of the picture")
     made = figures.PICTURES[name](result)
     return drawing.picture(made or Figure(name, f"{name.capitalize()}: nothing in the result", ()))
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.brief import brief
 from vibrident.discretize import method
 from vibrident.errors import InputError
 from vibrident.measure import Finding, screen
@@ -37,6 +38,8 @@ class Prediction:
 
     record: Record
     predicted: FloatArray
+
+    __repr__ = brief
 
     @property
     def compared(self) -> BoolArray:
@@ -73,6 +76,8 @@ class Predictions:
     predictions: tuple[Prediction, ...]
     findings: tuple[Finding, ...]
     discretisation: str
+
+    __repr__ = brief
 
     @property
     def rmse(self) -> float | None:

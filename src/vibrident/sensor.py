@@ -8,14 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.brief import brief
 from vibrident.errors import InputError
+from vibrident.extras import library
 from vibrident.models import SensorModel, parse
 from vibrident.models.slopes import ComplexArray, response_and_slopes
 from vibrident.records import FloatArray, Quantity
 from vibrident.result import Result
+
+if TYPE_CHECKING:
+    from control import TransferFunction
+    from scipy.signal import ZerosPolesGain
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +50,8 @@ class IdentifiedSensor:
     input_unit: str = "m/s^2"
     degrees_of_freedom: float = np.inf
     misfit: float = 0.0
+
+    __repr__ = brief
 
     @classmethod
     def of(cls, result: Result, use: str = "a computation") -> IdentifiedSensor:
@@ -108,6 +117,31 @@ class IdentifiedSensor:
         relative = slopes / response
         variance = [np.einsum("ik,ij,jk->k", part, self.covariance, part) for part in (relative.real, relative.imag)]
         return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
+
+    def to_scipy(self) -> ZerosPolesGain:
+        """As a ``scipy.signal.ZerosPolesGain``, rad/s; a delay or an average over a window by poles and zeros.
+
+        Raises:
+            InputError: the model is not linear, or poles and zeros cannot hold it over the band of its data.
+        """
+        from scipy.signal import ZerosPolesGain
+
+        from vibrident.export.python_source import system
+
+        found = system(self)
+        return ZerosPolesGain(found.zeros, found.poles, found.gain)
+
+    def to_control(self) -> TransferFunction:
+        """As a ``control.TransferFunction`` of python-control (extra ``control``), like :meth:`to_scipy`.
+
+        Raises:
+            InputError: as :meth:`to_scipy`, or python-control is not installed.
+        """
+        control = library("control", "control", "A sensor of python-control needs that library.", "to_control")
+
+        from vibrident.export.python_source import system
+
+        return control.TransferFunction(*system(self).polynomials())
 
     @property
     def zeros_at_rest(self) -> int:

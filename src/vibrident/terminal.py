@@ -16,7 +16,7 @@ from vibrident.present.terminal import written as paths_written
 from vibrident.present.views import Column, Sentence, Table, columns
 from vibrident.result import Result
 
-__all__ = ["fit_line", "inspection_table", "parameter_table", "posterior_table", "summary", "weights_table"]
+__all__ = ["fit_line", "inspection_table", "parameter_table", "posterior_table", "summary", "text", "weights_table"]
 
 _UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": "V"}
 
@@ -27,6 +27,16 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> A
 
     said = shown(parameter_table(result), fit_line(result), *tables.doubts(result))
     return Group(said, paths_written(written)) if written else said
+
+
+def text(result: Result) -> str:
+    """The same as plain text, a hundred characters wide at most."""
+    from rich.console import Console
+
+    console = Console(width=100, color_system=None, markup=False, highlight=False, emoji=False, force_terminal=False)
+    with console.capture() as capture:
+        console.print(summary(result))
+    return "\n".join(line.rstrip() for line in capture.get().splitlines())
 
 
 def parameter_table(result: Result) -> Table:

@@ -21,9 +21,9 @@ OTHERS = {
     "estimators/network_settings.py": {"ipnn"},  # where the same estimator is told of
     "estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
     "decay/document.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
-    "records.py": {"accelerometer"},  # the model of a file that names none
+    "records/basis.py": {"accelerometer"},  # the model of a file that names none
     "identification.py": {"scipy"},  # the library, in the provenance
-    "result.py": {"natural_frequency", "damping_ratio"},  # what free decays alone tell
+    "result/result.py": {"natural_frequency", "damping_ratio"},  # what free decays alone tell
     "cli/commands/plan.py": {"natural_frequency", "damping_ratio", "sensitivity", "generator_constant"},  # options
 }
 #: Names so short or so common that they are words of programs; readers' names are for messages only.

@@ -22,6 +22,7 @@ from functools import partial
 
 import numpy as np
 
+from vibrident.brief import brief
 from vibrident.correction.agreement import Agreement, agreement_with, reference_in_band
 from vibrident.correction.background import at_the_ends, background, begins_at_once, preceded
 from vibrident.correction.band import (
@@ -89,6 +90,8 @@ class Correction:
     integrated_from_rest: int
     findings: tuple[Finding, ...] = ()
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
@@ -107,6 +110,8 @@ class Corrections:
     unit: str
     model: str
     motion: str = "acceleration"
+
+    __repr__ = brief
 
 
 def correct(

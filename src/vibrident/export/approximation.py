@@ -15,7 +15,7 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
-from vibrident.export.sensor import Sensor, require_linear
+from vibrident.export.sensor import Exported, require_linear
 from vibrident.models import AddOn
 
 #: Largest relative error of an approximation over the band.
@@ -23,7 +23,7 @@ TOLERANCE = 1e-10
 MOST_ORDER = 12
 
 
-def held(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
+def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     """The whole sensor as poles and zeros, and a description of approximations and their errors.
 
     Raises:
@@ -83,7 +83,7 @@ def _averaged(length_s: float, s: np.ndarray) -> np.ndarray:
 def _order(
     make: Callable[[int], PolesZeros],
     exact: Callable[[np.ndarray], np.ndarray],
-    sensor: Sensor,
+    sensor: Exported,
     what: str,
     seconds: float,
 ) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.export.sensor import Sensor
+from vibrident.export.sensor import Exported
 from vibrident.models import Rational
 from vibrident.records import FloatArray
 
@@ -53,7 +53,7 @@ class PolesZeros:
         return self.gain * np.atleast_1d(np.poly(self.zeros).real), np.atleast_1d(np.poly(self.poles).real)
 
 
-def poles_zeros(sensor: Sensor) -> PolesZeros:
+def poles_zeros(sensor: Exported) -> PolesZeros:
     """The rational part of the sensor: without delay and boxcar."""
     model, values = sensor.model, sensor.values
     system = model.rational(values, sensor.quantity)
@@ -106,7 +106,7 @@ def _polished(c: np.ndarray) -> np.ndarray:
     return scale * np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
 
 
-def uncertainties(sensor: Sensor, which: str) -> np.ndarray | None:
+def uncertainties(sensor: Exported, which: str) -> np.ndarray | None:
     """Standard uncertainties of the real and imaginary parts of ``poles`` or ``zeros``, as a complex array.
 
     From the parameters' uncertainties and correlation, to first order; None if one is not stated.

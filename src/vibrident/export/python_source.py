@@ -10,7 +10,9 @@ import numpy as np
 from vibrident.escaping import python_docstring
 from vibrident.export.approximation import held
 from vibrident.export.options import Options
-from vibrident.export.sensor import Sensor, identity
+from vibrident.export.poles_zeros import PolesZeros
+from vibrident.export.sensor import Exported, Sensor, identity
+from vibrident.sensor import IdentifiedSensor
 
 _MODULE = '''"""{title}
 
@@ -40,6 +42,15 @@ _CONTROL = "control.TransferFunction(GAIN * np.atleast_1d(np.poly(ZEROS).real), 
 _SCIPY = "signal.ZerosPolesGain(ZEROS, POLES, GAIN)"
 
 
+def system(known: IdentifiedSensor) -> PolesZeros:
+    """A sensor as poles and zeros in rad/s; delay and average over a window approximated over the band of its data.
+
+    Raises:
+        InputError: the model is not linear, or poles and zeros cannot hold it.
+    """
+    return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
+
+
 def write_control(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME_control.py``, whose ``sensor()`` is a ``control.TransferFunction``."""
     text = _module(sensor, "import control", "control.TransferFunction", _CONTROL)
@@ -53,7 +64,7 @@ def write_scipy(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
-    system, words = held(sensor)
+    poles_zeros, words = held(sensor)
     names, covariance = sensor.known.model.parameter_names, sensor.known.covariance
     parameters = "".join(
         f"    {name!r}: ({_number(p.value)}, {p.unit!r}, {_number(p.standard_uncertainty)}),\n"
@@ -68,9 +79,9 @@ def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
         parameters=parameters,
         names=", ".join(names) or "nothing",
         covariance=f"np.array({covariance.tolist()!r})" if np.isfinite(covariance).all() else None,
-        zeros=", ".join(repr(complex(z)) for z in system.zeros),
-        poles=", ".join(repr(complex(p)) for p in system.poles),
-        gain=system.gain,
+        zeros=", ".join(repr(complex(z)) for z in poles_zeros.zeros),
+        poles=", ".join(repr(complex(p)) for p in poles_zeros.poles),
+        gain=poles_zeros.gain,
         input_unit=python_docstring(sensor.input_unit),
         output_unit=python_docstring(sensor.output_unit),
         kind=kind,

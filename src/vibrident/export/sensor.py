@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -21,22 +22,20 @@ POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Sensor:
-    """A result's model with its values.
+class Exported:
+    """An identified sensor over a band, whole or without add-ons.
 
     Attributes:
-        result: the source.
         known: the identified sensor.
         model: the exported model: the result's without what is left out.
         band_hz: lowest and highest frequency of the data, or the user's choice.
         left_out: add-ons of the result that the export does not hold.
     """
 
-    result: Result
     known: IdentifiedSensor
     model: SensorModel
     band_hz: tuple[float, float]
-    left_out: tuple[str, ...] = field(default=())
+    left_out: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -81,7 +80,7 @@ class Sensor:
         whole = self.known.frequency_response(self.band)
         return float(np.max(np.abs(self.response(self.band) / whole - 1.0)))
 
-    def without(self, names: Sequence[str]) -> Sensor:
+    def without(self, names: Sequence[str]) -> Self:
         """The same sensor without these add-ons.
 
         Raises:
@@ -113,6 +112,17 @@ class Sensor:
         return float(sum(self.values[name] for name in self.model.windows))
 
 
+@dataclass(frozen=True, eq=False)
+class Sensor(Exported):
+    """The same with the result that it comes from.
+
+    Attributes:
+        result: the source.
+    """
+
+    result: Result
+
+
 def not_rational() -> tuple[str, ...]:
     """Add-ons that are not rational, which some formats cannot hold exactly."""
     return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
@@ -134,10 +144,10 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sen
             where="result.json",
             remedy="give --band LOW:HIGH, or run `vibrident identify` again",
         )
-    return Sensor(result, known, known.model, band)
+    return Sensor(known, known.model, band, result)
 
 
-def require_linear(sensor: Sensor) -> None:
+def require_linear(sensor: Exported) -> None:
     """Refuse a nonlinear model.
 
     Raises:

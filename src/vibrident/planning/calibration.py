@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.brief import brief
 from vibrident.errors import InputError, unknown
 from vibrident.information import inverse_normal
 from vibrident.models import parse
@@ -63,6 +64,8 @@ class Plan:
     efficiency: float | None
     spread: Mapping[str, float]
     all_points: Mapping[str, float]
+
+    __repr__ = brief
 
 
 def plan(

@@ -1,0 +1,39 @@
+"""What was measured, in physical units: records, tabulated responses, the calibration that holds them. Validated."""
+
+from __future__ import annotations
+
+from vibrident.effects import SystematicEffect
+from vibrident.records.basis import (
+    EXCITATIONS,
+    LARGEST,
+    QUANTITIES,
+    REFERENCE_UNITS,
+    STANDARD_GRAVITY,
+    USUAL_MODEL,
+    BoolArray,
+    Excitation,
+    FloatArray,
+    Provenance,
+    Quantity,
+)
+from vibrident.records.calibration import Calibration
+from vibrident.records.record import Record
+from vibrident.records.table import ResponseTable
+
+__all__ = [
+    "EXCITATIONS",
+    "LARGEST",
+    "QUANTITIES",
+    "REFERENCE_UNITS",
+    "STANDARD_GRAVITY",
+    "USUAL_MODEL",
+    "BoolArray",
+    "Calibration",
+    "Excitation",
+    "FloatArray",
+    "Provenance",
+    "Quantity",
+    "Record",
+    "ResponseTable",
+    "SystematicEffect",
+]

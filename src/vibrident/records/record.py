@@ -1,0 +1,180 @@
+"""One recording of reference and response. Validated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibrident.brief import brief
+from vibrident.errors import InputError, unknown
+from vibrident.records.basis import EXCITATIONS, BoolArray, Excitation, FloatArray, Provenance, check_size, frozen
+
+if TYPE_CHECKING:
+    from vibrident.interferometer.summary import OpticalSummary
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One simultaneous recording of the reference and the response, equally spaced in time.
+
+    Attributes:
+        name: short name for tables and messages (the file name, usually).
+        reference: shape (samples,), in the SI unit of the calibration's reference quantity; None for a free decay.
+        response: shape (samples,), in the calibration's response unit.
+        sampling_rate_hz: samples per second.
+        excitation: kind of motion.
+        frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
+        valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
+        reference_valid: shape (samples,), where the reference may be used as the sensor's input, though the response is
+            not valid there; None: as ``valid``.
+        start_time_s: time of the first sample on the file's own clock.
+        reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
+        contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
+        provenance: file, hash and history.
+        optical: what the signals of an interferometer said, from which the reference was made; None for others.
+
+    Raises:
+        InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
+            value that is not finite, or the sampling rate is not a positive number.
+    """
+
+    name: str
+    reference: FloatArray | None
+    response: FloatArray
+    sampling_rate_hz: float
+    excitation: Excitation = "sine"
+    frequency_hz: float | None = None
+    valid: BoolArray | None = None
+    start_time_s: float = 0.0
+    provenance: Provenance = field(default_factory=Provenance)
+    reference_full_scale: float | None = None
+    response_full_scale: float | None = None
+    contradicting_rate_hz: float | None = None
+    reference_valid: BoolArray | None = None
+    optical: OpticalSummary | None = field(default=None, repr=False)
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        where = f"record {self.name!r}"
+        if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0):
+            raise InputError(
+                "The sampling rate is not usable.",
+                expected="a positive number of samples per second",
+                found=f"{self.sampling_rate_hz!r}",
+                where=where,
+                remedy="give rate_hz or time_column under [sampling]",
+            )
+        if self.excitation not in EXCITATIONS:
+            raise unknown("The excitation is not known.", self.excitation, EXCITATIONS, where)
+        if self.reference is None and self.excitation != "decay":
+            raise InputError(
+                "The record has no reference channel.",
+                expected="a reference for every excitation but decay",
+                found=f"excitation {self.excitation!r} without reference",
+                where=where,
+                remedy="name the reference column, or set excitation = 'decay'",
+            )
+        object.__setattr__(self, "excitation", str(self.excitation))
+        response = frozen(self.response)
+        channels = {"response": response}
+        if self.reference is not None:
+            channels["reference"] = frozen(self.reference)
+        for label, values in channels.items():
+            _check_channel(label, values, response.shape, where)
+            object.__setattr__(self, label, values)
+        if self.frequency_hz is not None and not 0 < self.frequency_hz < self.sampling_rate_hz / 2:
+            raise InputError(
+                "The frequency of a sine record is outside the band that its sampling rate can show.",
+                expected=f"0 < frequency_hz < {self.sampling_rate_hz / 2:g} (half the sampling rate)",
+                found=f"{self.frequency_hz:g} Hz",
+                where=where,
+                remedy="correct frequency_hz or rate_hz",
+            )
+        valid = np.ones(response.shape, dtype=bool) if self.valid is None else np.array(self.valid, dtype=bool)
+        if valid.shape != response.shape:
+            raise InputError(
+                "The mask of valid samples does not fit the record.",
+                expected=f"shape {response.shape}",
+                found=f"shape {valid.shape}",
+                where=where,
+                remedy="give one truth value a sample",
+            )
+        valid.flags.writeable = False
+        object.__setattr__(self, "valid", valid)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.response.shape[0])
+
+    @property
+    def sampling_interval_s(self) -> float:
+        """Time between samples, s."""
+        return 1.0 / self.sampling_rate_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record, s."""
+        return self.samples / self.sampling_rate_hz
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Sample times from the record's first sample, s; shape (samples,)."""
+        return np.arange(self.samples) / self.sampling_rate_hz
+
+    @property
+    def mask(self) -> BoolArray:
+        """Samples that may be used; shape (samples,)."""
+        assert self.valid is not None  # set in __post_init__
+        return self.valid
+
+    @property
+    def reference_mask(self) -> BoolArray:
+        """Samples of the reference that may be used as input; shape (samples,)."""
+        return self.mask if self.reference_valid is None else self.reference_valid
+
+    def without(self, bad: BoolArray, reason: str) -> Record:
+        """Return the record with the samples in ``bad`` (shape (samples,)) marked as not valid."""
+        reference = None if self.reference_valid is None else self.reference_valid & ~bad
+        return replace(self.without_response(bad, reason), reference_valid=reference)
+
+    def without_response(self, bad: BoolArray, reason: str) -> Record:
+        """The same where the reference is still the sensor's input."""
+        provenance = self.provenance.then(f"{int(np.sum(bad & self.mask))} samples left out: {reason}")
+        return replace(self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance)
+
+    def with_response(self, response: FloatArray, reason: str) -> Record:
+        """Return the record with another response, shape (samples,), and what was done to it."""
+        return replace(self, response=response, provenance=self.provenance.then(reason))
+
+
+def _check_channel(label: str, values: FloatArray, shape: tuple[int, ...], where: str) -> None:
+    if values.ndim != 1 or values.shape != shape:
+        raise InputError(
+            f"The {label} channel does not fit the record.",
+            expected=f"one dimension, as long as the response ({shape[0] if shape else 0} samples)",
+            found=f"shape {values.shape}",
+            where=where,
+            remedy="give both channels over the same samples",
+        )
+    if values.shape[0] < 8:
+        raise InputError(
+            "The record is too short.",
+            expected="at least 8 samples",
+            found=f"{values.shape[0]} samples",
+            where=where,
+            remedy="check the file and start_s / stop_s",
+        )
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise InputError(
+            f"The {label} channel holds values that are not numbers.",
+            expected="finite numbers",
+            found=f"{bad.size} not finite, the first is {values[bad[0]]} at sample {bad[0]}",
+            where=where,
+            remedy="repair the file or choose another part with start_s / stop_s",
+        )
+    check_size(f"The {label} channel", values, where)

@@ -1,0 +1,27 @@
+"""The one result of an identification, and what it is made of.
+
+Reports, plots, exports and the page render from it alone, without the data and without JAX.
+"""
+
+from __future__ import annotations
+
+from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
+from vibrident.result.plain import SCHEMA
+from vibrident.result.result import MOST_BYTES, Result
+from vibrident.warning_kinds import WARNING_CODES, WarningCode
+
+__all__ = [
+    "MOST_BYTES",
+    "SCHEMA",
+    "WARNING_CODES",
+    "Correlation",
+    "Curve",
+    "Fit",
+    "MeasuredCurve",
+    "Parameter",
+    "Result",
+    "ResultWarning",
+    "Signal",
+    "Training",
+    "WarningCode",
+]

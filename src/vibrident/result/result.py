@@ -1,0 +1,247 @@
+"""The one result of an identification: values only, schema ``vibrident.result/1``, to and from JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.errors import InputError
+from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
+from vibrident.result.plain import SCHEMA, damaged, measured_part, plain, refuse_constant, with_numbers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from vibrident.sensor import IdentifiedSensor
+
+#: Most bytes of a result file; one with hundreds of records has a few millions.
+MOST_BYTES = 200_000_000
+_MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
+_MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
+
+
+@dataclass(frozen=True)
+class Result:
+    """The outcome of one identification. See DESIGN's contract for each field's meaning.
+
+    Attributes:
+        model: model name, such as "accelerometer+delay".
+        estimator: estimator that produced the values.
+        settings: what was chosen, by the user or by ``auto``, with the reason.
+        provenance: package and library versions, file names and SHA-256, seed, time.
+        parameters: name to parameter.
+        correlation: of the estimated parameters.
+        fit: fit metrics.
+        response: the model's curve.
+        measured: the data's curve.
+        warnings: empty for a clean calibration of an adequate model.
+        sensor: free text of the calibration file.
+        reference: quantity and unit of the reference.
+        response_unit: unit of the response channel.
+        signals: excerpts for pictures.
+        training: trace of the optimiser.
+        weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
+        certificate: what the calibration file states for a certificate; empty where it states nothing.
+    """
+
+    model: str
+    estimator: str
+    settings: Mapping[str, Any]
+    provenance: Mapping[str, Any]
+    parameters: Mapping[str, Parameter]
+    correlation: Correlation
+    fit: Fit
+    response: Curve
+    measured: MeasuredCurve
+    warnings: tuple[ResultWarning, ...] = ()
+    sensor: Mapping[str, str] = field(default_factory=dict)
+    reference: Mapping[str, str] = field(default_factory=dict)
+    response_unit: str = "V"
+    signals: tuple[Signal, ...] = ()
+    training: Training | None = None
+    weights: Mapping[str, Any] = field(default_factory=dict)
+    certificate: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Model, estimator, estimated parameters with u, verdict and codes of warnings."""
+        shown = []
+        for name, each in self.parameters.items():
+            u = each.standard_uncertainty
+            if not each.derived:
+                shown.append(f"{name}={each.value:.8g}" + ("" if u is None else f" ± {u:.2g}"))
+        values = ", ".join(shown)
+        verdict = "adequate" if self.fit.adequate else "not adequate"
+        warned = f", warnings: {', '.join(self.warning_codes)}" if self.warnings else ""
+        return f"<Result of {self.model} by {self.estimator}: {values}; {verdict}{warned}>"
+
+    def summary(self) -> str:
+        """What ``vibrident identify`` prints: parameters with uncertainties, fit, warnings; plain text."""
+        from vibrident.terminal import text
+
+        return text(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """The parameters, a row each, by name: value, unit, u, 95 % interval, whether identifiable, whether derived.
+
+        Columns: ``value``, ``unit``, ``standard_uncertainty``, ``interval_95_low``, ``interval_95_high`` (NaN where not
+        stated), ``identifiable``, ``derived``.
+        """
+        import pandas as pd
+
+        rows = {}
+        for name, each in self.parameters.items():
+            low, high = each.interval_95
+            u = each.standard_uncertainty
+            rows[name] = (each.value, each.unit, u, low, high, each.identifiable, each.derived)
+        numbers = ("value", "standard_uncertainty", "interval_95_low", "interval_95_high")
+        heads = ("value", "unit", *numbers[1:], "identifiable", "derived")
+        frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis("parameter")
+        return frame.astype(dict.fromkeys(numbers, float))
+
+    def plot(self, picture: str = "sensitivity") -> Figure:
+        """One of the result's pictures as a matplotlib figure, which a notebook shows.
+
+        Args:
+            picture: ``sensitivity``, ``deviation``, ``signals``, ``residuals`` or ``training``.
+
+        Raises:
+            InputError: there is no such picture.
+        """
+        from vibrident.plots import draw
+
+        return draw(picture, self)
+
+    def to_sensor(self) -> IdentifiedSensor:
+        """The sensor to compute with: response and uncertainty at any frequency.
+
+        Raises:
+            InputError: the result has no gain, or lacks a parameter of its model.
+        """
+        from vibrident.sensor import IdentifiedSensor
+
+        return IdentifiedSensor.of(self)
+
+    @property
+    def warning_codes(self) -> tuple[str, ...]:
+        """Codes of the warnings, in order, without repeats."""
+        return tuple(dict.fromkeys(w.code for w in self.warnings))
+
+    @property
+    def quantity(self) -> str:
+        """What the reference gives; acceleration where it is not stated."""
+        return self.reference.get("quantity", "acceleration")
+
+    @property
+    def has_gain(self) -> bool:
+        """Whether there is a gain, and so a curve over frequency; free decays alone determine neither."""
+        own = {name for name, parameter in self.parameters.items() if not parameter.derived}
+        return own != {"natural_frequency", "damping_ratio"}
+
+    def require_gain(self, use: str) -> None:
+        """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain.
+
+        Raises:
+            InputError: the result is of free decays alone.
+        """
+        if not self.has_gain:
+            raise InputError(
+                f"The result has no gain, which {use} needs: free decays alone tell natural frequency and damping.",
+                expected="a result of records with a reference, or of a table",
+                found=f"parameters {', '.join(self.parameters)}",
+                where="result.json, parameters",
+                remedy="identify records with a reference; decays may be among them, or in a calibration file beside",
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types only; numbers that are not finite become None."""
+        return {"schema": SCHEMA, **plain(self)}
+
+    def to_json(self) -> str:
+        """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write ``result.json`` at ``path``, whole or not at all; return the path."""
+        target = Path(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            partial.write_text(self.to_json(), encoding="utf-8")
+            partial.replace(target)
+        finally:
+            partial.unlink(missing_ok=True)
+        return target
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Result:
+        """Build a result from ``to_dict``'s form.
+
+        Raises:
+            InputError: the document has another schema or lacks a field.
+        """
+        found = document.get("schema") if isinstance(document, Mapping) else type(document).__name__
+        if found != SCHEMA:
+            raise InputError(
+                "This is not a vibrident result.",
+                expected=f'"schema": "{SCHEMA}"',
+                found=repr(found),
+                remedy="give the result.json that `vibrident identify` wrote",
+            )
+        from pydantic import TypeAdapter, ValidationError
+
+        try:
+            result = TypeAdapter(cls).validate_python({**document, **with_numbers(measured_part(document))})
+            result.require_consistent()
+        except ValidationError as error:
+            finding = error.errors()[0]
+            place = ".".join(str(part) for part in finding["loc"])
+            raise damaged(f"{place}: {finding['msg']}") from None
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            raise damaged(f"{type(error).__name__}: {error}") from error
+        return result
+
+    def require_consistent(self) -> None:
+        """Check what the fields say of each other.
+
+        Raises:
+            ValueError: a curve's columns differ in length, or the matrix of correlation is not square.
+        """
+        for name, curve in (("response", self.response), ("measured", self.measured)):
+            points = len(curve.frequency_hz)
+            for column in fields(curve):
+                length = len(getattr(curve, column.name))
+                if length != points and not (length == 0 and column.name in _MAY_BE_ABSENT):
+                    raise ValueError(f"{name}.{column.name} has {length} values for {points} frequencies")
+        size = len(self.correlation.names)
+        if [len(row) for row in self.correlation.matrix] != [size] * size:
+            raise ValueError(f"the matrix of correlation is not {size} by {size}")
+        for signal in self.signals:
+            if not len(signal.time_s) == len(signal.measured) == len(signal.predicted):
+                raise ValueError(f"the parts of the signal {signal.record!r} differ in length")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Result:
+        """Read a result file.
+
+        Raises:
+            InputError: the file cannot be read or is not a result.
+        """
+        try:
+            file = Path(path)
+            if (size := file.stat().st_size) > MOST_BYTES:
+                raise ValueError(f"{size} bytes, which is more than any result has")
+            document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
+        except (OSError, ValueError, RecursionError, MemoryError) as error:  # UnicodeDecodeError is a ValueError
+            raise InputError(
+                "The result file cannot be read.",
+                expected="a JSON file written by `vibrident identify`",
+                found=str(error),
+                where=str(path),
+                remedy="check the path",
+            ) from error
+        return cls.from_dict(document)
