@@ -37,10 +37,10 @@ reproduce: $(CORE)  ## the paper's tables and figures beside ours, into reproduc
 	$(BIN)/vibrident reproduce --out reproduction
 
 test: $(DEV)  ## every law once
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(CI),--durations=10) $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)
 
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m slow --durations=10 $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow --durations=10 $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style, format and types
 	$(BIN)/ruff check .

@@ -25,6 +25,14 @@ settings.register_profile("vibrident", deadline=None, derandomize=True)
 settings.load_profile("vibrident")
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """A test marked ``draws(few, many)`` has few of them in ``make test``, and many in ``make nightly``."""
+    mark = metafunc.definition.get_closest_marker("draws")
+    if mark:
+        few, many = mark.args
+        metafunc.parametrize("draws", [few, pytest.param(many, marks=pytest.mark.slow)], ids=["few", "many"])
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of a test marked ``quick`` the cases that the mark does not name are slow."""

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from tests.support.exported import paper
 
 import vibrident
 
@@ -207,9 +208,10 @@ def fail_if_any(complaints: list[str]) -> None:
         pytest.fail("\n".join(complaints), pytrace=False)
 
 
-def run_python(code: str) -> str:
+def run_python(code: str, *arguments: str) -> str:
     """Run code in a fresh interpreter; return what it prints."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -314,39 +316,48 @@ def test_jax_is_imported_through_one_door():
     fail_if_any(complaints)
 
 
-def test_modules_without_jax_load_none():
-    wanted = names(*NO_JAX)
-    loaded = run_python(
-        "import importlib, sys\n"
-        f"for name in {wanted!r}:\n"
-        "    importlib.import_module(name)\n"
-        "    if 'jax' in sys.modules:\n"
-        "        print(name)\n"
-        "        break\n"
-    ).strip()
-    assert not loaded, f"Importing {loaded} loads JAX, or something it imports does; it belongs to the set without JAX."
+#: In a process: what of these is loaded by now.
+CHECK = """
+import contextlib, importlib, io, sys
+def check(what, names):
+    found = [name for name in names.split() if name in sys.modules]
+    print(what, "loads", *found) if found else None
+"""
+HELP = """
+from vibrident.cli import main
+for arguments, heavy in ([], "jax matplotlib sqlalchemy numpy"), (["identify"], "jax matplotlib pandas scipy"):
+    sys.argv, said = ["vibrident", *arguments, "--help"], io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        main()
+    assert "identify" in said.getvalue()
+    check(" ".join(sys.argv), heavy)
+"""
+USE = """
+import vibrident.io, vibrident.plots, vibrident.report, vibrident.terminal
+check("importing", "jax matplotlib scipy pandas h5py soundfile rich")
+from vibrident.export import export
+result, folder = vibrident.Result.load(sys.argv[1]), sys.argv[2]
+export(result, "csv", folder)
+check("exporting tables", "jax matplotlib obspy control lxml pythonfmu")
+vibrident.report.write(result, "pdf", folder + "/certificate.pdf")
+check("a certificate", "jax scipy pandas plotly h5py")
+export(result, "c", folder, rate_hz=51200.0)
+check("exporting C", "jax obspy control lxml pythonfmu")
+from vibrident.simulation import simulate
+simulate(samples=100)
+for name in ("vibrident.simulation", *sys.argv[3:]):
+    importlib.import_module(name)
+    check(name, "jax")
+"""
 
 
-@pytest.mark.parametrize("library", ["jax", "matplotlib", "sqlalchemy"])
-def test_importing_the_package_loads_no_heavy_library(library):
-    assert run_python(f"import sys, vibrident; print({library!r} in sys.modules)").strip() == "False"
+def test_help_loads_no_heavy_library():
+    assert run_python(CHECK + HELP) == ""
 
 
-@pytest.mark.skipif("vibrident.cli" not in modules(), reason="there is no vibrident.cli yet")
-@pytest.mark.parametrize("library", ["jax", "matplotlib", "sqlalchemy", "numpy"])
-def test_help_loads_no_heavy_library(library):
-    printed = run_python(
-        "import sys\n"
-        "from vibrident.cli import main\n"
-        "sys.argv = ['vibrident', '--help']\n"
-        "try:\n"
-        "    main()\n"
-        "except SystemExit as done:\n"
-        "    assert not done.code, done.code\n"
-        f"print({library!r} in sys.modules)\n"
-    )
-    assert "identify" in printed
-    assert printed.splitlines()[-1] == "False", f"`vibrident --help` loads {library}"
+def test_what_needs_no_heavy_library_loads_none(tmp_path):
+    result = paper().save(tmp_path / "result.json")
+    assert run_python(CHECK + USE, str(result), str(tmp_path), *names(*NO_JAX)) == ""
 
 
 def test_modules_and_functions_stay_readable():

@@ -159,7 +159,6 @@ def test_a_spring_that_stiffens_is_named_with_its_change():
     assert "at the beginning" in text
 
 
-@pytest.mark.slow
 def growing(growth, damping, samples=2000):
     """A decay from one whose damping grows by this part of it to the first swing, without noise."""
     time, angular = np.arange(samples) / RATE, 2.0 * np.pi * 0.1 * RATE
@@ -171,20 +170,22 @@ def growing(growth, damping, samples=2000):
     return solve_ivp(slope, (0.0, time[-1]), [1.0, 0.0], "DOP853", time, rtol=1e-7, atol=1e-9).y[0]
 
 
-def test_a_damping_that_grows_with_the_amplitude_is_named(rng):
-    """A tenth to as much again at the first swing, under noise; the same without growth, 40 times, is not named."""
+@pytest.mark.draws(2, 20)
+def test_a_damping_that_grows_with_the_amplitude_is_named(rng, draws):
+    """A tenth to as much again at the first swing, under noise; the same without growth is not named."""
     for growth, damping, noise in ((1.0, 0.013, 1e-3), (0.1, 0.04, 1e-3), (1.0, 0.02, 1e-2)):
         series = growing(growth, damping)
         assert examine(decays(series + noise * rng.standard_normal(series.size)).records).changes, (growth, damping)
     for damping in (0.01, 0.1):
         clean = growing(0.0, damping)
-        for noise in [1e-3, 1e-2] * 10:
+        for noise in ([1e-3, 1e-2] * 10)[:draws]:
             assert not examine(decays(clean + noise * rng.standard_normal(clean.size)).records).changes
 
 
-def test_several_decays_show_together_what_few_show_alone(rng):
-    """Damping that grows by 9 % to the first swing; without growth nothing is named, ten times."""
-    for growth, named, times in ((0.09, True, 2), (0.0, False, 8)):
+@pytest.mark.draws(1, 8)
+def test_several_decays_show_together_what_few_show_alone(rng, draws):
+    """Damping that grows by 9 % to the first swing; without growth nothing is named."""
+    for growth, named, times in ((0.09, True, 1), (0.0, False, draws)):
         series = growing(growth, 0.04)
         for _ in range(times):
             four = [size * series + 1e-3 * rng.standard_normal(series.size) for size in (1.0, 0.9, 0.8, 0.7)]

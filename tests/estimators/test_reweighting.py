@@ -86,21 +86,6 @@ def test_hum_is_an_unknown_and_costs_little() -> None:
     assert np.all(np.abs(found) < 4.0)
 
 
-def test_units_of_either_channel_change_nothing() -> None:
-    noisy = with_noise(random_motion(), reference_noise=0.01, response_noise=0.003, seed=5)
-    scaled = replace(
-        noisy,
-        records=tuple(
-            replace(r, reference=np.asarray(r.reference) * 1e-3, response=r.response * 1e6) for r in noisy.records
-        ),
-    )
-    plain = vibrident.identify(noisy, estimator="ipnn").parameters
-    other = vibrident.identify(scaled, estimator="ipnn").parameters
-    for name, gain in (("sensitivity", 1e9), ("natural_frequency", 1.0), ("damping_ratio", 1.0)):
-        assert other[name].value == pytest.approx(gain * plain[name].value, rel=1e-7)
-        assert other[name].standard_uncertainty == pytest.approx(gain * plain[name].standard_uncertainty, rel=1e-3)
-
-
 def test_what_the_spectrum_says_of_its_parts() -> None:
     """White noise that passed a resonance, white noise, and a tone: each found for what it is."""
     rng = np.random.default_rng(4)

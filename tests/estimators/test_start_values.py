@@ -42,8 +42,7 @@ GRID = [
 
 
 @pytest.mark.parametrize("name", ["accelerometer", "velocity-pickup", "accelerometer+delay"])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_every_sensor_is_found(name, sign, rng):
+def test_every_sensor_is_found(name, rng):
     """Natural frequencies from a tenth of the lowest to three times the highest of the data, δ from 0.005 to 2.
 
     The fit from the start values ends where the fit from the truth does, to a thousandth of the cost and 0.01.
@@ -51,6 +50,7 @@ def test_every_sensor_is_found(name, sign, rng):
     model = parse(name)
     missed = []
     for number, (natural, damping) in enumerate(GRID):
+        sign = (-1) ** (number + number // 6)  # either one with every frequency and every damping
         p = {model.gain_name: sign * 0.104, "natural_frequency": natural, "damping_ratio": damping}
         if model.has_delay:
             p["delay"] = (-1) ** number * 4e-5 * (1 + number % 7)

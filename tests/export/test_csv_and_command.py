@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,19 +117,3 @@ def test_a_missing_library_names_its_extra():
     with pytest.raises(InputError, match="not installed") as caught:
         library("no_such_library", "seismic")
     assert caught.value.remedy == "pip install 'vibrident[seismic]'"
-
-
-def test_exports_load_neither_jax_nor_what_the_format_does_not_need(tmp_path):
-    source = paper().save(tmp_path / "result.json")
-    code = (
-        "import sys\n"
-        "from vibrident.result import Result\n"
-        "from vibrident.export import export\n"
-        f"made = Result.load({str(source)!r})\n"
-        f"export(made, 'csv', {str(tmp_path)!r})\n"
-        f"export(made, 'c', {str(tmp_path)!r}, rate_hz=51200.0)\n"
-        "heavy = ('jax', 'matplotlib', 'obspy', 'control', 'lxml', 'pythonfmu')\n"
-        "print([name for name in heavy if name in sys.modules])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

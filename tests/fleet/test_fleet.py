@@ -41,7 +41,7 @@ def data(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def outcome(data, deadly_site, run_fleet):
-    return run_fleet([data], data.parent / "out", workers=2, time_limit_s=6.0)
+    return run_fleet([data], data.parent / "out", workers=2, time_limit_s=4.0)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_the_page_shows_text_as_text_and_asks_for_nothing(outcome, table):
 def test_the_same_command_again_computes_nothing(data, outcome, run_fleet, rows):
     out = outcome.files[0].parent
     before = rows(out)
-    again = run_fleet([data], out, time_limit_s=6.0)
+    again = run_fleet([data], out, time_limit_s=4.0)
     assert again.computed == 0
     assert rows(out) == before
     assert again.tally.statuses == outcome.tally.statuses

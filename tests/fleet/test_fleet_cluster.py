@@ -57,6 +57,24 @@ def cluster(tmp_path) -> Iterator[Cluster]:
 
 @needs_dask
 @pytest.mark.filterwarnings("default")  # Dask's own, of what it uses
+def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows):
+    """Scheduler and worker are threads here."""
+    import distributed
+
+    fleet(tmp_path / "data/good", 3)
+    broken(tmp_path / "data/broken")
+    local = run_fleet([tmp_path / "data"], tmp_path / "local")
+    asked = Asked([str(tmp_path / "data")], Orders(str(tmp_path / "dask")))
+    with distributed.LocalCluster(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        assert run(asked, Dask(cluster.scheduler_address)).tally.statuses == local.tally.statuses
+    assert [_numbers(row) for row in rows(tmp_path / "dask")] == [_numbers(row) for row in rows(tmp_path / "local")]
+
+
+@pytest.mark.slow
+@needs_dask
+@pytest.mark.filterwarnings("default")
 def test_a_cluster_that_loses_and_gains_a_worker_gives_the_same_table(
     tmp_path, cluster, deadly_site, run_fleet, rows, monkeypatch
 ):

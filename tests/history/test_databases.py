@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
 from tests.support.databases import count, filled, postgresql, writers
 from tests.support.lives import calibrated
 
@@ -40,12 +43,14 @@ def database(server, request):
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def large(request, tmp_path_factory):
-    """URL of a store with 1000 sensors of 10 calibrations each."""
-    if request.param == "sqlite":
-        url = str(tmp_path_factory.mktemp("large") / "h.db")
-    else:
-        url = request.getfixturevalue("database")
+def url(request, tmp_path):
+    """A store of either kind."""
+    return str(tmp_path / "h.db") if request.param == "sqlite" else request.getfixturevalue("database")
+
+
+@pytest.fixture
+def large(url):
+    """One with 1000 sensors of 10 calibrations each."""
     filled(url, 1000, 10)
     return url
 
@@ -92,12 +97,12 @@ def _ticks(pid):
     return int(fields[11]), int(fields[12])
 
 
-def test_postgresql_four_writers_and_a_kill(database):
-    running = writers(database, (0, 60), (40, 100), (80, 140), (120, 160))
+def test_four_writers_at_once_lose_nothing_and_a_kill_leaves_the_store_whole(url):
+    running = writers(url, (0, 60), (40, 100), (80, 140), (120, 160))  # they overlap: some are there already
     added = [int(process.communicate(timeout=120)[0]) for process in running]
-    assert sum(added) == count(database) == 160
-    killed = writers(database, (1000, 100000))[0]
-    while count(database) < 180:
+    assert sum(added) == count(url) == 160
+    killed = writers(url, (1000, 100000))[0]
+    while count(url) < 180:
         time.sleep(0.02)
     killed.send_signal(signal.SIGKILL)
     killed.communicate(timeout=30)
@@ -105,8 +110,13 @@ def test_postgresql_four_writers_and_a_kill(database):
         "SELECT count(*) FROM calibration c WHERE (SELECT count(*) FROM parameter WHERE calibration_id = c.id) != 3"
         " OR NOT EXISTS (SELECT 1 FROM event WHERE calibration_id = c.id)"
     )
-    with Store(database) as store, store.reading() as connection:
+    with Store(url) as store, store.reading() as connection:
         assert connection.execute(sa.text(halves)).scalar_one() == 0
+        if store.is_sqlite:
+            assert connection.execute(sa.text("PRAGMA integrity_check")).scalar_one() == "ok"
+    before = count(url)
+    assert history.add(url, [calibrated(0.3)]) == 1
+    assert count(url) == before + 1
 
 
 def test_postgresql_keeps_its_rows_as_they_are(database):
@@ -128,23 +138,37 @@ def _execute(url, order):
         connection.execute(sa.text(order))
 
 
-def test_postgresql_is_upgraded_with_its_data(database):
-    rows = rows_of(calibrated(data="records"))
-    with Store(database) as store:
+def test_an_old_store_is_refused_until_it_is_upgraded_with_its_data(url, tmp_path):
+    result = replace(calibrated(data="records"), sensor={"manufacturer": "maker", "type": "type A"})
+    rows = rows_of(result, "4711")  # the name was given with it, and is not in the result
+    with Store(url) as store:
         store.upgrade("0001")
-        with pytest.raises(InputError, match="history upgrade"):
-            history.add(database, [calibrated()])
-        old = {name: value for name, value in rows.calibration.items() if name != "data_files"}
         with store._engine.begin() as connection:
             connection.execute(sa.text("INSERT INTO sensor VALUES (1, 'maker', 'type A', '4711', '')"))
-            names = ", ".join(old)
+            old = {name: value for name, value in rows.calibration.items() if name != "data_files"}
             values = ", ".join(f":{name}" for name in old)
-            order = f"INSERT INTO calibration (id, sensor_id, {names}) VALUES (1, 1, {values})"
+            order = f"INSERT INTO calibration (id, sensor_id, {', '.join(old)}) VALUES (1, 1, {values})"
             connection.execute(sa.text(order), old)
+            order = "INSERT INTO parameter VALUES (1, 'sensitivity', 0.1, 'V/(m/s^2)', 1e-4, {0}, {1})"
+            connection.execute(sa.text(order.format(*(1, 0) if store.is_sqlite else ("true", "false"))))
+        with pytest.raises(InputError, match="history upgrade"), store.reading():
+            pass
+        with pytest.raises(InputError, match="history upgrade"):
+            history.add(url, [result], serial_number="4711")
         assert store.upgrade() == ("0001", schema.REVISION)
-        (entry,) = query.entries(store, 1)[1]
-        assert entry.shared
-        assert query.result(store, 1) == calibrated(data="records")
+        with store.reading() as connection:
+            context = MigrationContext.configure(connection, opts={"version_table": schema.VERSION_TABLE})
+            assert compare_metadata(context, schema.metadata) == []
+        assert query.result(store, 1) == result
+    fresh = str(tmp_path / "fresh.db")
+    history.add(fresh, [result], serial_number="4711")
+    for table in (schema.sensor, schema.calibration, schema.parameter, schema.point):
+        found = []
+        for each in (url, fresh):
+            with Store(each) as store, store.reading() as connection:
+                found.append(connection.execute(sa.select(table).order_by(*table.primary_key.columns)).all())
+        assert found[0] == found[1]
+    assert history.add(url, [result], serial_number="4711") == 0
 
 
 def test_postgresql_keeps_the_same_as_sqlite(database, tmp_path):

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import datetime
-import json
-import signal
 import sqlite3
 import sys
-import time
 import zlib
 from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
-from tests.support.databases import count, writers
+from tests.support.databases import count
 from tests.support.lives import at_reference, calibrated
 
 from vibrident import history
 from vibrident.errors import InputError
 from vibrident.history import location, schema
 from vibrident.history.store import Store
-from vibrident.result import Result
 
 
 def test_a_result_is_kept_whole_and_once(tmp_path):
@@ -72,57 +68,6 @@ def test_rows_can_be_neither_changed_nor_removed_nor_replaced(tmp_path):
         )
         assert other.execute("SELECT * FROM calibration").fetchall() == before
     other.close()
-
-
-def test_an_old_store_is_refused_until_it_is_upgraded_with_its_data(tmp_path):
-    from alembic.autogenerate import compare_metadata
-    from alembic.migration import MigrationContext
-
-    from vibrident.history.entry import rows_of
-
-    url = str(tmp_path / "old.db")
-    result = replace(calibrated(data="records"), sensor={"manufacturer": "maker", "type": "type A"})
-    rows = rows_of(result, "4711")  # the name was given with it, and is not in the result
-    with Store(url) as store:
-        store.upgrade("0001")
-        with sqlite3.connect(tmp_path / "old.db") as old:
-            old.execute("INSERT INTO sensor VALUES (1, 'maker', 'type A', '4711', '')")
-            names = (
-                "sha256",
-                "date_stated",
-                "model",
-                "estimator",
-                "adequate",
-                "chi2_reduced",
-                "warnings",
-                "laboratory",
-                "document",
-            )
-            values = [rows.calibration[name] for name in names]
-            old.execute(
-                f"INSERT INTO calibration (id, sensor_id, date, certificate_number, {', '.join(names)}) "
-                f"VALUES (1, 1, '2020-01-01', '', {', '.join('?' * len(names))})",
-                values,
-            )
-            old.execute("INSERT INTO parameter VALUES (1, 'sensitivity', 0.1, 'V/(m/s^2)', 1e-4, 1, 0)")
-        old.close()
-        with pytest.raises(InputError, match="history upgrade"), store.reading():
-            pass
-        with pytest.raises(InputError, match="history upgrade"):
-            history.add(url, [result], serial_number="4711")
-        assert store.upgrade() == ("0001", schema.REVISION)
-        with store.reading() as connection:
-            context = MigrationContext.configure(connection, opts={"version_table": schema.VERSION_TABLE})
-            assert compare_metadata(context, schema.metadata) == []
-    fresh = str(tmp_path / "fresh.db")
-    history.add(fresh, [result], serial_number="4711")
-    for table in (schema.sensor, schema.calibration, schema.parameter, schema.point):
-        found = []
-        for each in (url, fresh):
-            with Store(each) as store, store.reading() as connection:
-                found.append(connection.execute(sa.select(table).order_by(*table.primary_key.columns)).all())
-        assert found[0] == found[1]
-    assert history.add(url, [result], serial_number="4711") == 0
 
 
 def test_a_store_that_another_program_holds_is_said_to_be_held(tmp_path, monkeypatch):
@@ -194,33 +139,3 @@ def test_the_default_is_the_environment_s_then_the_user_s_folder(tmp_path, monke
     if sys.platform.startswith("linux"):
         assert location.chosen(None) == f"sqlite:///{tmp_path}/vibrident/history.sqlite"
     assert location.chosen("postgresql://lab@host/db").startswith("postgresql+psycopg://")
-
-
-def test_four_writers_at_once_lose_nothing_and_a_kill_leaves_the_store_whole(tmp_path):
-    url = str(tmp_path / "h.db")
-    running = writers(url, (0, 60), (40, 100), (80, 140), (120, 160))  # they overlap: some are there already
-    added = [int(process.communicate(timeout=120)[0]) for process in running]
-    assert sum(added) == count(url) == 160
-    killed = writers(url, (1000, 100000))[0]
-    while count(url) < 180:
-        time.sleep(0.02)
-    killed.send_signal(signal.SIGKILL)
-    killed.communicate(timeout=30)
-    with sqlite3.connect(tmp_path / "h.db") as other:
-        assert other.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        halves = (
-            "SELECT count(*) FROM calibration c WHERE (SELECT count(*) FROM parameter WHERE calibration_id = c.id) != 3"
-            " OR NOT EXISTS (SELECT 1 FROM event WHERE calibration_id = c.id)"
-        )
-        assert other.execute(halves).fetchone() == (0,)
-    other.close()
-    (before,) = {count(url)}
-    assert history.add(url, [calibrated(0.3)]) == 1
-    assert count(url) == before + 1
-
-
-def test_what_is_stored_is_a_result_again(tmp_path):
-    history.add(str(tmp_path / "h.db"), [calibrated()])
-    with Store(str(tmp_path / "h.db")) as store, store.reading() as connection:
-        packed = connection.execute(sa.select(schema.calibration.c.document)).scalar_one()
-    assert Result.from_dict(json.loads(zlib.decompress(packed))) == calibrated()

@@ -1,4 +1,4 @@
-"""Units are a convention: no number but the gain may know which were taken, and none that is stated in u."""
+"""Units are a convention: what is in them scales, and nothing that is stated in u knows which were taken."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ from vibrident.records import Calibration, Record
 from vibrident.simulation import simulate
 
 PICKUP = ("velocity-pickup", {"generator_constant": 28.8, "natural_frequency": 4.5, "damping_ratio": 0.6})
+GAINS = ("sensitivity", "generator_constant", "conversion_coefficient")
+POWERS_OF_THE_RATE = {
+    "natural_frequency": 1, "natural_angular_frequency": 1, "resonance_frequency": 1, "generator_constant": 1,
+    "conversion_coefficient": 2,
+}  # fmt: skip
 TONES = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]
 
 
@@ -23,33 +28,42 @@ def calibration(kind: str) -> Calibration:
         shape = {"frequencies_hz": TONES, "samples": 3000, "sampling_rate_hz": 2e4, "response_noise": 1e-3}
         return simulate("paper", "sine", reference_noise=1e-3, seed=1, **shape)
     shape = {"frequencies_hz": [1.0, 60.0], "samples": 6000, "sampling_rate_hz": 500.0, "amplitude": 1.0}
-    return simulate(PICKUP, "random", response_noise=1e-2, seed=1, **shape)
+    return simulate(PICKUP, "random", response_noise=1e-2, reference_noise=1e-2, seed=1, **shape)
 
 
-def in_units(kind: str, reference: float, response: float) -> Calibration:
+def in_units(kind: str, reference: float, response: float, rate: float = 1.0) -> Calibration:
     made = calibration(kind)
     records = [
-        replace(r, reference=np.asarray(r.reference) * reference, response=r.response * response) for r in made.records
+        replace(
+            r,
+            reference=np.asarray(r.reference) * reference,
+            response=r.response * response,
+            sampling_rate_hz=r.sampling_rate_hz * rate,
+            frequency_hz=r.frequency_hz and r.frequency_hz * rate,
+        )
+        for r in made.records
     ]
     return replace(made, records=tuple(records))
 
 
 @pytest.mark.parametrize(("kind", "estimator"), [("sine", "ml"), ("sine", "ipnn"), ("random", "ipnn")])
-def test_results_do_not_depend_on_the_units_of_either_channel(kind: str, estimator: str) -> None:
+def test_results_do_not_depend_on_the_units_of_either_channel_and_of_time(kind: str, estimator: str) -> None:
     plain = vibrident.identify(calibration(kind), estimator=estimator)
-    for reference, response in ((1.0, 2.0**43), (2.0**-60, 2.0**-43), (1e-12, 1e12), (1e12, 1e-12), (1e-20, 1e20)):
-        other = vibrident.identify(in_units(kind, reference, response), estimator=estimator)
+    for reference, response, rate in (
+        (1.0, 2.0**43, 1.0),
+        (2.0**-60, 2.0**-43, 1.0),
+        (1e-12, 1e12, 1e-3),
+        (1e12, 1e-12, 1.0),
+        (1e-20, 1e20, 1e3),
+    ):
+        other = vibrident.identify(in_units(kind, reference, response, rate), estimator=estimator)
         assert other.warning_codes == plain.warning_codes
         assert other.fit.chi2_reduced == pytest.approx(plain.fit.chi2_reduced, rel=1e-6)
         for name, known in plain.parameters.items():
             found, u = other.parameters[name], known.standard_uncertainty
-            gain = response / reference if name in (plain_gain(plain), "conversion_coefficient") else 1.0
-            assert found.value / gain == pytest.approx(known.value, abs=1e-4 * u), (name, reference, response)
-            assert found.standard_uncertainty == pytest.approx(gain * u, rel=1e-4)
-
-
-def plain_gain(result: vibrident.Result) -> str:
-    return next(name for name in ("sensitivity", "generator_constant") if name in result.parameters)
+            scale = rate ** POWERS_OF_THE_RATE.get(name, 0) * (response / reference if name in GAINS else 1.0)
+            assert found.value / scale == pytest.approx(known.value, abs=1e-4 * u), (name, reference, response, rate)
+            assert found.standard_uncertainty == pytest.approx(scale * u, rel=1e-4)
 
 
 @pytest.mark.parametrize("factor", [1e150, 1e-150])

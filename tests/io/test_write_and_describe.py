@@ -1,8 +1,6 @@
 """What is written reads back exactly; what is described is what was read."""
 
 import os
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
@@ -154,10 +152,3 @@ def test_describe_table():
     (row,) = describe(calibration)
     assert (row["points"], row["from / Hz"], row["to / Hz"], row["phase"]) == (2, 5.0, 10.0, False)
     assert (row["least / V/(m/s²)"], row["largest / V/(m/s²)"]) == (1.0, 2.0)
-
-
-def test_import_loads_no_format_library():
-    heavy = ["pandas", "h5py", "scipy", "soundfile", "jax", "matplotlib"]
-    code = f"import sys, vibrident.io; print([m for m in sys.modules if m in {heavy}])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

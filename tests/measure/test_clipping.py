@@ -43,6 +43,12 @@ def sine(rng: np.random.Generator) -> FloatArray:
     return np.sin(rng.uniform(0.02, 2.5) * T + rng.uniform(0.0, 6.3))
 
 
+def slow_or_quick(rng: np.random.Generator, orders: tuple[int, ...] = (1,)) -> FloatArray:
+    """A sine of 1e-4 to 0.45 of the sampling rate, or with harmonics."""
+    angle = 2.0 * np.pi * 10.0 ** rng.uniform(-4.0, np.log10(0.45))
+    return sum(np.sin(order * angle * T + rng.uniform(0.0, 6.3)) / order**2 for order in orders)
+
+
 def shock(rng: np.random.Generator) -> FloatArray:
     u = (T - rng.uniform(500.0, 2000.0)) / rng.uniform(40.0, 150.0)
     return np.exp(-(u**2)) - 0.2 * np.exp(-(((u - 4.0) / 3.0) ** 2))
@@ -64,12 +70,21 @@ def converted(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     return values if rng.random() < 0.3 else np.rint(values / step) * step
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_free_signals_are_left_alone(motion: str, rng: np.random.Generator) -> None:
-    """300 signals of each kind, offset or not, in coarse and fine steps: at most one finding in all 1500."""
+FREE = {
+    **MOTIONS,
+    "slow or quick sine": slow_or_quick,
+    "harmonics": lambda rng: slow_or_quick(rng, (1, 2, 3)),
+    "noise": lambda rng: rng.standard_normal(N),
+}
+
+
+@pytest.mark.parametrize("motion", FREE)
+@pytest.mark.draws(40, 300)
+def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Generator) -> None:
+    """Offset or not, in coarse and fine steps: at most one finding in all 2400."""
     found = 0
-    for _ in range(300):
-        values = converted(MOTIONS[motion](rng) + rng.choice([0.0, 3.0]), rng)
+    for _ in range(draws):
+        values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
         found += bool(clipped(values, ALL)[0].any()) + bool(lost(values, ALL).any()) + bool(wild(values, ALL).any())
     assert found <= (1 if motion == "sine" else 0)
 
@@ -176,9 +191,10 @@ def test_single_wild_samples_are_found(motion: str, size: float, share: float, r
     assert hit >= share * 40
 
 
-def test_corners_and_edges_of_a_motion_are_not_wild(rng: np.random.Generator) -> None:
+@pytest.mark.draws(20, 100)
+def test_corners_and_edges_of_a_motion_are_not_wild(draws: int, rng: np.random.Generator) -> None:
     """Half-sines of 4 samples and more that begin at once, struck sensors, triangles."""
-    for _ in range(100):
+    for _ in range(draws):
         length, noise = int(rng.integers(4, 200)), 10.0 ** rng.uniform(-6.0, -2.0) * rng.standard_normal(N)
         push = np.where(np.abs(T - 700.0 - 0.5 * length) < 0.5 * length, np.sin(np.pi * (T - 700) / length), 0.0)
         since = np.maximum(T - rng.uniform(500.0, 900.0), 0.0)

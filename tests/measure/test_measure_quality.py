@@ -57,41 +57,6 @@ def test_a_few_samples_thrown_to_a_rail(rng):
     assert bad.sum() <= 3 * 44
 
 
-SPECTRA = {
-    "sine": lambda t, f, rng: np.sin(2 * np.pi * f * t + rng.uniform(0, 7)),
-    "noisy sine": lambda t, f, rng: np.sin(2 * np.pi * f * t) + 10 ** rng.uniform(-4, -1) * rng.standard_normal(N),
-    "harmonics": lambda t, f, rng: sum(np.sin(2 * np.pi * h * f * t + rng.uniform(0, 7)) / h**2 for h in (1, 2, 3)),
-    "random": lambda t, f, rng: rng.standard_normal(N),
-}
-
-
-#: Has a test of its own.
-COARSE = ("harmonics", True)
-
-
-def quantised(values, rng):
-    step = 2.0 ** -rng.integers(3, 12)
-    return np.round(values / step) * step
-
-
-@pytest.mark.parametrize(("kind", "coarse"), [(k, c) for k in SPECTRA for c in (False, True) if (k, c) != COARSE])
-def test_no_false_alarm_for_free_signals(kind, coarse, rng):
-    """120 signals of each kind from 1e-4 to 0.45 of the sampling rate, quantised or not: none marked.
-
-    Quantised to 16 to 4096 steps. (A noise-free, distorted signal of 4 to 8 bits is: see below.)
-    """
-    alarms = 0
-    for _ in range(120):
-        x = SPECTRA[kind](T, 10 ** rng.uniform(-4, np.log10(0.45)), rng)
-        alarms += clipped(quantised(x, rng) if coarse else x, ALL)[0].any()
-    assert alarms == 0
-
-
-def test_no_false_alarm_for_coarse_distorted_signals(rng):
-    signals = [SPECTRA["harmonics"](T, 10 ** rng.uniform(-4, np.log10(0.45)), rng) for _ in range(120)]
-    assert sum(clipped(quantised(x, rng), ALL)[0].any() for x in signals) == 0
-
-
 @pytest.mark.parametrize("excitation", ["sine", "multisine", "sweep", "random", "shock", "decay"])
 @pytest.mark.parametrize("sensor", ["paper", "piezo", "geophone"])
 def test_no_finding_for_simulated_records(sensor, excitation):
@@ -114,25 +79,13 @@ def test_a_clipped_record_says_what_and_loses_those_samples():
     record = sine_record()
     cut = replace(record, response=np.clip(record.response, -0.8, 0.8))
     (kept,), findings = screen([cut])
-    (finding,) = [f for f in findings if f.code == "clipped"]
-    assert "response channel" in finding.message
-    assert "record" in finding.message
+    (finding,) = findings  # the reference does not look aliased
+    assert finding.code == "clipped"
+    assert all(words in finding.message for words in ("record", "response channel", "0.8"))
     lost = np.abs(cut.response) == 0.8
     assert not kept.mask[lost].any()
     assert f"{np.sum(~kept.mask)} of 4000" in finding.message
     assert any("clipped" in step for step in kept.provenance.history)
-
-
-def test_a_clipped_response_does_not_make_the_reference_look_aliased():
-    record = sine_record()
-    _, findings = screen([replace(record, response=np.clip(record.response, -0.8, 0.8))])
-    assert [f.code for f in findings] == ["clipped"]
-
-
-def test_the_level_named_is_a_rail():
-    record = sine_record()
-    _, findings = screen([replace(record, response=np.clip(record.response, -0.8, 0.8))])
-    assert "0.8" in findings[0].message
 
 
 @pytest.mark.parametrize("channel", ["reference", "response"])

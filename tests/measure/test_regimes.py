@@ -52,15 +52,17 @@ def found(kind: str, colour: str, change: float, rng: np.random.Generator, size:
 
 @pytest.mark.parametrize("kind", ["sine", "multisine", "random"])
 @pytest.mark.parametrize("colour", ["white", "growing", "1/f", "hum"])
-def test_noise_of_any_colour_is_no_change(kind: str, colour: str, rng: np.random.Generator) -> None:
-    """100 of each of 12 kinds; the level is 10⁻⁴ a calibration."""
-    assert sum(len(found(kind, colour, 0.0, rng)) for _ in range(100)) == 0
+@pytest.mark.draws(10, 100)
+def test_noise_of_any_colour_is_no_change(kind: str, colour: str, draws: int, rng: np.random.Generator) -> None:
+    """The level is 10⁻⁴ a calibration."""
+    assert sum(len(found(kind, colour, 0.0, rng)) for _ in range(draws)) == 0
 
 
-def test_the_rest_before_and_behind_a_burst_has_no_gain(rng: np.random.Generator) -> None:
+@pytest.mark.draws(5, 50)
+def test_the_rest_before_and_behind_a_burst_has_no_gain(draws: int, rng: np.random.Generator) -> None:
     """What motion's skirts leave in it beside steps of a converter is no change, though it looks like one of 100 %."""
     burst = np.where((T > 1500) & (T < 3000), np.sin(np.pi * (T - 1500) / 1500) ** 2, 0.0)
-    for _ in range(50):
+    for _ in range(draws):
         series, _ = prediction("random", rng)
         series = series * burst
         skirts = np.where((T <= 1500) & (T > 1200), 1e-4 * rng.standard_normal(N), 0.0)
@@ -68,12 +70,13 @@ def test_the_rest_before_and_behind_a_burst_has_no_gain(rng: np.random.Generator
         assert changes([Record("r", series, response, RATE, "random")], [series + skirts], [None]) == []
 
 
-def test_noise_of_the_reference_through_a_sharp_resonance_is_no_change(rng: np.random.Generator) -> None:
+@pytest.mark.draws(10, 100)
+def test_noise_of_the_reference_through_a_sharp_resonance_is_no_change(draws: int, rng: np.random.Generator) -> None:
     """It is alike over many blocks, and in the prediction too."""
     lines = np.fft.rfftfreq(N, 1.0 / RATE)
     through = 1.0 / (1.0 - (lines / 20.0) ** 2 + 0.01j * lines / 20.0)
     alarms = 0
-    for _ in range(100):
+    for _ in range(draws):
         motion, noise = prediction("random", rng)[0], 0.01 * rng.standard_normal(N)
         response, unfelt = (np.fft.irfft(through * np.fft.rfft(v), N) for v in (motion, noise))
         response = response + 1e-3 * rng.standard_normal(N)
@@ -81,10 +84,11 @@ def test_noise_of_the_reference_through_a_sharp_resonance_is_no_change(rng: np.r
     assert alarms == 0
 
 
-def test_ringing_that_the_noise_of_the_reference_excites_is_no_change(rng: np.random.Generator) -> None:
+@pytest.mark.draws(20, 200)
+def test_ringing_that_the_noise_of_the_reference_excites_is_no_change(draws: int, rng: np.random.Generator) -> None:
     """δ of 0.0005 to 0.001 in records of 1000 samples: it rings for as long as the record, in the prediction too."""
     alarms, frequency = 0, np.fft.rfftfreq(1000)
-    for _ in range(200):
+    for _ in range(draws):
         angle, damping = 2.0 * np.pi * rng.uniform(0.05, 0.14), rng.uniform(0.0005, 0.001)
         recursion = [1.0, -2.0 * np.exp(-damping * angle) * np.cos(angle), np.exp(-2.0 * damping * angle)]
         spectrum = np.fft.rfft(rng.standard_normal(1000))
@@ -108,14 +112,15 @@ def test_a_step_of_gain_is_found_with_its_time_and_size(
         assert abs(one.time_s - 2.2) < 0.5
 
 
-def test_one_record_of_another_sensor_is_named(rng: np.random.Generator) -> None:
+@pytest.mark.draws(20, 200)
+def test_one_record_of_another_sensor_is_named(draws: int, rng: np.random.Generator) -> None:
     """12 sines of a straight line's model; one of them 30 deviations off."""
     frequency = np.linspace(-1.0, 1.0, 12)
     matrix = 1e3 * np.block([[np.ones((12, 1)), frequency[:, None]], [np.zeros((12, 1)), frequency[:, None] ** 2]])
     names = [f"r{k}" for k in range(12)]
     deviation = np.full(12, 1e-3)
     alarms = 0
-    for trial in range(200):
+    for trial in range(draws):
         rest = rng.standard_normal(24)
         alarms += odd_record(matrix, rest, names, deviation) is not None
         rest[5] += 30.0
@@ -195,10 +200,11 @@ def test_a_change_within_a_sweep_or_among_shocks_is_found(kind: str, changed: st
     assert number >= 7 if changed != "nothing" else number == 0
 
 
-def test_what_rounding_leaves_of_a_swing_that_dies_away_is_no_change(rng: np.random.Generator) -> None:
+@pytest.mark.draws(4, 20)
+def test_what_rounding_leaves_of_a_swing_that_dies_away_is_no_change(draws: int, rng: np.random.Generator) -> None:
     """A shock rings for the whole record, in steps of a thousandth of its peak and without noise."""
     lines, motion = np.fft.rfftfreq(2 * N, 1.0 / RATE), np.zeros(2 * N)
-    for _ in range(20):
+    for _ in range(draws):
         motion[:N] = np.exp(-0.5 * ((T - rng.uniform(0.2, 0.3) * N) / 5.0) ** 2)
         frequency, damping = rng.uniform(30.0, 80.0), rng.uniform(0.002, 0.006)
         series = np.fft.irfft(oscillator(frequency, damping)(lines) * np.fft.rfft(motion), 2 * N)[:N]

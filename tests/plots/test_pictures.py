@@ -132,15 +132,6 @@ def test_no_pyplot_and_no_change_of_settings():
     assert done.returncode == 0, done.stderr
 
 
-def test_import_loads_neither_jax_nor_matplotlib():
-    script = (
-        "import sys, vibrident.terminal, vibrident.plots, vibrident.report\n"
-        "print([m for m in ('jax', 'matplotlib', 'scipy', 'pandas', 'rich') if m in sys.modules])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 def test_the_loss_breaks_where_the_weights_change():
     run = replace(table2().training, weighting_changes=(3,))
     (stack,) = figures.training(replace(table2(), training=run)).stacks

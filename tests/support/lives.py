@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 
 import numpy as np
 
@@ -62,8 +61,3 @@ def at_reference(result: Result) -> float:
     point = sensitivity_at(result, Nominal(160.0, 10**2.2))
     assert point is not None
     return point.magnitude
-
-
-def renamed(result: Result, serial: str) -> Result:
-    """The same of another sensor."""
-    return replace(result, sensor={**result.sensor, "serial_number": serial})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.estimators import Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.estimators import Ipnn, LeastSquares
 from vibrident.models import parse
 from vibrident.problem import Evidence
 from vibrident.simulation import ChannelNoise, simulate, with_noise
@@ -16,9 +16,8 @@ SHAPE = {"sampling_rate_hz": 10e3, "samples": 2000, "start": "steady"}
 #: No multiple of the mains frequency: hum would be part of the tone.
 TONES = [20.3, 63.1, 126.0, 251.0, 398.0, 631.0, 794.0, 1010.0]
 WHITE = {"response_noise": 0.01}
-BOTH = {"response_noise": 0.003, "reference_noise": 0.01}
 COLOURED = {"response_noise": ChannelNoise(white=0.001, flicker=0.01)}
-DRAWS = 60
+DRAWS = 200
 
 
 def truth(excitation):
@@ -58,36 +57,14 @@ def assert_covered(errors, stated):
     ("estimator", "excitation", "noise"),
     [
         (LeastSquares("plain"), "sine", WHITE),
-        (Ipnn(), "random", WHITE),
+        (LeastSquares("weighted"), "sine", WHITE),
         (Ipnn(), "random", COLOURED),
     ],
-    ids=["lsm-plain", "ipnn-random", "ipnn-random-1/f"],
+    ids=["lsm-plain", "lsm-weighted", "ipnn-random-1/f"],
 )
 def test_the_stated_uncertainty_is_the_scatter(estimator, excitation, noise):
+    """To 5 % and 1.6 % of coverage; ``ml`` and ``ipnn`` in other noise stand in docs/scenarios.md and docs/bench.md."""
     assert_covered(*draws_of(estimator, excitation, noise))
-
-
-@pytest.mark.parametrize(
-    ("estimator", "excitation", "noise"),
-    [
-        (MaximumLikelihood(), "sine", WHITE),
-        (LeastSquares("weighted"), "sine", WHITE),
-        (LeastSquares("plain"), "sine", WHITE),
-        (Ipnn(), "sine", WHITE),
-        (Ipnn(), "random", WHITE),
-        (Ipnn(), "random", BOTH),
-        (Ipnn(), "shock", WHITE),
-        (Ipnn(), "sweep", WHITE),
-    ],
-)
-def test_the_stated_uncertainty_is_the_scatter_to_a_few_per_cent(estimator, excitation, noise):
-    """400 draws: 10.6 % of the scatter, 3.3 % of coverage."""
-    assert_covered(*draws_of(estimator, excitation, noise, 400))
-
-
-def test_noise_of_the_reference_is_covered():
-    """1 % noise on the reference that the sensor does not feel, under maximum likelihood."""
-    assert_covered(*draws_of(MaximumLikelihood(), "sine", BOTH, 400))
 
 
 @pytest.fixture(scope="module")
