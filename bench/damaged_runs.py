@@ -149,12 +149,12 @@ class _OutOfTime(BaseException):
 def serve() -> None:
     """Main of the worker: a case a line, an answer a line."""
     import vibrident.io
-    from vibrident.sandbox import set_limits
+    from vibrident.process import Limits, set_limits
 
     vibrident.io.read_guarded = vibrident.io.read  # without the separate process, which would hide failures
     stream = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    set_limits(_ROOM_BYTES)
+    set_limits(Limits(memory_bytes=_ROOM_BYTES))
     signal.signal(signal.SIGALRM, _ring)
     for line in sys.stdin:
         answer = _in_here(Path(json.loads(line)["target"]))

@@ -1,6 +1,7 @@
-"""Values as bytes and back, without pickle: a sender can make no other objects than these.
+"""Values through a pipe and back, without pickle: a sender can make no other objects than these.
 
-Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this package.
+Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this package. Each value is
+one line of JSON; the raw bytes of its arrays follow the line.
 """
 
 from __future__ import annotations
@@ -10,39 +11,54 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path, PurePath
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
-_HEAD = 8
 _ALIGNED = 16
 _PACKAGE = "vibrident."
 
 
-def pack(value: Any) -> list[bytes | memoryview]:
-    """Return the pieces to be sent, in order.
+class TooLong(Exception):
+    """A value takes more bytes than it may."""
+
+
+def send(stream: IO[bytes], value: Any) -> None:
+    """Write a value.
 
     Raises:
-        TypeError: the value holds an object of another type.
+        TypeError: the value holds an object of another type; nothing is written.
     """
     buffers: list[memoryview] = []
-    tree = json.dumps(_plain(value, buffers)).encode()
-    pieces: list[bytes | memoryview] = [len(tree).to_bytes(_HEAD, "little"), tree, bytes(-len(tree) % _ALIGNED)]
-    for buffer in buffers:
-        pieces += [buffer, bytes(-len(buffer) % _ALIGNED)]
-    return pieces
+    tree = _plain(value, buffers)
+    line = json.dumps([sum(len(one) + -len(one) % _ALIGNED for one in buffers), tree])
+    stream.write(line.encode() + b"\n")
+    for one in buffers:
+        stream.write(one)
+        stream.write(bytes(-len(one) % _ALIGNED))
+    stream.flush()
 
 
-def unpack(content: bytearray) -> Any:
-    """Return what was packed; its arrays live in ``content``.
+def receive(stream: IO[bytes], most_bytes: int) -> Any:
+    """Read the next value; its arrays may be written to.
 
     Raises:
-        ValueError, TypeError, KeyError, RecursionError: the bytes were not packed by :func:`pack`.
+        EOFError: the stream ended before the value did.
+        TooLong: the value takes more than ``most_bytes``.
+        ValueError, TypeError, KeyError, RecursionError: the bytes were not written by :func:`send`.
     """
-    length = int.from_bytes(content[:_HEAD], "little")
-    tree = json.loads(content[_HEAD : _HEAD + length])
-    start = _HEAD + length + -length % _ALIGNED
-    return _value(tree, _Buffers(memoryview(content)[start:]))
+    line = stream.readline(most_bytes + 1)
+    if len(line) > most_bytes:
+        raise TooLong(f"a message of more than {most_bytes} bytes")
+    if not line.endswith(b"\n"):
+        raise EOFError
+    length, tree = json.loads(line)
+    if not 0 <= length <= most_bytes - len(line):
+        raise TooLong(f"a message of more than {most_bytes} bytes")
+    content = bytearray(length)
+    if stream.readinto(content) != length:  # type: ignore[attr-defined]
+        raise EOFError
+    return _value(tree, _Buffers(memoryview(content)))
 
 
 class _Buffers:
@@ -55,7 +71,7 @@ class _Buffers:
     def take(self, length: int) -> memoryview:
         piece = self._content[self._place : self._place + length]
         if length < 0 or len(piece) != length:
-            raise ValueError("a truncated parcel")
+            raise ValueError("an array without its bytes")
         self._place += length + -length % _ALIGNED
         return piece
 

@@ -15,6 +15,10 @@ def saved(identified, tmp_path):
     return shutil.copy(identified, tmp_path / "result.json")
 
 
+def crash():
+    raise SystemExit(1)
+
+
 def drawn(saved):
     with drawing.painter() as artist:
         artist.draw(Result.load(saved), saved)
@@ -29,13 +33,13 @@ def test_by_a_process(saved, monkeypatch):
 
 def test_with_one_core(saved, monkeypatch):
     monkeypatch.setattr(drawing, "cores", lambda: 1)
-    monkeypatch.setattr(drawing, "_start", lambda: pytest.fail("no process should be started"))
+    monkeypatch.setattr(drawing.Process, "start", lambda _: pytest.fail("no process should be started"))
     assert drawn(saved) == PICTURES
 
 
 def test_when_a_process_fails(saved, monkeypatch):
     monkeypatch.setattr(drawing, "cores", lambda: 2)
-    monkeypatch.setattr(drawing, "_WORKER", "raise SystemExit(1)")
+    monkeypatch.setattr(drawing, "prepare", crash)
     assert drawn(saved) == PICTURES
 
 
@@ -48,7 +52,6 @@ def test_when_no_process_can_be_started(saved, monkeypatch):
 def test_the_process_ends_with_the_block(monkeypatch):
     monkeypatch.setattr(drawing, "cores", lambda: 2)
     with drawing.painter() as artist:
-        process = artist._process
-        assert process is not None
-        assert process.poll() is None
-    assert process.returncode is not None
+        assert artist._process is not None
+        assert artist._process.alive
+    assert not artist._process.alive

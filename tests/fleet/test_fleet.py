@@ -13,7 +13,8 @@ from tests.support.fleets import BROKEN, broken, deadly, fleet, good
 import vibrident
 from vibrident.errors import InputError
 from vibrident.fleet import Orders, parts
-from vibrident.fleet.process import Ended, Process
+from vibrident.fleet.process import Identifier
+from vibrident.process import Ended, _Child
 from vibrident.result import Result
 
 GOOD = 6
@@ -160,32 +161,31 @@ def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly
 
 def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch):
     fleet(tmp_path / "data", 4)
-    victims, exchange = ["s001", "s003"], Process._exchange
+    victims, exchange = ["s001", "s003"], _Child.exchange
 
-    def killed_once(process, message, seconds):
-        for path, _ in message.get("tasks", ()):
-            if (name := Path(path).parent.name) in victims:
-                victims.remove(name)
-                process._process.kill()
-        return exchange(process, message, seconds)
+    def killed_once(child, name, args, *rest):
+        if name.endswith(":identified") and (folder := Path(args[0][0][0]).parent.name) in victims:
+            victims.remove(folder)
+            child.popen.kill()
+        return exchange(child, name, args, *rest)
 
-    monkeypatch.setattr(Process, "_exchange", killed_once)
+    monkeypatch.setattr(_Child, "exchange", killed_once)
     outcome = run_fleet([tmp_path / "data"], tmp_path / "out")
     assert not victims
     assert outcome.tally.statuses == {"identified": 4}
 
 
 def test_a_process_that_is_ended_while_it_starts_is_given_no_calibration(tmp_path, monkeypatch):
-    process, begin = Process(Orders(str(tmp_path))), subprocess.Popen
+    process, begin = Identifier(Orders(str(tmp_path))), subprocess.Popen
 
     def ended_meanwhile(*arguments, **options):
         process.end()
         return begin(*arguments, **options)
 
-    monkeypatch.setattr("vibrident.fleet.process.subprocess.Popen", ended_meanwhile)
+    monkeypatch.setattr("vibrident.process.subprocess.Popen", ended_meanwhile)
     with pytest.raises(Ended):
         process.identify([("c.toml", "key")])
-    assert process._process is None
+    assert not process._process.alive
 
 
 def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, monkeypatch):

@@ -39,7 +39,7 @@ def keys(parts: Path) -> list[str]:
 def children(parent: int | None = None) -> set[str]:
     """Numbers of processes that identify, of one parent or of any, that are not ended yet."""
     listed = subprocess.run(["ps", "-eo", "pid,ppid,stat,args"], capture_output=True, text=True, check=False).stdout
-    found = (line.split(None, 3) for line in listed.splitlines()[1:] if "vibrident.fleet.worker" in line)
+    found = (line.split(None, 3) for line in listed.splitlines()[1:] if "vibrident.process" in line)
     return {pid for pid, of, state, _ in found if parent in (None, int(of)) and not state.startswith("Z")}
 
 

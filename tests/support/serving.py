@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import pytest
 
 _T = TypeVar("_T")
-VIBRIDENT = (sys.executable, "-c", "from vibrident.cli import main; main()")
+VIBRIDENT = (sys.executable, "-m", "vibrident")
 
 
 class Server:

@@ -160,7 +160,8 @@ def wait_for_worker(server: int) -> int:
     while True:
         for thread in children.iterdir():
             for child in (thread / "children").read_text().split():
-                if "vibrident.web.worker" in Path(f"/proc/{child}/cmdline").read_text():
+                arguments = Path(f"/proc/{child}/cmdline").read_text()
+                if "vibrident.process" in arguments and "vibrident.web.looks" not in arguments:
                     return int(child)
         time.sleep(0.02)
 

@@ -6,13 +6,13 @@ import json
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
 from tests.support.contrast import texts, too_faint
 from tests.support.real_data import real_data
+from tests.support.serving import VIBRIDENT
 
 WAIT_MS = 120_000
 
@@ -33,7 +33,7 @@ def download(page, name: str) -> bytes:
 
 
 def run(folder: Path, *arguments: str) -> None:
-    command = [sys.executable, "-c", "from vibrident.cli import main; main()", *arguments]
+    command = [*VIBRIDENT, *arguments]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -149,7 +149,7 @@ def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):
 def test_a_broken_calibration_file_gets_the_message_of_the_command_line(visit, tmp_path):
     (tmp_path / "a.csv").write_text("time,reference,response\n0.0,1.0,2.0\n0.1,1.5,2.0\n0.2,1.0,2.5\n")
     (tmp_path / "calibration.toml").write_text("[reference]\ncolumn = \n")
-    command = [sys.executable, "-c", "from vibrident.cli import main; main()", "identify", "calibration.toml"]
+    command = [*VIBRIDENT, "identify", "calibration.toml"]
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr
     page = visit()
     upload(page, tmp_path / "a.csv", tmp_path / "calibration.toml")

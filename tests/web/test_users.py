@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
+import signal
+import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -12,9 +18,9 @@ pytest.importorskip("nicegui")
 
 from tests.support.serving import alone
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, NotConverged
 from vibrident.io.guess import guess_columns
-from vibrident.sandbox import WorkerError
+from vibrident.process import WorkerError
 from vibrident.web import looks, users, worker
 from vibrident.web.columns import merged
 from vibrident.web.description import Description
@@ -139,44 +145,78 @@ def test_a_job_tells_separate_starts_apart():
     assert job.words.startswith("Start 3, iteration 1 of at most 60")
 
 
-def script(tmp_path, monkeypatch, body: str) -> worker.Worker:
-    """A worker whose process does something else."""
-    (tmp_path / "data").mkdir()
-    lines = f"import json, sys, os, signal\ntask = json.loads(sys.stdin.buffer.read())\n{body}\n"
-    monkeypatch.setattr(worker, "_WORK", lines)
-    return worker.Worker()
+def worked(task, *args, folder: Path, progress=None) -> worker.Worker:
+    """A worker after it has run a function of this module."""
+    one = worker.Worker()
+    alone(one.run(task, *args, folder=folder, progress=progress))
+    return one
 
 
-def worked(one: worker.Worker, folder) -> list[tuple[int, int, float]]:
-    async def all_of_it() -> list[tuple[int, int, float]]:
-        return [step async for step in one.run({"task": "identify"}, folder)]
+def refused() -> None:
+    raise InputError("x" * 200_000, expected="less")
 
-    return alone(all_of_it())
+
+def not_converged() -> None:
+    raise NotConverged("no optimum")
+
+
+def broken() -> None:
+    raise KeyError("a bug")
+
+
+def killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def talkative() -> None:
+    sys.stderr.write("z" * 1_000_000 + "the end")
+    sys.stderr.flush()
+    os._exit(3)
+
+
+def hungry() -> None:
+    bytearray(1 << 46)
+
+
+def two_steps(last: float, *, progress) -> None:
+    for iteration in (1, 2):
+        progress(iteration, 9, last / iteration)
 
 
 @pytest.mark.parametrize(
-    ("body", "error", "words"),
+    ("task", "error", "words"),
     [
-        ("print(json.dumps({'input': {'problem': 'x' * 200_000}}))", InputError, "xxx"),
-        ("print(json.dumps({'error': 'no optimum'}))", Exception, "no optimum"),
-        ("print(json.dumps({'unexpected': 'KeyError: a bug'}))", WorkerError, "a bug"),
-        ("os.kill(os.getpid(), signal.SIGKILL)", WorkerError, "status -9"),
-        ("sys.stderr.write('z' * 1_000_000 + 'the end'); sys.exit(3)", WorkerError, "the end"),
-        ("print('no JSON')", WorkerError, "cannot be read"),
-        ("print('9' * 20_000_000)", WorkerError, "cannot be read"),
+        (refused, InputError, "xxx"),
+        (not_converged, NotConverged, "no optimum"),
+        (broken, WorkerError, "a bug"),
+        (killed, WorkerError, "signal 9"),
+        (talkative, WorkerError, "the end"),
+        (hungry, InputError, "more memory than the page allows"),
     ],
 )
-def test_whatever_a_worker_says_reaches_the_page(tmp_path, monkeypatch, body, error, words):
-    one = script(tmp_path, monkeypatch, body)
+def test_whatever_a_worker_says_reaches_the_page(tmp_path, task, error, words):
     with pytest.raises(error, match=words) as caught:
-        worked(one, tmp_path / "data")
+        worked(task, folder=tmp_path)
     assert len(str(caught.value)) < 300_000
-    assert not one.busy
 
 
-def test_progress_of_a_worker_comes_as_it_is_made(tmp_path, monkeypatch):
-    body = "for i in (1, 2): print(json.dumps({'progress': [i, 9, 0.5]}))\nprint(json.dumps({'done': True}))"
-    assert worked(script(tmp_path, monkeypatch, body), tmp_path / "data") == [(1, 9, 0.5), (2, 9, 0.5)]
+def test_progress_of_a_worker_comes_as_it_is_made(tmp_path):
+    steps = []
+    worked(two_steps, 0.5, folder=tmp_path, progress=lambda *step: steps.append(step))
+    assert steps == [(1, 9, 0.5), (2, 9, 0.25)]
+
+
+def test_a_worker_that_is_cancelled_ends_at_once(tmp_path):
+    async def cancelled() -> float:
+        one, begin = worker.Worker(), time.monotonic()
+        running = asyncio.create_task(one.run(time.sleep, 60.0, folder=tmp_path))
+        await asyncio.sleep(0.3)
+        one.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+        return time.monotonic() - begin
+
+    assert alone(cancelled()) < 30.0
 
 
 def guessed(tmp_path, header: str, name: str = "a.csv") -> Guess:

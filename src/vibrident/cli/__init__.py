@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from vibrident.cli.application import app
 from vibrident.cli.console import forgiving_streams
 from vibrident.workflow.interruption import end_on_signals
@@ -9,8 +11,12 @@ from vibrident.workflow.interruption import end_on_signals
 __all__ = ["app", "main"]
 
 
-def main() -> None:
-    """Run the command line and exit: 0 done, 2 bad input, 3 with ``--strict`` and a warning, 130 interrupted."""
+def main(page: Callable[..., None] | None = None) -> None:
+    """Run the command line and exit: 0 done, 2 bad input, 3 with ``--strict`` and a warning, 130 interrupted.
+
+    Args:
+        page: what ``vibrident serve`` calls; None: there is no page.
+    """
     end_on_signals()
     forgiving_streams()
-    app()
+    app(obj=page, prog_name="vibrident")

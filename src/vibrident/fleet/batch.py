@@ -18,10 +18,11 @@ from vibrident.errors import InputError
 from vibrident.fleet import key as keys
 from vibrident.fleet import row as rows
 from vibrident.fleet.key import Look
-from vibrident.fleet.orders import Orders
-from vibrident.fleet.parts import write_part
-from vibrident.fleet.process import Died, Process, unwritable
+from vibrident.fleet.orders import Orders, memory_limit
+from vibrident.fleet.parts import unwritable, write_part
+from vibrident.fleet.process import Identifier
 from vibrident.many import TOGETHER
+from vibrident.process import Died
 
 #: Attempts for a calibration alone: the process may have been ended from outside.
 _TRIES_ALONE = 2
@@ -35,7 +36,7 @@ _PROBLEMS = {
 }
 
 _here = threading.local()
-_processes: weakref.WeakSet[Process] = weakref.WeakSet()
+_processes: weakref.WeakSet[Identifier] = weakref.WeakSet()
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
         if keep:
             part = write_part(orders.parts_folder, keep, orders.time_limit_s, process.memory_bytes)
     except OSError as error:
-        raise unwritable(f"{type(error).__name__}: {error}", orders.folder) from error
+        raise unwritable(error, orders.folder) from error
     moved = {key: row["key"] for (_, key), row in zip(tasks, found, strict=True) if row["key"] != key}
     seconds = sum(row["seconds"] for row in found)
     return Done(part, dict(Counter(row["status"] for row in found)), seconds, moved, passing)
@@ -92,18 +93,18 @@ def end_processes(run: str) -> None:
             process.end()
 
 
-def _process(orders: Orders) -> Process:
+def _process(orders: Orders) -> Identifier:
     """This thread's process; a new one if the orders differ."""
-    process: Process | None = getattr(_here, "process", None)
+    process: Identifier | None = getattr(_here, "process", None)
     if process is None or process.ended or process.orders != orders:
         if process is not None:
             process.close()
-        process = _here.process = Process(orders)
+        process = _here.process = Identifier(orders)
         _processes.add(process)
     return process
 
 
-def _rows(process: Process, tasks: Sequence[tuple[str, str]]) -> list[rows.Row]:
+def _rows(process: Identifier, tasks: Sequence[tuple[str, str]]) -> list[rows.Row]:
     """Rows of calibrations that the process has at the same time; one by one if that ends it."""
     if len(tasks) > 1:
         try:
@@ -113,32 +114,27 @@ def _rows(process: Process, tasks: Sequence[tuple[str, str]]) -> list[rows.Row]:
     return [_row(process, path, key) for path, key in tasks]
 
 
-def _row(process: Process, path: str, key: str) -> rows.Row:
-    try:
-        return process.identify([(path, key)])[0]
-    except Died as death:
-        last = death
-    for _ in range(_TRIES_ALONE if last.reason != "time" else 0):
-        process.close()
+def _row(process: Identifier, path: str, key: str) -> rows.Row:
+    for _ in range(1 + _TRIES_ALONE):
         try:
             return process.identify([(path, key)])[0]
         except Died as death:
             last = death
-        finally:
             process.close()
-    process.close()
-    return _killed(last, process, path, key)
+            if death.reason == "time":
+                break
+    return _killed(last, process.orders, path, key)
 
 
 def lost(path: str, key: str, orders: Orders) -> rows.Row:
     """The row of a calibration whose workers were lost repeatedly."""
-    return _killed(Died("crash", "workers that were lost with it, several times"), Process(orders), path, key)
+    return _killed(Died("crash", "workers that were lost with it, several times"), orders, path, key)
 
 
-def _killed(death: Died, process: Process, path: str, key: str) -> rows.Row:
+def _killed(death: Died, orders: Orders, path: str, key: str) -> rows.Row:
     problem, remedy = _PROBLEMS[death.reason]
-    orders, memory = process.orders, process.memory_bytes
-    limits = {"time": f"at most {orders.time_limit_s:g} s", "memory": f"at most {(memory or 0) / 1e6:.0f} MB"}
+    memory_bytes = memory_limit(orders) or 0
+    limits = {"time": f"at most {orders.time_limit_s:g} s", "memory": f"at most {memory_bytes / 1e6:.0f} MB"}
     error = InputError(
         problem,
         expected=limits.get(death.reason, "a calibration that a process survives"),

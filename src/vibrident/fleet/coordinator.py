@@ -23,7 +23,6 @@ from vibrident.fleet.key import Look
 from vibrident.fleet.limits import Specification
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.page import write_page
-from vibrident.fleet.process import unwritable
 from vibrident.fleet.row import Row
 from vibrident.fleet.schedulers import Answer, Scheduler
 from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
@@ -135,7 +134,7 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None]
         memory.give_back()
         page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
     except OSError as error:
-        raise unwritable(f"{type(error).__name__}: {error}", orders.folder) from error
+        raise parts.unwritable(error, orders.folder) from error
     return Outcome(tally, [table, page], computed, left_out, seconds, orders.results_folder)
 
 

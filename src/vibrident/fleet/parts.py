@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.errors import InputError
 from vibrident.fleet.row import FAILED, IDENTIFIED, Row
 
 #: Columns of a part beside those of parameters; units are JSON, limits are stated for failed calibrations.
@@ -205,3 +206,15 @@ def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
     except (pa.ArrowException, OSError, ValueError):
         return None
     return (names, found) if set(columns) <= set(found) else None
+
+
+def unwritable(error: OSError, folder: str) -> InputError:
+    """The error of a folder that cannot be written."""
+    return InputError(
+        "The output cannot be written.",
+        expected="a folder that can be written, with room for the files",
+        found=f"{type(error).__name__}: {error}",
+        where=folder,
+        remedy="free disk space or correct the permissions (remote workers need the folder under the same name), "
+        "then run the same command again: it continues where it stopped",
+    )

@@ -1,96 +1,62 @@
-"""The process that identifies: calibrations on stdin, their rows on stdout, in most cases one a line.
+"""What happens in a process that identifies: calibrations in, their rows out.
 
-It ends when its stdin ends, in the middle of whatever it does: whoever started it is gone. What it writes is written
-under another name first, so that nothing half-written stays under its own.
+What it writes is written under another name first, so that nothing half-written stays under its own.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import queue
-import signal
-import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from vibrident.errors import InputError, VibridentError
+from vibrident.errors import VibridentError
 from vibrident.fleet import row as rows
 from vibrident.fleet.key import look, sensor_text
 from vibrident.fleet.orders import Orders
-from vibrident.fleet.parts import write_whole
+from vibrident.fleet.parts import unwritable, write_whole
 from vibrident.io.columns import unreadable
-from vibrident.sandbox import set_limits
 
-#: Seconds without a line after which it ends: on a cluster the parent may be lost unnoticed.
-_IDLE_S = 120.0
 #: How often a calibration is begun again whose files change while it is read.
 _MOST_TRIES = 3
 #: Path and key.
 Task = tuple[str, str]
 
 
-def work() -> None:
-    """A worker's life: first its orders, then a calibration a line."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent ends this process
-    stream = os.fdopen(os.dup(1), "w", encoding="ascii")
-    os.dup2(2, 1)  # what libraries print is no answer
-    first = json.loads(sys.stdin.readline())
-    orders, memory_bytes = Orders(**first["orders"]), first["memory_bytes"]
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(lines,), daemon=True).start()
-    if memory_bytes is not None:
-        set_limits(memory_bytes)
+def ready(device: str) -> None:
+    """Load all that linear sensors need.
+
+    Raises:
+        InputError: the device is not there.
+    """
     import vibrident.identification
-    import vibrident.io  # noqa: F401  all that linear sensors need
+    import vibrident.io  # noqa: F401
 
-    answer = _ready(orders)
-    while True:
-        stream.write(json.dumps(answer) + "\n")
-        stream.flush()
-        try:
-            task = json.loads(lines.get(timeout=_IDLE_S))
-        except queue.Empty:
-            os._exit(0)
-        answer = _answer([(path, key) for path, key in task["tasks"]], orders)
-
-
-def _listen(lines: queue.SimpleQueue[str]) -> None:
-    for line in sys.stdin:
-        lines.put(line)
-    os._exit(0)
-
-
-def _ready(orders: Orders) -> dict[str, Any]:
-    """The first answer: whether the device is there."""
-    if orders.device == "gpu":
+    if device == "gpu":
         from vibrident.batched.program import gpu
 
-        try:
-            gpu()
-        except InputError as error:
-            return {"refused": vars(error)}
-    return {"ready": True}
+        gpu()
 
 
-def _answer(tasks: Sequence[Task], orders: Orders) -> dict[str, Any]:
+def identified(tasks: Sequence[Task], orders: Orders) -> tuple[list[rows.Row], int]:
+    """The rows of calibrations, and the bytes that this process holds.
+
+    Raises:
+        InputError: a result cannot be written.
+    """
+    found: dict[str, rows.Row] = {}
     try:
-        found: dict[str, rows.Row] = {}
         for _ in range(_MOST_TRIES):
             found |= {path: row for (path, _), row in zip(tasks, _identified(tasks, orders), strict=True)}
             now = [(path, look(path, orders).key) for path, _ in tasks]
             tasks = [task for task in now if task not in tasks]  # the files changed while they were read
             if not tasks:
                 break
-        return {"rows": list(found.values()), "memory_bytes": _held_bytes()}
-    except MemoryError:
-        pass  # said outside, when what it held is gone
     except OSError as error:
-        return {"unwritable": f"{type(error).__name__}: {error}"}
-    return {"memory": True}
+        raise unwritable(error, orders.folder) from error
+    return list(found.values()), _held_bytes()
 
 
 def _identified(tasks: Sequence[Task], orders: Orders) -> list[rows.Row]:

@@ -13,6 +13,7 @@ from vibrident.io.readers import READERS
 from vibrident.io.record_files import data_files, read_records
 from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
+from vibrident.process import Limits
 from vibrident.records import Calibration
 
 #: Memory of a reading process for its libraries.
@@ -43,7 +44,7 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
     seconds = _SECONDS + _SECONDS_PER_BYTE * size
     try:
-        return sandbox.run(read, file, memory_bytes=memory_bytes, seconds=seconds, file_bytes=memory_bytes)
+        return sandbox.run(read, file, limits=Limits(seconds, memory_bytes, memory_bytes, memory_bytes))
     except InputError as error:
         if error.where:
             raise

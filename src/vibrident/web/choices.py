@@ -1,9 +1,8 @@
-"""Choices for an identification: as a task for the worker, and as a command for a shell."""
+"""Choices for an identification, also as a command for a shell."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from vibrident.workflow.estimators import AUTO, estimators_with
 
@@ -29,11 +28,6 @@ class Choices:
         """Every applicable option, including those at their default."""
         own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
         return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
-
-    @property
-    def task(self) -> dict[str, Any]:
-        """For the worker."""
-        return {"task": "identify", "calibration": self.calibration, **self.options}
 
     @property
     def command(self) -> str:

@@ -17,6 +17,7 @@ from vibrident.web import frame
 from vibrident.web.looks import facts
 from vibrident.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
 from vibrident.web.users import User
+from vibrident.web.worker import simulate_demo
 
 #: Most files listed one by one, each with a button to remove it.
 _MOST_NAMED = 40
@@ -177,8 +178,7 @@ class DataStep:
             session.clear()
             session.open()
             self.user.form = None
-            async for _ in self.user.worker.run({"task": "demo"}, session.data):
-                pass
+            await self.user.worker.run(simulate_demo, folder=session.data)
             session.rescan()
         except asyncio.CancelledError:
             return

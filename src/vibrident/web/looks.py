@@ -51,6 +51,10 @@ class Guess:
     chart: bytes
 
 
+def prepare() -> None:
+    """What a process does while it waits for one of these functions: this module loads the libraries."""
+
+
 def guess(folder: Path, files: Sequence[str]) -> Guess:
     """Guess the columns from the first file, and the excitation from several.
 

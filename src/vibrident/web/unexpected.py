@@ -7,7 +7,7 @@ import secrets
 import traceback
 
 from vibrident.errors import InputError, VibridentError
-from vibrident.sandbox import WorkerError
+from vibrident.process import WorkerError
 
 _LOG = logging.getLogger("vibrident.web")
 _LONGEST = 20_000

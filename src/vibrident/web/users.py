@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from vibrident.errors import InputError
+from vibrident.process import Limits
 from vibrident.sandbox import Ready
 from vibrident.web.choices import Choices
 from vibrident.web.description import Description
-from vibrident.web.looks import Guess, facts
+from vibrident.web.looks import Guess, facts, prepare
 from vibrident.web.session import MEGABYTE, RESULT, Session
-from vibrident.web.worker import Worker
+from vibrident.web.worker import Worker, identify
 
 #: Seconds for which a page's state is kept without a browser.
 KEPT_S = 3600.0
@@ -167,8 +168,8 @@ class User:
                 job.words = "Waiting for other identifications …"
             async with self.users.identifying:
                 job.words = Job.BEGINNING
-                async for step in self.worker.run({**choices.task, "result": str(made)}, copy):
-                    job.add(*step)
+                task = (identify, choices.calibration, choices.options, made)
+                await self.worker.run(*task, folder=copy, progress=job.add)
             job.words = "Reading the result …"
             model, estimator = await self.look(facts, made)
             self.keep(f"{self._number()}: {model}, {estimator}", made, copy / choices.calibration, choices)
@@ -218,7 +219,7 @@ class Users:
         self.folder, self.limit_mb, self.store = folder, limit_mb, store
         self.kept: dict[str, User] = {}
         self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
-        self._ready = Ready("vibrident.web.looks")
+        self._ready = Ready(prepare)
         self._threads = ThreadPoolExecutor(_LOOKS_AT_ONCE, thread_name_prefix="look")
         self._round: asyncio.Task[None] | None = None
 
@@ -242,9 +243,7 @@ class Users:
     async def look(self, function: Callable[..., _T], *args: Any, file_bytes: int = 0) -> _T:
         """Run a function of ``looks`` in a separate process, within limits."""
         memory = int(_LOOK_MEMORY + _LOOK_MEMORY_A_BYTE * self.limit_mb * MEGABYTE)
-        call = partial(
-            self._ready.run, function, *args, memory_bytes=memory, seconds=_LOOK_SECONDS, file_bytes=file_bytes
-        )
+        call = partial(self._ready.run, function, *args, limits=Limits(_LOOK_SECONDS, memory, file_bytes, memory))
         return await asyncio.get_running_loop().run_in_executor(self._threads, call)
 
     def attach(self, client: Any, tab: MutableMapping[str, Any]) -> User:

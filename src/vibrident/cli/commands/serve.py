@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import typer
+
 from vibrident.cli.console import note, out
 from vibrident.cli.options import flag, option
+from vibrident.errors import InputError
 from vibrident.workflow.choices import LOOPBACK
 
 _STORE = "on loopback VIBRIDENT_STORE, else a file in the user's data folder; none otherwise"
 
 
 def serve(
+    context: typer.Context,
     host: Annotated[
         str, option("--host", "ADDRESS", "Where to listen; other addresses than loopback open it to others.")
     ] = "127.0.0.1",
@@ -30,8 +34,14 @@ def serve(
     Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
     """
     from vibrident.history.location import chosen
-    from vibrident.workflow.page import serve as run
 
+    if context.obj is None:
+        raise InputError(
+            "This program has no page.",
+            expected="the program vibrident, or python -m vibrident",
+            found="another one, with the same commands",
+            remedy="start vibrident serve",
+        )
     if host not in LOOPBACK:
         note(f"Warning: everybody who reaches {host} can use this page, without a password or encryption.")
 
@@ -39,4 +49,4 @@ def serve(
         out().print(f"vibrident is at {address}  (Ctrl-C ends it)")
 
     own = chosen(store) if store is not None or host in LOOPBACK else None  # others have no business in one's own
-    run(host=host, port=port, show=not no_browser, limit_mb=limit_mb, names=name or (), store=own, say=say)
+    context.obj(host=host, port=port, show=not no_browser, limit_mb=limit_mb, names=name or (), store=own, say=say)

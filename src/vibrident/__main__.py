@@ -1,0 +1,22 @@
+"""``vibrident``, also as ``python -m vibrident``: the command line, with the page behind ``vibrident serve``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vibrident import cli
+
+
+def main() -> None:
+    """Run the command line."""
+    cli.main(_serve)
+
+
+def _serve(**options: Any) -> None:
+    from vibrident.web.server import serve
+
+    serve(**options)
+
+
+if __name__ == "__main__":
+    main()
