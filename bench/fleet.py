@@ -28,11 +28,11 @@ from tests.support.fleets import BROKEN, DEADLY, broken
 import vibrident
 from bench.fleet_page import keep
 from vibrident.fleet import Asked, Local, Orders, run, worker
-from vibrident.fleet.batch import Done, look_at
-from vibrident.fleet.key import Look, look
+from vibrident.fleet.batch import Done, fingerprints
+from vibrident.fleet.key import Fingerprint, fingerprint
 from vibrident.fleet.parts import write_part
 from vibrident.fleet.row import IDENTIFIED, Row, _row
-from vibrident.fleet.schedulers import Answer
+from vibrident.fleet.schedulers import Reply
 from vibrident.io import write_calibration
 from vibrident.simulation import simulate, with_noise
 
@@ -126,10 +126,10 @@ def _costs(files: list[Path], folder: Path) -> tuple[float, float, float]:
 
 
 def _as_a_worker(path: str, orders: Orders) -> None:
-    key = look(path, orders).key
-    answer = worker._answer([(path, key)], orders)
-    assert answer["rows"][0]["status"] == IDENTIFIED
-    json.loads(json.dumps(answer))
+    key = fingerprint(path, orders).key
+    reply = worker._reply([(path, key)], orders)
+    assert reply["rows"][0]["status"] == IDENTIFIED
+    json.loads(json.dumps(reply))
 
 
 def _wall(folder: Path, workers: int) -> tuple[float, float]:
@@ -186,7 +186,7 @@ class _Simulated:
     """A scheduler whose work is simulated on the spot: a quarter of a second a calibration, in name."""
 
     def __init__(self) -> None:
-        self._answers: list[Answer] = []
+        self._replies: list[Reply] = []
         self._calls = 0
 
     def workers(self) -> int:
@@ -194,19 +194,19 @@ class _Simulated:
 
     def submit(self, function: Callable[..., Any], *args: Any) -> int:
         self._calls += 1
-        value = self._looked(args[0]) if function is look_at else self._worked(*args)
-        self._answers.append(Answer(self._calls, value))
+        value = self._fingerprinted(args[0]) if function is fingerprints else self._worked(*args)
+        self._replies.append(Reply(self._calls, value))
         return self._calls
 
-    def next_answer(self, seconds: float) -> Answer | None:
-        return self._answers.pop(0)
+    def next_reply(self, seconds: float) -> Reply | None:
+        return self._replies.pop(0)
 
     def close(self, run_: str) -> None:
         pass
 
     @staticmethod
-    def _looked(paths: list[str]) -> list[Look]:
-        return [Look(hashlib.sha256(path.encode()).hexdigest(), "sine .csv 21 21") for path in paths]
+    def _fingerprinted(paths: list[str]) -> list[Fingerprint]:
+        return [Fingerprint(hashlib.sha256(path.encode()).hexdigest(), "sine .csv 21 21") for path in paths]
 
     @staticmethod
     def _worked(tasks: list[tuple[str, str]], orders: Orders) -> Done:

@@ -29,7 +29,7 @@ from vibrident.problem import Evidence
 from vibrident.records import Calibration
 from vibrident.registry import ESTIMATORS
 from vibrident.result import Result
-from vibrident.uncertainty.budget import Row
+from vibrident.uncertainty.budget import BudgetRow
 
 #: Rounds in which hum is told from what the fit before took of it.
 HUM_ROUNDS = 3
@@ -145,7 +145,7 @@ def _without_hum(
     return best
 
 
-def _data_scale(estimate: Estimate, data: Row) -> float:
+def _data_scale(estimate: Estimate, data: BudgetRow) -> float:
     """Factor on the data's standard deviations that the stated covariance carries: scatter, or the Birge ratio."""
     part, whole = (float(np.trace(c)) for c in (estimate.covariance, data.covariance))
     return float(np.sqrt(whole / part)) if part > 0.0 else 1.0

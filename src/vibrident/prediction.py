@@ -117,7 +117,7 @@ def root_mean_square(values: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
-def summary(predictions: Predictions, files: Sequence[str], unit: str) -> dict[str, Any]:
+def prediction_document(predictions: Predictions, files: Sequence[str], unit: str) -> dict[str, Any]:
     """What ``prediction.json`` says: plain values.
 
     Args:

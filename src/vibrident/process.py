@@ -32,8 +32,10 @@ _SURROUNDINGS = {
     "HDF5_PLUGIN_PRELOAD": "::",
     "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # processes share a GPU
 }
-#: Most bytes of a message: an error may quote its input.
-_LONGEST_MESSAGE = 16_000_000
+#: Most bytes of an answer: an error may quote its input.
+_LONGEST_ANSWER = 16_000_000
+#: Of a call, whose sender is trusted.
+_ANY_LENGTH = 1 << 62
 _LONGEST_TRACE = 20_000
 #: Bytes of what a process printed last.
 _LAST_BYTES = 20_000
@@ -80,7 +82,7 @@ class Limits:
     seconds: float | None = None
     memory_bytes: int | None = None
     file_bytes: int | None = None
-    answer_bytes: int = _LONGEST_MESSAGE
+    answer_bytes: int = _LONGEST_ANSWER
 
 
 NO_LIMITS = Limits()
@@ -102,6 +104,7 @@ class Process:
         self._folder = folder
         self._child: _Child | None = None
         self._ended = False
+        self._lock = threading.Lock()  # held during a call
 
     def __enter__(self) -> Process:
         return self
@@ -150,16 +153,30 @@ class Process:
             InputError, NotConverged: as the function raises them.
             OSError: no process can be started.
         """
-        self.start()
-        child = self._child
-        assert child is not None
+        with self._lock:
+            try:
+                self.start()
+                assert self._child is not None
+                return self._called(self._child, _name(function), args, limits, progress)
+            finally:
+                if self._ended:
+                    self.close()
+
+    def _called(
+        self,
+        child: _Child,
+        name: str,
+        args: tuple[Any, ...],
+        limits: Limits,
+        progress: Callable[..., object] | None,
+    ) -> Any:
         overdue = threading.Event()
         alarm = threading.Timer(limits.seconds or 0.0, lambda: (overdue.set(), child.kill()))
         alarm.daemon = True
         if limits.seconds is not None:
             alarm.start()
         try:
-            said = child.exchange(_name(function), args, limits, progress)
+            said = child.exchange(name, args, limits, progress)
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             self.close()
             raise WorkerError(f"the answer cannot be read: {error}") from error
@@ -173,8 +190,17 @@ class Process:
         raise Ended if self._ended else death
 
     def end(self) -> None:
-        """End it for good, from any thread, without waiting."""
+        """End it for good, from any thread; a call that is under way raises Ended."""
         self._ended = True
+        self.kill()
+        if self._lock.acquire(blocking=False):  # else the call closes it
+            try:
+                self.close()
+            finally:
+                self._lock.release()
+
+    def kill(self) -> None:
+        """Kill it and what it started, without waiting or taking a lock."""
         if (child := self._child) is not None:
             child.kill()
 
@@ -261,6 +287,15 @@ class _Child:
                 self._printed = (self._printed + piece)[-_LAST_BYTES:]
 
 
+def processors() -> int:
+    """How many processors this process may use: of the machine, by its affinity, and by the quota of its container."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with contextlib.suppress(OSError, ValueError):  # the quota "max" is no number
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text(encoding="ascii").split()
+        count = min(count, math.ceil(int(quota) / int(period)))
+    return count
+
+
 def _name(function: Callable[..., Any]) -> str:
     return f"{function.__module__}:{function.__qualname__}"
 
@@ -294,7 +329,7 @@ def work() -> None:
 def _take_calls(calls: queue.SimpleQueue[dict[str, Any]]) -> None:
     with contextlib.suppress(EOFError):
         while True:
-            calls.put(parcel.receive(sys.stdin.buffer, _LONGEST_MESSAGE))
+            calls.put(parcel.receive(sys.stdin.buffer, _ANY_LENGTH))
     os._exit(0)
 
 
@@ -331,7 +366,7 @@ def set_limits(limits: Limits) -> None:
     }
     if limits.seconds is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)
-        most[resource.RLIMIT_CPU] = used.ru_utime + used.ru_stime + limits.seconds * (os.cpu_count() or 1)
+        most[resource.RLIMIT_CPU] = used.ru_utime + used.ru_stime + limits.seconds * processors()
     sys.dont_write_bytecode |= limits.file_bytes is not None  # a file of code cut short would be loaded later
     for what, wanted in most.items():
         _, hard = resource.getrlimit(what)

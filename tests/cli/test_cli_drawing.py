@@ -26,31 +26,31 @@ def drawn(saved):
 
 
 def test_by_a_process(saved, monkeypatch):
-    monkeypatch.setattr(drawing, "cores", lambda: 2)
+    monkeypatch.setattr(drawing, "processors", lambda: 2)
     monkeypatch.setattr("vibrident.plots.save_all", lambda *_: pytest.fail("the process should have drawn"))
     assert drawn(saved) == PICTURES
 
 
 def test_with_one_core(saved, monkeypatch):
-    monkeypatch.setattr(drawing, "cores", lambda: 1)
+    monkeypatch.setattr(drawing, "processors", lambda: 1)
     monkeypatch.setattr(drawing.Process, "start", lambda _: pytest.fail("no process should be started"))
     assert drawn(saved) == PICTURES
 
 
 def test_when_a_process_fails(saved, monkeypatch):
-    monkeypatch.setattr(drawing, "cores", lambda: 2)
+    monkeypatch.setattr(drawing, "processors", lambda: 2)
     monkeypatch.setattr(drawing, "prepare", crash)
     assert drawn(saved) == PICTURES
 
 
 def test_when_no_process_can_be_started(saved, monkeypatch):
-    monkeypatch.setattr(drawing, "cores", lambda: 2)
+    monkeypatch.setattr(drawing, "processors", lambda: 2)
     monkeypatch.setattr("sys.executable", "/nowhere/python")
     assert drawn(saved) == PICTURES
 
 
 def test_the_process_ends_with_the_block(monkeypatch):
-    monkeypatch.setattr(drawing, "cores", lambda: 2)
+    monkeypatch.setattr(drawing, "processors", lambda: 2)
     with drawing.painter() as artist:
         assert artist._process is not None
         assert artist._process.alive

@@ -10,7 +10,7 @@ from vibrident.batched import program
 from vibrident.errors import InputError
 from vibrident.fleet import Orders, row, worker
 from vibrident.fleet.batch import _rows
-from vibrident.fleet.key import look
+from vibrident.fleet.key import fingerprint
 from vibrident.process import Died
 
 
@@ -22,8 +22,8 @@ def test_a_worker_gives_the_rows_that_it_gives_one_by_one(tmp_path, monkeypatch)
     (tmp_path / "out/results").mkdir(parents=True)
     plain, orders = Orders(str(tmp_path / "out"), results=False), Orders(str(tmp_path / "out"), device="gpu")
     files = [str(file) for file in sorted(tmp_path.glob("data/*/c.toml"))]
-    alone = [worker.identified([(file, look(file, plain).key)], plain)[0][0] for file in files]
-    together, _ = worker.identified([(file, look(file, orders).key) for file in files], orders)
+    alone = [worker.identified([(file, fingerprint(file, plain).key)], plain)[0][0] for file in files]
+    together, _ = worker.identified([(file, fingerprint(file, orders).key) for file in files], orders)
     assert len(together) == 13
     for one, other in zip(alone, together, strict=True):
         assert (one["status"], one["message"], one["warnings"]) == (

@@ -9,7 +9,7 @@ from vibrident.errors import InputError
 from vibrident.fleet import parts, row
 from vibrident.fleet.batching import BATCH_S, Batches
 from vibrident.fleet.coordinator import _Keys
-from vibrident.fleet.key import look
+from vibrident.fleet.key import fingerprint
 from vibrident.fleet.limits import Specification, read_limits
 from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.page import write_page
@@ -20,12 +20,12 @@ from vibrident.fleet.table import write_table
 
 def test_a_key_follows_content_and_settings_and_not_the_place(tmp_path):
     orders = Orders(str(tmp_path))
-    first = look(str(good(tmp_path / "a", 1)), orders)
-    assert look(str(good(tmp_path / "other" / "place", 1)), Orders("elsewhere", run="x")) == first
-    keys = {first.key, look(str(good(tmp_path / "b", 2)), orders).key}
-    keys |= {look(str(tmp_path / "a/c.toml"), Orders("", **other)).key for other in _OTHERS}
+    first = fingerprint(str(good(tmp_path / "a", 1)), orders)
+    assert fingerprint(str(good(tmp_path / "other" / "place", 1)), Orders("elsewhere", run="x")) == first
+    keys = {first.key, fingerprint(str(good(tmp_path / "b", 2)), orders).key}
+    keys |= {fingerprint(str(tmp_path / "a/c.toml"), Orders("", **other)).key for other in _OTHERS}
     (tmp_path / "a/frf.csv").unlink()
-    keys.add(look(str(tmp_path / "a/c.toml"), orders).key)
+    keys.add(fingerprint(str(tmp_path / "a/c.toml"), orders).key)
     assert len(keys) == 3 + len(_OTHERS)
 
 

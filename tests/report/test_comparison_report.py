@@ -16,7 +16,7 @@ from vibrident import report
 from vibrident.comparison import normalized_error, not_comparable
 from vibrident.errors import InputError
 from vibrident.naming import Scale
-from vibrident.present.comparison import Quantity, Value, comparison_tables, difference, quantities
+from vibrident.present.comparison import ComparedQuantity, Value, comparison_tables, difference, quantities
 from vibrident.present.history import date_of, drift_table, histories
 
 FACTORS = (1.0, 1.0012, 1.0031, 0.9990)
@@ -167,9 +167,9 @@ def test_files_have_names_of_their_own(results, tmp_path):
 
 
 def test_differences_stand_to_the_place_of_their_uncertainty():
-    row = Quantity("", Scale(1.0, "V"), (), relative=True)
+    row = ComparedQuantity("", Scale(1.0, "V"), (), relative=True)
     assert difference(Value(100.002, 0.002), Value(100.0, 0.002), row) == "+0.0020 %"  # U of it is 0.0057 %
     assert difference(Value(99.9996, 0.002), Value(100.0, 0.002), row) == "-0.0004 %"
     assert difference(Value(-101.0, None), Value(-100.0, None), row) == "+1.0 %"
-    phase = Quantity("", Scale(1.0, "°"), (), relative=False)
+    phase = ComparedQuantity("", Scale(1.0, "°"), (), relative=False)
     assert difference(Value(-1.1e-5, 2e-6), Value(0.0, 2e-6), phase) == "-0.0000110"

@@ -14,7 +14,7 @@ import pytest
 from vibrident.backend import jnp
 from vibrident.models.base import Core, Derived, ParameterSpec, Rational, SensorModel
 from vibrident.problem import Coordinates
-from vibrident.uncertainty.budget import Row, effective_degrees_of_freedom
+from vibrident.uncertainty.budget import BudgetRow, effective_degrees_of_freedom
 from vibrident.uncertainty.parameters import correlation, coverage_factor, parameter_table
 
 #: Table H.2: five simultaneous observations of V in V, I in A, φ in rad.
@@ -97,8 +97,8 @@ def test_gum_h1_effective_degrees_of_freedom_of_an_end_gauge():
     The 9.7 nm are 5.8, 3.9 and 6.7 nm with 24, 5 and 8 degrees of freedom, together 25.6.
     """
 
-    def row(u: float, freedom: float) -> Row:
-        return Row("", "data", None, "nm", freedom, np.array([[u * u]]))
+    def row(u: float, freedom: float) -> BudgetRow:
+        return BudgetRow("", "data", None, "nm", freedom, np.array([[u * u]]))
 
     difference = [row(5.8, 24.0), row(3.9, 5.0), row(6.7, 8.0)]
     # 25.45 from the unrounded 9.688 nm; the GUM goes on with 9.7.

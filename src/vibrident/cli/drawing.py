@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.process import Died, Process, WorkerError
+from vibrident.process import Died, Process, WorkerError, processors
 from vibrident.workflow.interruption import tidied_up
 
 if TYPE_CHECKING:
@@ -39,18 +38,13 @@ class Painter:
 @contextlib.contextmanager
 def painter(*, wanted: bool = True) -> Iterator[Painter]:
     """Start the process if there is a core for it; end it with the block."""
-    if not wanted or cores() < 2:
+    if not wanted or processors() < 2:
         yield Painter(None)
         return
-    with Process(prepare) as process, tidied_up(process.end):
+    with Process(prepare) as process, tidied_up(process.kill):
         with contextlib.suppress(OSError):  # no room for another process: draw here
             process.start()
         yield Painter(process)
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def prepare() -> None:

@@ -5,6 +5,6 @@ from __future__ import annotations
 from vibrident.correction.acceleration import Correction, Corrections, correct
 from vibrident.correction.band import Band
 from vibrident.correction.peak import Peak
-from vibrident.correction.report import summary
+from vibrident.correction.report import correction_document
 
-__all__ = ["Band", "Correction", "Corrections", "Peak", "correct", "summary"]
+__all__ = ["Band", "Correction", "Corrections", "Peak", "correct", "correction_document"]

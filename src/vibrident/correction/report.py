@@ -11,7 +11,7 @@ import numpy as np
 from vibrident.correction.acceleration import ORIGINS, Correction, Corrections
 
 
-def summary(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
+def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
     """The content of ``correction.json``: plain values.
 
     Args:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 from vibrident.export.form import Format
 from vibrident.export.options import Options
-from vibrident.export.sensor import Sensor, check_band, sensor_of
+from vibrident.export.sensor import ExportedSensor, check_band, sensor_of
 from vibrident.registry import EXPORTS, Registry
 from vibrident.result import Result
 
-__all__ = ["FORMATS", "Format", "Options", "Sensor", "check_band", "export", "sensor_of"]
+__all__ = ["FORMATS", "ExportedSensor", "Format", "Options", "check_band", "export", "sensor_of"]
 
 #: Name → format, of the built-in ones and those of plug-ins.
 FORMATS: Registry[Format] = EXPORTS

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.export.poles_zeros import PolesZeros
-from vibrident.export.sensor import Sensor
+from vibrident.export.sensor import ExportedSensor
 from vibrident.models.state_space import realise
 from vibrident.records import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class HoldCell:
     """One step of the network by first-order hold.
 
     Attributes:
@@ -51,7 +51,7 @@ class Cell:
         return state @ self.output + self.feedthrough
 
 
-def cell_of(sensor: Sensor, interval_s: float) -> Cell:
+def cell_of(sensor: ExportedSensor, interval_s: float) -> HoldCell:
     """The rational part of the sensor by first-order hold, in scaled companion states."""
     from scipy.linalg import expm
 
@@ -67,11 +67,11 @@ def cell_of(sensor: Sensor, interval_s: float) -> Cell:
     twice[:n, :n] = twice[:n, n:] = a * interval_s
     growth = np.asarray(expm(twice))[:n, n:]  # φ1(AT) AT = e^{AT} − 1
     direct = float(system.d[0]) if system.d else 0.0  # a sensor differentiates no acceleration
-    return Cell(growth, whole[:n, n] - ramp, ramp, system.c, direct, interval_s)
+    return HoldCell(growth, whole[:n, n] - ramp, ramp, system.c, direct, interval_s)
 
 
 @dataclass(frozen=True, eq=False)
-class Sections:
+class SecondOrderSections:
     """Second-order sections (β0 δ² + β1 δ + β2)/(δ² + α1 δ + α2), δ = z − 1; rows β0 β1 β2 α1 α2."""
 
     rows: np.ndarray
@@ -85,9 +85,9 @@ class Sections:
             value = value * ((b0 * delta + b1) * delta + b2) / ((delta + a1) * delta + a2)
         return value
 
-    def rounded(self) -> Sections:
+    def rounded(self) -> SecondOrderSections:
         """Rounded to single precision."""
-        return Sections(self.rows.astype(np.float32).astype(float), self.interval_s)
+        return SecondOrderSections(self.rows.astype(np.float32).astype(float), self.interval_s)
 
     def cmsis(self) -> np.ndarray:
         """The same in z, as CMSIS-DSP orders it: b0 b1 b2 −a1 −a2 a section, shape (sections, 5)."""
@@ -100,7 +100,7 @@ class Sections:
         return max(float(np.max(np.abs(1.0 + np.roots([1.0, a1, a2])))) for *_, a1, a2 in self.rows)
 
 
-def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float) -> Sections:
+def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float) -> SecondOrderSections:
     """Sections with a system's poles and zeros mapped by e^{sT}, and its magnitude at one frequency.
 
     Args:
@@ -118,10 +118,10 @@ def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_h
     gain = float(np.abs(system.response(at) / sections.response(at))[0])
     rows = sections.rows.copy()
     rows[0, :3] *= np.copysign(gain, system.gain)
-    return Sections(rows, interval_s)
+    return SecondOrderSections(rows, interval_s)
 
 
-def _paired(zeros: np.ndarray, poles: np.ndarray, interval_s: float) -> Sections:
+def _paired(zeros: np.ndarray, poles: np.ndarray, interval_s: float) -> SecondOrderSections:
     """As many zeros as poles, in δ: each pair of poles with the nearest pair of zeros."""
     pairs = _pairs(zeros)
     rows = []
@@ -129,7 +129,7 @@ def _paired(zeros: np.ndarray, poles: np.ndarray, interval_s: float) -> Sections
         near = min(pairs, key=lambda pair: abs(np.mean(pair) - np.mean(pole)))
         pairs = [pair for pair in pairs if pair is not near]
         rows.append([*np.poly(near).real, *np.poly(pole).real[1:]])
-    return Sections(np.array(rows), interval_s)
+    return SecondOrderSections(np.array(rows), interval_s)
 
 
 def _pairs(roots: np.ndarray) -> list[np.ndarray]:

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from vibrident.errors import InputError
-from vibrident.export.discrete import Cell, Sections, cell_of, sections_of
+from vibrident.export.discrete import HoldCell, SecondOrderSections, cell_of, sections_of
 from vibrident.export.fir import Taps, fitted, response_of
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
-from vibrident.export.sensor import Sensor, require_linear
+from vibrident.export.sensor import ExportedSensor, require_linear
 from vibrident.records import FloatArray
 
 #: Highest usable frequency over the sampling rate.
@@ -47,7 +47,7 @@ class Filter:
     """
 
     taps: Taps
-    sections: Sections
+    sections: SecondOrderSections
     rate_hz: float
 
     @property
@@ -77,7 +77,7 @@ class Filter:
         return float(np.sqrt(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(f)) / (0.5 * self.rate_hz)))
 
 
-def checked_rate(sensor: Sensor, rate_hz: float | None) -> float:
+def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
     """The requested sampling rate, or the network's.
 
     Raises:
@@ -105,7 +105,7 @@ def checked_rate(sensor: Sensor, rate_hz: float | None) -> float:
     return float(rate_hz)
 
 
-def model_filter(sensor: Sensor, rate_hz: float) -> tuple[Filter, Cell]:
+def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCell]:
     """The sensor as a causal filter, accurate over the band and below, and its cell.
 
     Raises:
@@ -152,7 +152,7 @@ def _check_aliases(system: PolesZeros, rate_hz: float) -> None:
         )
 
 
-def correction_filter(sensor: Sensor, rate_hz: float) -> Filter:
+def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
     """From the response back to the reference quantity: accurate over the band, falling above it, stable.
 
     Raises:
@@ -185,7 +185,7 @@ def correction_filter(sensor: Sensor, rate_hz: float) -> Filter:
     return Filter(taps, sections, rate_hz)
 
 
-def _inverse(sensor: Sensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
+def _inverse(sensor: ExportedSensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
     """Poles and zeros of the inverse: the sensor's exchanged and made stable, with a low-pass.
 
     Also the high-pass's corner, rad/s, and the number of integrators it replaces.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.export.options import OPTIONS, Options
-from vibrident.export.sensor import Sensor
+from vibrident.export.sensor import ExportedSensor
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Format:
 
     name: str
     title: str
-    write: Callable[[Sensor, Path, Options], list[Path]]
+    write: Callable[[ExportedSensor, Path, Options], list[Path]]
     holds: str
     cannot_hold: str
     options: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from vibrident.escaping import python_docstring
 from vibrident.export.approximation import held
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import PolesZeros
-from vibrident.export.sensor import Exported, Sensor, identity
+from vibrident.export.sensor import Exported, ExportedSensor, identity
 from vibrident.sensor import IdentifiedSensor
 
 _MODULE = '''"""{title}
@@ -51,19 +51,19 @@ def system(known: IdentifiedSensor) -> PolesZeros:
     return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
 
 
-def write_control(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write_control(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME_control.py``, whose ``sensor()`` is a ``control.TransferFunction``."""
     text = _module(sensor, "import control", "control.TransferFunction", _CONTROL)
     return [_written(folder / f"{options.name}_control.py", text)]
 
 
-def write_scipy(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write_scipy(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME_scipy.py``, whose ``sensor()`` is a ``scipy.signal.ZerosPolesGain``."""
     text = _module(sensor, "from scipy import signal", "scipy.signal.ZerosPolesGain", _SCIPY)
     return [_written(folder / f"{options.name}_scipy.py", text)]
 
 
-def _module(sensor: Sensor, imports: str, kind: str, make: str) -> str:
+def _module(sensor: ExportedSensor, imports: str, kind: str, make: str) -> str:
     poles_zeros, words = held(sensor)
     names, covariance = sensor.known.model.parameter_names, sensor.known.covariance
     parameters = "".join(

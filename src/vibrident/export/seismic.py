@@ -9,7 +9,7 @@ from vibrident.errors import InputError
 from vibrident.export.approximation import held
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import PolesZeros
-from vibrident.export.sensor import Sensor
+from vibrident.export.sensor import ExportedSensor
 
 #: Units in the spelling of SEED and StationXML, if different.
 _SPELLING = {
@@ -36,7 +36,7 @@ class Codes:
     channel: str
 
 
-def codes(sensor: Sensor, options: Options) -> Codes:
+def codes(sensor: ExportedSensor, options: Options) -> Codes:
     """The user's codes; by default the test network XX and a channel of the sensor's kind without direction.
 
     Raises:
@@ -56,7 +56,7 @@ def codes(sensor: Sensor, options: Options) -> Codes:
     return Codes(*found.groups())
 
 
-def described(sensor: Sensor) -> tuple[PolesZeros, list[str]]:
+def described(sensor: ExportedSensor) -> tuple[PolesZeros, list[str]]:
     """Poles and zeros from acceleration to response, and the approximations.
 
     Raises:
@@ -78,13 +78,13 @@ def unit(name: str) -> str:
     return _SPELLING.get(name, name)
 
 
-def normal_frequency_hz(sensor: Sensor) -> float:
+def normal_frequency_hz(sensor: ExportedSensor) -> float:
     """Frequency of the stated sensitivity: the middle of the band on a logarithmic axis."""
     low, high = sensor.band_hz
     return float((low * high) ** 0.5)
 
 
-def caveats(sensor: Sensor) -> list[str]:
+def caveats(sensor: ExportedSensor) -> list[str]:
     """Limits of the description by poles and zeros."""
     lines = [
         "poles and zeros hold neither the correlation of the parameters nor the uncertainty of the "

@@ -113,7 +113,7 @@ class Exported:
 
 
 @dataclass(frozen=True, eq=False)
-class Sensor(Exported):
+class ExportedSensor(Exported):
     """The same with the result that it comes from.
 
     Attributes:
@@ -128,7 +128,7 @@ def not_rational() -> tuple[str, ...]:
     return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 
 
-def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sensor:
+def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> ExportedSensor:
     """Read a result for export.
 
     Raises:
@@ -144,7 +144,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Sen
             where="result.json",
             remedy="give --band LOW:HIGH, or run `vibrident identify` again",
         )
-    return Sensor(known, known.model, band, result)
+    return ExportedSensor(known, known.model, band, result)
 
 
 def require_linear(sensor: Exported) -> None:
@@ -181,7 +181,7 @@ def check_band(low: float, high: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def identity(sensor: Sensor) -> list[str]:
+def identity(sensor: ExportedSensor) -> list[str]:
     """The header of every file: sensor, model, origin, uncertainties; one line each."""
     result = sensor.result
     named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]

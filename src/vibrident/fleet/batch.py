@@ -17,7 +17,7 @@ from vibrident import __version__
 from vibrident.errors import InputError
 from vibrident.fleet import key as keys
 from vibrident.fleet import row as rows
-from vibrident.fleet.key import Look
+from vibrident.fleet.key import Fingerprint
 from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.parts import unwritable, write_part
 from vibrident.fleet.process import Identifier
@@ -58,10 +58,10 @@ class Done:
     passing: list[rows.Row]
 
 
-def look_at(paths: Sequence[str], orders: Orders) -> list[Look]:
+def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
     """Key and shape of each calibration."""
     _require_same_version(orders)
-    return [keys.look(path, orders) for path in paths]
+    return [keys.fingerprint(path, orders) for path in paths]
 
 
 def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:

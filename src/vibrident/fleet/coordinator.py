@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 from vibrident import memory
 from vibrident.errors import InputError
 from vibrident.fleet import parts, patterns
-from vibrident.fleet.batch import Done, look_at, lost, work_off
+from vibrident.fleet.batch import Done, fingerprints, lost, work_off
 from vibrident.fleet.batching import BATCH_S, Batches, Task
-from vibrident.fleet.key import Look
+from vibrident.fleet.key import Fingerprint
 from vibrident.fleet.limits import Specification
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.page import write_page
 from vibrident.fleet.row import Row
-from vibrident.fleet.schedulers import Answer, Scheduler
+from vibrident.fleet.schedulers import Reply, Scheduler
 from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
 
 #: Calls a worker has at once: one that it works on, one that waits for it.
 WINDOW = 2
 #: Calibrations hashed by one call; the first calls are short, so that work begins at once.
-_FIRST_LOOKS, _MOST_LOOKS = 8, 100
+_FIRST_PATHS, _MOST_PATHS = 8, 100
 #: Seconds between updates of the number of workers and of the progress.
 _TURN_S = 0.5
 #: How often a calibration is sent again after its worker was lost, or hashed again after its files changed.
@@ -57,7 +57,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """Progress of a run.
 
     Attributes:
@@ -100,7 +100,7 @@ class Outcome:
         return (self.folder / f"{key}.json" for key in identified_keys(self.files[0]))
 
 
-def run(asked: Asked, scheduler: Scheduler, progress: Callable[[Progress], None] = lambda _: None) -> Outcome:
+def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None) -> Outcome:
     """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
 
     Args:
@@ -197,7 +197,7 @@ class _Work:
         orders: Orders,
         there: _Keys,
         scheduler: Scheduler,
-        progress: Callable[[Progress], None],
+        progress: Callable[[RunProgress], None],
     ) -> None:
         self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
         self.keys = np.zeros(len(named.paths), dtype=parts.PACKED)  # empty: not hashed yet, or no calibration
@@ -207,7 +207,7 @@ class _Work:
         self._moves: Counter[int] = Counter()
         self._there = there  # or on the way
         self._batches = Batches()
-        self._looks: dict[int, list[int]] = {}
+        self._hashing: dict[int, list[int]] = {}
         self._work: dict[int, tuple[str, list[Task]]] = {}
         self._next, self._seen, self._waiting_for = 0, 0, 0
         self._begin = time.monotonic()
@@ -215,10 +215,10 @@ class _Work:
     def do(self) -> None:
         """Run until every calibration has a row."""
         told = 0.0
-        while self._next < len(self.named.paths) or self._looks or self._batches or self._work:
+        while self._next < len(self.named.paths) or self._hashing or self._batches or self._work:
             self._send()
-            if (answer := self.scheduler.next_answer(_TURN_S)) is not None:
-                self._take(answer)
+            if (reply := self.scheduler.next_reply(_TURN_S)) is not None:
+                self._take(reply)
             if time.monotonic() - told >= _TURN_S:
                 told = time.monotonic()
                 self._tell()
@@ -226,36 +226,36 @@ class _Work:
 
     def _send(self) -> None:
         workers = max(self.scheduler.workers(), 1)  # an adaptive cluster starts workers only once work is submitted
-        while len(self._looks) + len(self._work) < WINDOW * workers:
+        while len(self._hashing) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
-            if self._next < len(self.named.paths) and not ahead and len(self._looks) <= workers // 2:
-                self._send_look()
+            if self._next < len(self.named.paths) and not ahead and len(self._hashing) <= workers // 2:
+                self._send_paths()
             elif self._batches:
                 shape, tasks = self._batches.take(workers)
                 self._work[self.scheduler.submit(work_off, tasks, self.orders)] = (shape, tasks)
             else:
                 return
 
-    def _send_look(self) -> None:
-        size = _FIRST_LOOKS if self._seen < WINDOW * _MOST_LOOKS else _MOST_LOOKS
+    def _send_paths(self) -> None:
+        size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
         places = list(range(self._next, min(self._next + size, len(self.named.paths))))
         self._next = places[-1] + 1
-        self._look(places)
+        self._hash(places)
 
-    def _look(self, places: list[int]) -> None:
+    def _hash(self, places: list[int]) -> None:
         paths = [os.path.abspath(self.named.paths[place]) for place in places]
-        self._looks[self.scheduler.submit(look_at, paths, self.orders)] = places
+        self._hashing[self.scheduler.submit(fingerprints, paths, self.orders)] = places
 
-    def _take(self, answer: Answer) -> None:
-        if answer.error is not None:
-            raise answer.error
-        if answer.call in self._looks:
-            places = self._looks.pop(answer.call)
-            self._look(places) if answer.lost else self._seen_are(places, answer.value)
+    def _take(self, reply: Reply) -> None:
+        if reply.error is not None:
+            raise reply.error
+        if reply.call in self._hashing:
+            places = self._hashing.pop(reply.call)
+            self._hash(places) if reply.lost else self._seen_are(places, reply.value)
             return
-        shape, tasks = self._work.pop(answer.call)
-        if not answer.lost:
-            self._done(shape, tasks, answer.value)
+        shape, tasks = self._work.pop(reply.call)
+        if not reply.lost:
+            self._done(shape, tasks, reply.value)
         elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MOST_LOST:
             row = lost(*tasks[0], self.orders)
             part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
@@ -266,8 +266,8 @@ class _Work:
             for half in filter(None, (tasks[:middle], tasks[middle:])):
                 self._work[self.scheduler.submit(work_off, half, self.orders)] = (shape, half)
 
-    def _seen_are(self, places: list[int], looks: list[Look]) -> None:
-        for place, one in zip(places, looks, strict=True):
+    def _seen_are(self, places: list[int], found: list[Fingerprint]) -> None:
+        for place, one in zip(places, found, strict=True):
             self._seen += 1
             if self.named.in_folder[place] and not one.calibration:
                 continue
@@ -298,7 +298,7 @@ class _Work:
         self._moves.update(again)
         self._seen -= len(again)
         if again:
-            self._look(again)
+            self._hash(again)
 
     def _tell(self) -> None:
         elapsed = time.monotonic() - self._begin
@@ -306,4 +306,4 @@ class _Work:
         left = len(self.named.paths) - self._seen + self._waiting_for
         left_s = left / rate if rate > 0 else None
         workers = self.scheduler.workers()
-        self.progress(Progress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers))
+        self.progress(RunProgress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers))

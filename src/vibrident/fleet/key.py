@@ -24,7 +24,7 @@ _ABSENT = "absent"
 
 
 @dataclass(frozen=True)
-class Look:
+class Fingerprint:
     """A calibration before it is read.
 
     Attributes:
@@ -41,20 +41,20 @@ class Look:
     there: bool = True
 
 
-def look(path: str, orders: Orders) -> Look:
+def fingerprint(path: str, orders: Orders) -> Fingerprint:
     """Hash a calibration's files. A file that cannot be used has a key too, and is refused when it is read."""
     file = Path(path)
     if not file.is_file():
-        return Look(_key(file, [], orders), "not readable", there=file.exists())
+        return Fingerprint(_key(file, [], orders), "not readable", there=file.exists())
     try:
         document = read_calibration_file(file)
     except InputError:
-        return Look(_key(file, [], orders), "not readable", calibration=_may_be_one(file))
+        return Fingerprint(_key(file, [], orders), "not readable", calibration=_may_be_one(file))
     try:
         names = data_files(document, file.parent, path)
     except InputError:  # a glob that matches nothing
         names = []
-    return Look(_key(file, names, orders), _shape(document, file.parent, names))
+    return Fingerprint(_key(file, names, orders), _shape(document, file.parent, names))
 
 
 def sensor_text(path: str) -> dict[str, str]:

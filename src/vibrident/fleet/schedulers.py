@@ -17,7 +17,7 @@ from vibrident.fleet.batch import end_processes
 
 
 @dataclass(frozen=True)
-class Answer:
+class Reply:
     """The end of a call.
 
     Attributes:
@@ -44,7 +44,7 @@ class Scheduler(Protocol):
         """Submit a call of a function; the number identifies the call."""
         ...
 
-    def next_answer(self, seconds: float) -> Answer | None:
+    def next_reply(self, seconds: float) -> Reply | None:
         """The next answer; None if no answer arrives within so many seconds.
 
         Raises:
@@ -67,7 +67,7 @@ class Local:
     def __init__(self, workers: int) -> None:
         self._workers = workers
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="fleet")
-        self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
         self._calls = 0
 
     def workers(self) -> int:
@@ -79,18 +79,18 @@ class Local:
         self._calls += 1
         call = self._calls
 
-        def answer(future: Future[Any]) -> None:
+        def reply(future: Future[Any]) -> None:
             if not future.cancelled():
                 error = future.exception()
-                self._answers.put(Answer(call, None if error else future.result(), error))
+                self._replies.put(Reply(call, None if error else future.result(), error))
 
-        self._pool.submit(function, *args).add_done_callback(answer)
+        self._pool.submit(function, *args).add_done_callback(reply)
         return call
 
-    def next_answer(self, seconds: float) -> Answer | None:
+    def next_reply(self, seconds: float) -> Reply | None:
         """As the protocol."""
         with contextlib.suppress(queue.Empty):
-            return self._answers.get(timeout=seconds)
+            return self._replies.get(timeout=seconds)
         return None
 
     def close(self, run: str) -> None:
@@ -117,7 +117,7 @@ class Dask:
         missing = "A scheduler needs Dask, which is not installed."
         distributed = library("distributed", "cluster", missing, f"--scheduler {where}")
         self._where, self._futures, self._calls = where, {}, 0
-        self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
         self._count, self._counted = 0, -self._COUNT_S
         if where.endswith(".json") and not Path(where).is_file():
             raise self._unreachable("no file of that name")
@@ -140,12 +140,12 @@ class Dask:
         call = self._calls
         future = self._client.submit(function, *args, pure=False)
         self._futures[call] = future  # Dask drops a call without a reference to its future
-        future.add_done_callback(lambda done: self._answers.put(self._answer(call, done)))
+        future.add_done_callback(lambda done: self._replies.put(self._reply(call, done)))
         return call
 
-    def _answer(self, call: int, future: Any) -> Answer:
+    def _reply(self, call: int, future: Any) -> Reply:
         if future.status == "finished":
-            return Answer(call, future.result())
+            return Reply(call, future.result())
         error = future.exception() if future.status == "error" else None
         if isinstance(error, ImportError):
             error = InputError(
@@ -156,14 +156,14 @@ class Dask:
                 remedy="install it there, and start the workers again",
             )
         killed = error is None or type(error).__name__ == "KilledWorker"
-        return Answer(call, None, None if killed else error, lost=killed)
+        return Reply(call, None, None if killed else error, lost=killed)
 
-    def next_answer(self, seconds: float) -> Answer | None:
+    def next_reply(self, seconds: float) -> Reply | None:
         """As the protocol."""
         try:
-            answer = self._answers.get(timeout=seconds)
+            reply = self._replies.get(timeout=seconds)
         except queue.Empty:
-            answer = None
+            reply = None
         if self._client.status in ("closing", "closed", "connecting"):
             raise InputError(
                 "The connection to the scheduler is lost.",
@@ -172,9 +172,9 @@ class Dask:
                 where=self._where,
                 remedy="start it and its workers again; then run the same command again: it continues where it stopped",
             )
-        if answer is not None:
-            self._futures.pop(answer.call, None)
-        return answer
+        if reply is not None:
+            self._futures.pop(reply.call, None)
+        return reply
 
     def close(self, run: str) -> None:
         """End the processes beside the workers, and disconnect from the scheduler."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from vibrident.errors import VibridentError
 from vibrident.fleet import row as rows
-from vibrident.fleet.key import look, sensor_text
+from vibrident.fleet.key import fingerprint, sensor_text
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.parts import unwritable, write_whole
 from vibrident.io.columns import unreadable
@@ -50,7 +50,7 @@ def identified(tasks: Sequence[Task], orders: Orders) -> tuple[list[rows.Row], i
     try:
         for _ in range(_MOST_TRIES):
             found |= {path: row for (path, _), row in zip(tasks, _identified(tasks, orders), strict=True)}
-            now = [(path, look(path, orders).key) for path, _ in tasks]
+            now = [(path, fingerprint(path, orders).key) for path, _ in tasks]
             tasks = [task for task in now if task not in tasks]  # the files changed while they were read
             if not tasks:
                 break

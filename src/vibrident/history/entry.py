@@ -30,20 +30,20 @@ _AT_ONCE = 20
 _FILE_DIGITS = 20
 _SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
 
-Row = dict[str, Any]
+DatabaseRow = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Rows:
+class ResultRows:
     """A result as rows by table, without the keys that the database gives."""
 
-    sensor: Row
-    calibration: Row
-    parameters: list[Row]
-    points: list[Row]
+    sensor: DatabaseRow
+    calibration: DatabaseRow
+    parameters: list[DatabaseRow]
+    points: list[DatabaseRow]
 
 
-def rows_of(result: Result, serial_number: str | None = None, date: datetime.date | None = None) -> Rows:
+def rows_of(result: Result, serial_number: str | None = None, date: datetime.date | None = None) -> ResultRows:
     """The rows of a result.
 
     Args:
@@ -75,7 +75,7 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
         "data_files": json.dumps(_data_files(result)),
         "document": zlib.compress(text.encode()),
     }
-    return Rows(sensor, calibration, [*_reference_sensitivity(result), *_parameters(result)], _points(result))
+    return ResultRows(sensor, calibration, [*_reference_sensitivity(result), *_parameters(result)], _points(result))
 
 
 def _serial_number(stated: str, given: str | None) -> str:
@@ -107,7 +107,7 @@ def _data_files(result: Result) -> list[str]:
     return sorted({text[:_FILE_DIGITS] for text in hashes if text})
 
 
-def _reference_sensitivity(result: Result) -> list[Row]:
+def _reference_sensitivity(result: Result) -> list[DatabaseRow]:
     """The magnitude of the sensitivity at the reference frequency as a parameter; empty if it is not known."""
     chosen, _ = reference_point(result)
     if chosen is None or not math.isfinite(chosen.magnitude):
@@ -126,7 +126,7 @@ def _reference_sensitivity(result: Result) -> list[Row]:
     ]
 
 
-def _parameters(result: Result) -> list[Row]:
+def _parameters(result: Result) -> list[DatabaseRow]:
     return [
         {
             "name": name,
@@ -142,7 +142,7 @@ def _parameters(result: Result) -> list[Row]:
     ]
 
 
-def _points(result: Result) -> list[Row]:
+def _points(result: Result) -> list[DatabaseRow]:
     return [
         {
             "nominal_hz": float(point.nominal),
@@ -181,7 +181,7 @@ def add_all(
         yield from added
 
 
-def _insert(store: Store, connection: sa.Connection, rows: Rows) -> tuple[bool, int]:
+def _insert(store: Store, connection: sa.Connection, rows: ResultRows) -> tuple[bool, int]:
     sensor_id = _sensor_id(store, connection, rows.sensor)
     key = connection.execute(
         store.insert(schema.calibration)

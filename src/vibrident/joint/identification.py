@@ -24,7 +24,7 @@ from vibrident.judge.effects import all_effects
 from vibrident.naming import amount, in_words
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
-from vibrident.uncertainty.budget import DATA, Row, row_of_effect, shift_of_effect
+from vibrident.uncertainty.budget import DATA, BudgetRow, row_of_effect, shift_of_effect
 from vibrident.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 
 #: Coverage of a calibration whose own fit is not used.
@@ -177,13 +177,13 @@ def _estimate(descent: Descent, index: int) -> Estimate:
     )
 
 
-def _left(descent: Descent, index: int) -> Row:
+def _left(descent: Descent, index: int) -> BudgetRow:
     """The data row of a calibration whose own fit is not used."""
     covariance = inverse_normal(descent.balance.information[index])
-    return Row(RESIDUAL, DATA, None, "", descent.fitted[index].estimate.degrees_of_freedom, covariance)
+    return BudgetRow(RESIDUAL, DATA, None, "", descent.fitted[index].estimate.degrees_of_freedom, covariance)
 
 
-def _data_row(descent: Descent, index: int, other: int, row: Row, label: str) -> Row:
+def _data_row(descent: Descent, index: int, other: int, row: BudgetRow, label: str) -> BudgetRow:
     """Contribution of the data of calibration ``other`` to the covariance of calibration ``index``."""
     gain = descent.balance.covariance @ descent.places[other].matrix.T
     share = gain @ descent.balance.information[other] @ gain.T
@@ -207,7 +207,7 @@ def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
     return effects
 
 
-def _consistency(descent: Descent, data: Sequence[Row], effects: Sequence[_Effect]) -> Consistency | None:
+def _consistency(descent: Descent, data: Sequence[BudgetRow], effects: Sequence[_Effect]) -> Consistency | None:
     estimates = []
     for i, one in enumerate(descent.fitted):
         there = descent.places[i].z(descent.balance.theta) + descent.balance.steps[i]

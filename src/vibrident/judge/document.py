@@ -26,7 +26,7 @@ from vibrident.result import Result, ResultWarning, Training
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
 from vibrident.uncertainty.budget import (
     DATA,
-    Row,
+    BudgetRow,
     as_settings,
     effective_degrees_of_freedom,
     rows_of_effects,
@@ -39,16 +39,16 @@ Uncertainty = Literal["auto", "noise", "inflated"]
 MOST_TRACE = 400
 
 
-def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[Row]:
+def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
     """The budget of a calibration by itself: its data, then each systematic effect."""
     evidence, estimate = fitted.evidence, fitted.estimate
     covariance, freedom, scope = _scaled(evidence, estimate, fitted.judgement, uncertainty)
     effects = all_effects(evidence, fitted.judgement)
     rows = rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, fitted.linear)
-    return [Row(scope, DATA, None, "", freedom, covariance), *rows]
+    return [BudgetRow(scope, DATA, None, "", freedom, covariance), *rows]
 
 
-def document(fitted: Fitted, rows: Sequence[Row], more: Sequence[ResultWarning] = ()) -> Result:
+def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()) -> Result:
     """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
     stated = _stated(fitted, rows)
     drifts = [ResultWarning(finding.code, finding.message) for finding in fitted.drifts]
@@ -64,12 +64,12 @@ class _Stated:
     covariance: FloatArray
     degrees_of_freedom: float
     scope: str
-    rows: list[Row]
+    rows: list[BudgetRow]
     weak: dict[str, str]
     warnings: list[ResultWarning]
 
 
-def _stated(fitted: Fitted, rows: Sequence[Row]) -> _Stated:
+def _stated(fitted: Fitted, rows: Sequence[BudgetRow]) -> _Stated:
     evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
     data = [row for row in rows if row.kind == DATA]
     covariance = np.sum([row.covariance for row in data], axis=0)

@@ -16,7 +16,7 @@ from vibrident.naming import amount
 from vibrident.problem import Evidence
 from vibrident.records import FloatArray, SystematicEffect
 from vibrident.result import MeasuredCurve
-from vibrident.uncertainty.budget import DATA, Row, effects_of
+from vibrident.uncertainty.budget import DATA, BudgetRow, effects_of
 from vibrident.uncertainty.effects import Explained, Weighted, explain, patterns
 
 
@@ -131,7 +131,7 @@ def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Me
     return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
 
 
-def covered(rows: Sequence[Row]) -> list[str]:
+def covered(rows: Sequence[BudgetRow]) -> list[str]:
     """The systematic effects among the rows, in words."""
     return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
 

@@ -36,7 +36,7 @@ HIDDEN = 64
 BATCH = 128
 
 
-class Points(NamedTuple):
+class CollocationPoints(NamedTuple):
     """Instants in units of the span, shape (points,); normalised excitation and response, shape (points, records)."""
 
     time: Any
@@ -78,13 +78,13 @@ def fit_pinn(
     part = slice(first, first + span)
     excitation = np.stack([np.asarray(r.reference)[part] for r in records], axis=1) / dataset.reference.unit
     response = np.stack([r.response[part] for r in records], axis=1) / dataset.response.unit
-    points = Points(np.arange(span) / span, excitation, response)
+    points = CollocationPoints(np.arange(span) / span, excitation, response)
     held = np.arange(span) % 5 == 4
     duration = span * records[0].sampling_interval_s
     coordinates = start_of_training(model, near)
     gain = dataset.reference.unit / dataset.response.unit
 
-    def loss(whole: dict[str, Any], batch: Points) -> Any:
+    def loss(whole: dict[str, Any], batch: CollocationPoints) -> Any:
         value, speed, acceleration = _with_derivatives(whole["layers"], batch.time)
         physical = coordinates.physical(whole["sensor"])
         rate = 2.0 * jnp.pi * physical["natural_frequency"] * duration  # ωn in units of the span
@@ -94,7 +94,7 @@ def fit_pinn(
 
     begin = {"layers": _layers(len(records), seed), "sensor": jnp.asarray(coordinates.first)}
     own = replace(schedule, batch=BATCH)
-    training, held_back = (Points(*(a[chosen] for a in points)) for chosen in (~held, held))
+    training, held_back = (CollocationPoints(*(a[chosen] for a in points)) for chosen in (~held, held))
     rng = np.random.default_rng([seed, 2])
     trained = train(begin, loss, training, held_back, own, rng=rng, progress=progress)
     weights = sum(leaf.size for leaf in jax.tree.leaves(begin))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
-from typing import Any, cast
-
-from joblib import Parallel, delayed
+from typing import Any
 
 from vibrident import __version__
 from vibrident.paper.black_box import Kind
@@ -24,6 +23,7 @@ from vibrident.paper.sections import (
 )
 from vibrident.paper.settings import Settings, Stages, silently
 from vibrident.paper.studies import NoiseStudy, RatePoint, error_by_noise, error_by_rate
+from vibrident.process import Process
 
 KINDS: tuple[Kind, ...] = ("gru", "lstm")
 
@@ -133,15 +133,20 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
 def _recurrent(judges: Sequence[Judge], settings: Settings, stages: Stages) -> list[list[MethodResult]]:
     """GRU and LSTM for every set of data, in parallel if there are processes."""
     tasks = [(judge, kind) for judge in judges for kind in KINDS]
+    train = recurrent if settings.jobs == 1 else _apart
     done: list[MethodResult] = []
-    with stages(f"Training {len(tasks)} networks without physics (GRU, LSTM)") as progress:
-        rows = Parallel(n_jobs=min(settings.jobs, len(tasks)), return_as="generator")(
-            delayed(recurrent)(judge, kind) for judge, kind in tasks
-        )
-        for row in cast("Iterable[MethodResult]", rows):
+    title = f"Training {len(tasks)} networks without physics (GRU, LSTM)"
+    with stages(title) as progress, ThreadPoolExecutor(settings.jobs) as threads:
+        for row in threads.map(train, *zip(*tasks, strict=True)):
             done.append(row)
             progress(len(done), len(tasks), float("nan") if row.metrics is None else row.metrics.mse)
     return [done[i : i + len(KINDS)] for i in range(0, len(done), len(KINDS))]
+
+
+def _apart(judge: Judge, kind: Kind) -> MethodResult:
+    """A network without physics, trained in another process."""
+    with Process() as process:
+        return process.call(recurrent, judge, kind)
 
 
 def _section(section: Section) -> dict[str, Any]:

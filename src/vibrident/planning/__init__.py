@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibrident.planning.calibration import Plan, plan, summary
+from vibrident.planning.calibration import Plan, plan, plan_document
 from vibrident.planning.points import Recording
 
-__all__ = ["Plan", "Recording", "plan", "summary"]
+__all__ = ["Plan", "Recording", "plan", "plan_document"]

@@ -14,7 +14,7 @@ from vibrident.information import inverse_normal
 from vibrident.models import parse
 from vibrident.models.base import SensorModel
 from vibrident.planning.design import CRITERIA, Criterion, best_points, efficiency
-from vibrident.planning.points import Points, Recording, of_records, of_table
+from vibrident.planning.points import PlannedPoints, Recording, of_records, of_table
 from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.sensor import IdentifiedSensor
@@ -136,7 +136,7 @@ def plan(
 
 
 def _plan(
-    points: Points,
+    points: PlannedPoints,
     reference_uncertainty: float,
     unit: str,
     source: Result | None,
@@ -180,14 +180,14 @@ def _plan(
     )
 
 
-def _covariance(points: Points, uses: np.ndarray) -> tuple[FloatArray, float]:
+def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, float]:
     """Covariance of z and degrees of freedom, as of the estimator ``ml``."""
     freedom = np.repeat(points.freedom, uses)
     known = float(np.mean(1.0 + 4.0 / freedom))  # the weights are estimated too
     return inverse_normal(points.chosen(uses)) * known, float(np.sum(freedom))
 
 
-def _deviations(points: Points, uses: np.ndarray, reference_uncertainty: float) -> dict[str, float]:
+def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: float) -> dict[str, float]:
     """Standard uncertainty of each estimated parameter, physical units."""
     coordinates, z = points.coordinates, points.coordinates.first
     covariance, freedom = _covariance(points, uses)
@@ -274,7 +274,7 @@ def _points(
     phase: FloatArray | None,
     source: Result | None,
     times_as_long: float,
-) -> Points:
+) -> PlannedPoints:
     if recording is not None and magnitude is None:
         return of_records(model, values, quantity, frequency, amplitude, recording)
     if magnitude is not None and recording is None:
@@ -315,7 +315,7 @@ def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[
     return at(u), None if np.isnan(phase).any() else phase
 
 
-def _enough(points: Points, count: int, *, repeats: bool, chosen: bool) -> None:
+def _enough(points: PlannedPoints, count: int, *, repeats: bool, chosen: bool) -> None:
     needed = len(points.coordinates.model.parameters)
     most = points.frequency_hz.size
     fits = count >= 1 and (repeats or count <= most) and count * points.equations >= needed
@@ -332,7 +332,7 @@ def _enough(points: Points, count: int, *, repeats: bool, chosen: bool) -> None:
     )
 
 
-def summary(planned: Plan) -> dict[str, Any]:
+def plan_document(planned: Plan) -> dict[str, Any]:
     """The content of ``plan.json``: plain values."""
     points = zip(planned.frequency_hz.tolist(), planned.uses, planned.relative_deviation.tolist(), strict=True)
     return {

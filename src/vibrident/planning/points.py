@@ -76,7 +76,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class PlannedPoints:
     """Planned points and their information.
 
     Attributes:
@@ -111,7 +111,7 @@ def of_records(
     frequency_hz: FloatArray,
     amplitude: FloatArray,
     recording: Recording,
-) -> Points:
+) -> PlannedPoints:
     """Points of sine records.
 
     Args:
@@ -162,7 +162,7 @@ def of_table(
     frequency_hz: FloatArray,
     magnitude: FloatArray,
     phase_rad: FloatArray | None,
-) -> Points:
+) -> PlannedPoints:
     """Points with stated uncertainties.
 
     Args:
@@ -203,14 +203,14 @@ def _points(
     relative: FloatArray,
     freedom: FloatArray,
     findings: tuple[str, ...],
-) -> Points:
+) -> PlannedPoints:
     frequency = data[0]
     coordinates = Coordinates.at(model, values, (float(frequency.min()), float(frequency.max())))
     z = coordinates.first
     rows = response_jacobian(z, coordinates, polar, has_phase, quantity, data)
     parts = rows.reshape(-1, frequency.size, z.size)
     information = np.einsum("rki,rkj->kij", parts, parts)
-    return Points(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)
+    return PlannedPoints(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)
 
 
 def _sharp(

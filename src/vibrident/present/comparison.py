@@ -59,7 +59,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ComparedQuantity:
     """One quantity over several results, all in one unit.
 
     Attributes:
@@ -75,7 +75,7 @@ class Quantity:
     relative: bool = True
 
 
-def quantities(results: Sequence[Result]) -> list[Quantity]:
+def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     """The sensitivity at the reference frequency, then every parameter that at least two results have."""
     found = []
     same = len({_sensitivity_kind(result) for result in results}) == 1
@@ -96,10 +96,8 @@ def quantities(results: Sequence[Result]) -> list[Quantity]:
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
-            scale = scaled(unit, known[0] if known else 0.0)
-            found.append(
-                Quantity(parameter_name(key).words, scale, tuple(values), getattr(described(key), "kind", "") != "time")
-            )
+            scale, relative = scaled(unit, known[0] if known else 0.0), getattr(described(key), "kind", "") != "time"
+            found.append(ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative))
     return found
 
 
@@ -107,14 +105,14 @@ def _sensitivity_kind(result: Result) -> tuple[str, str]:
     return result.response_unit, reference_unit(result)
 
 
-def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> Quantity:
+def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> ComparedQuantity:
     values = (
         None
         if point is None
         else Value(point.magnitude, point.magnitude_uncertainty, shared_sources(result, sensitivity=point.magnitude))
         for point, result in zip(points, results, strict=True)
     )
-    return Quantity(label, sensitivity_scale(results[0]), tuple(values))
+    return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 
 def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[tuple[str, Table], ...]:
@@ -180,7 +178,7 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
         magnitudes = _magnitudes("", pair_of_points, (first, other))
         row = [point.nominal, *(text for value in magnitudes.values for text in printed_value(value, scale.factor))]
         row += _compared(magnitudes, reason)
-        phases = Quantity("", Scale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
+        phases = ComparedQuantity("", Scale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
         rows.append((*row, *_compared(phases, reason)))
     if not rows:
         return None
@@ -199,7 +197,7 @@ def _phase(point: Point | None, near: Point) -> Value | None:
     return Value(near.phase_deg + (point.phase_deg - near.phase_deg + 180) % 360 - 180, point.phase_deg_uncertainty)
 
 
-def _compared(row: Quantity, reason: str) -> tuple[str, str]:
+def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
     """Difference of the second value from the first, and E_n."""
     first, second = row.values
     if first is None or second is None:
@@ -213,7 +211,7 @@ def _at_the_same(points: Sequence[Point | None]) -> list[Point | None]:
     return [p if p is not None and abs(p.frequency_hz / first - 1) < 1e-6 else None for p in points]
 
 
-def _lines(row: Quantity, chunk: Sequence[int], reasons: Sequence[str]) -> list[tuple[str, ...]]:
+def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) -> list[tuple[str, ...]]:
     values = [row.values[i] for i in chunk]
     printed = [printed_value(value, row.scale.factor) for value in values]
     unit = row.scale.printed
@@ -233,7 +231,7 @@ def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
     return pair(value.value * factor, None if value.expanded is None else value.expanded * factor)
 
 
-def difference(value: Value | None, base: Value, row: Quantity) -> str:
+def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
     """Difference from the base, relative where the quantity allows it."""
     if value is None:
         return NONE

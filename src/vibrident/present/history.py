@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.comparison import not_comparable
 from vibrident.present import axes
-from vibrident.present.comparison import Quantity, Value, difference, error, printed_value, quantities
+from vibrident.present.comparison import ComparedQuantity, Value, difference, error, printed_value, quantities
 from vibrident.present.curves import numbers
 from vibrident.present.numbers import NONE, sensor_name
 from vibrident.present.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
@@ -37,7 +37,7 @@ class History:
     dates: tuple[datetime.date, ...]
     labels: tuple[str, ...]
     results: tuple[Result, ...]
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[ComparedQuantity, ...]
     evaluated: bool
 
 
@@ -96,7 +96,7 @@ def drift(history: History, name: str) -> Figure:
     return Figure(name, f"Drift of {history.sensor}", (Stack(tuple(panels)),), "", caption)
 
 
-def changes(quantity: Quantity) -> tuple[FloatArray, FloatArray, str]:
+def changes(quantity: ComparedQuantity) -> tuple[FloatArray, FloatArray, str]:
     """Change from the first value and U of each value, and the unit of both: % where the quantity allows it."""
     value = numbers([None if v is None else v.value for v in quantity.values])
     expanded = numbers([None if v is None else v.expanded for v in quantity.values])
@@ -134,11 +134,11 @@ def drift_table(history: History) -> Table:
     return Table((*columns("quantity", "unit", "date"), *heads), tuple(rows), notes=tuple(notes))
 
 
-def _base(quantity: Quantity, i: int) -> Value | None:
+def _base(quantity: ComparedQuantity, i: int) -> Value | None:
     return quantity.values[i] if i >= 0 else None
 
 
-def _en(history: History, quantity: Quantity, i: int, base: int) -> str:
+def _en(history: History, quantity: ComparedQuantity, i: int, base: int) -> str:
     reference = quantity.values[base]
     if reference is None:
         return NONE

@@ -37,7 +37,7 @@ DATA = "data"
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class BudgetRow:
     """A row of the budget.
 
     Attributes:
@@ -59,7 +59,7 @@ class Row:
 
 def rows_of_effects(
     effects: Sequence[SystematicEffect], coordinates: Coordinates, z: FloatArray, quantity: Quantity, linear: Linearised
-) -> list[Row]:
+) -> list[BudgetRow]:
     """A row for each systematic effect.
 
     Args:
@@ -69,7 +69,7 @@ def rows_of_effects(
         quantity: of the reference.
         linear: the fit, linearised at ``z``.
     """
-    rows: list[Row] = []
+    rows: list[BudgetRow] = []
     for effect in effects:
         shift = shift_of_effect(effect, coordinates, z, quantity, linear)
         rows.append(row_of_effect(effect, np.outer(shift, shift)))
@@ -80,10 +80,10 @@ def rows_of_effects(
     return rows
 
 
-def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> Row:
+def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow:
     """The row of an effect that adds ``covariance``, shape (p, p)."""
     freedom = effect.degrees_of_freedom
-    return Row(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance)
+    return BudgetRow(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance)
 
 
 def shift_of_effect(
@@ -119,7 +119,7 @@ def pattern(
     return -np.log(ahead / behind) / (2.0 * STEP)
 
 
-def effective_degrees_of_freedom(rows: Sequence[Row]) -> FloatArray:
+def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
     """Of each coordinate, by the Welch–Satterthwaite formula (GUM G.4.1), shape (p,)."""
     variances = np.stack([np.diag(row.covariance) for row in rows])
     shares = variances / np.maximum(np.sum(variances, axis=0), 1e-300)
@@ -135,7 +135,7 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
     return [*reference, *calibration.effects]
 
 
-def as_settings(rows: Sequence[Row], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
+def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
     """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
 
     Args:

@@ -43,14 +43,14 @@ def correct(
 
         with Busy("Correcting"):
             from vibrident.correction import correct as run
-            from vibrident.correction import summary
+            from vibrident.correction import correction_document
 
             corrections = run(known, data, band_hz=limits, noise=noise)
             files = record_files([c.record.name for c in corrections.corrections])
             for file, correction in zip(files, corrections.corrections, strict=True):
                 a, u = correction.acceleration, correction.standard_uncertainty
                 write_samples(output.path / file, correction.record, acceleration=a, standard_uncertainty=u)
-            document = summary(corrections, files)
+            document = correction_document(corrections, files)
             write_json(output.path / "correction.json", document)
             if not no_plots:
                 from vibrident import plots

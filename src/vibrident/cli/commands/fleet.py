@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vibrident.fleet import Outcome, Scheduler
-    from vibrident.fleet.coordinator import Progress
+    from vibrident.fleet.coordinator import RunProgress
     from vibrident.result import Result
 
 DOUBTFUL = 3
@@ -186,11 +186,10 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
 
 def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
     from vibrident.fleet import Dask, Local
+    from vibrident.process import processors
 
     if scheduler is None:
-        import joblib
-
-        return Local(workers or joblib.cpu_count())
+        return Local(workers or processors())
     if workers is not None:
         raise InputError(
             "Workers are requested in two ways.",
@@ -211,7 +210,7 @@ class _Told:
         self._bar, self._quiet, self._clock = bar, quiet, time.monotonic
         self._said = self._clock()
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: RunProgress) -> None:
         text = _progress_text(progress)
         self._bar.tell(f"Identifying: {text}", progress.done, progress.total)
         if not self._quiet and not self._bar.shown and self._clock() - self._said >= _LINE_S:
@@ -219,7 +218,7 @@ class _Told:
             note(text)
 
 
-def _progress_text(progress: Progress) -> str:
+def _progress_text(progress: RunProgress) -> str:
     words = f"{progress.done} of {progress.total}"
     if not progress.workers:
         return f"{words}, waiting for workers"

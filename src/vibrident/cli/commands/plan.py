@@ -213,9 +213,9 @@ def _show(planned: Plan) -> None:
 
 def _write(planned: Plan, folder: Path) -> None:
     from vibrident import plots
-    from vibrident.planning import summary
+    from vibrident.planning import plan_document
 
     with written_whole(folder) as output:
-        write_json(output.path / "plan.json", summary(planned))
+        write_json(output.path / "plan.json", plan_document(planned))
         plots.save(plots.plan(planned), output.path / "plan.png")
     wrote(output.files)

@@ -37,14 +37,14 @@ def predict(
 
         with Busy("Predicting"):
             from vibrident.prediction import predict as run
-            from vibrident.prediction import summary
+            from vibrident.prediction import prediction_document
 
             predictions = run(known, data)
         files = record_files([p.record.name for p in predictions.predictions])
         for file, prediction in zip(files, predictions.predictions, strict=True):
             record = prediction.record
             write_samples(output.path / file, record, response=record.response, predicted=prediction.predicted)
-        document = {"model": known.model, **summary(predictions, files, data.response_unit)}
+        document = {"model": known.model, **prediction_document(predictions, files, data.response_unit)}
         write_json(output.path / "prediction.json", document)
     warn(predictions.findings)
     _show(document, predictions, folder)

@@ -58,14 +58,14 @@ def reproduce(
 
 
 def _settings(*, quick: bool, full_range: bool, seed: int) -> Settings:
-    from vibrident.cli.drawing import cores
     from vibrident.paper import settings
+    from vibrident.process import processors
 
     named = os.environ.get("VIBRIDENT_DATA")
     data = Path(named) if named else None
     if quick:
         return settings.quick(seed, data, full_range=full_range)
-    return settings.Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, cores()))
+    return settings.Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
 
 
 def _read(document: Path) -> str:

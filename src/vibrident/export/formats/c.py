@@ -14,12 +14,12 @@ import numpy as np
 
 from vibrident.escaping import c_comment
 from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
-from vibrident.export.discrete import Cell, Sections
+from vibrident.export.discrete import HoldCell, SecondOrderSections
 from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
 from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import poles_zeros
-from vibrident.export.sensor import Sensor, identity
+from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.records import FloatArray
 
 #: Gain that counts as stopped, relative to the largest gain in the band.
@@ -30,21 +30,21 @@ PASSED = 0.1
 class Firmware:
     """The content of the C code."""
 
-    sensor: Sensor
+    sensor: ExportedSensor
     model: Filter
     correction: Filter
-    cell: Cell
+    cell: HoldCell
     rate_hz: float
 
 
-def firmware(sensor: Sensor, rate_hz: float | None) -> Firmware:
+def firmware(sensor: ExportedSensor, rate_hz: float | None) -> Firmware:
     """Design all filters for one sampling rate."""
     rate = checked_rate(sensor, rate_hz)
     model, cell = model_filter(sensor, rate)
     return Firmware(sensor, model, correction_filter(sensor, rate), cell, rate)
 
 
-def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.h`` and ``NAME.c``."""
     made = firmware(sensor, options.rate_hz)
     about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
@@ -115,7 +115,7 @@ def _error(found: np.ndarray, wanted: np.ndarray) -> str:
     return f"{float(np.max(np.abs(found / wanted - 1.0))):.2e}"
 
 
-def _single_cmsis(sections: Sections, f: FloatArray) -> np.ndarray:
+def _single_cmsis(sections: SecondOrderSections, f: FloatArray) -> np.ndarray:
     """Response of the sections in z with coefficients as a float holds them."""
     z = np.exp(-2j * np.pi * f * sections.interval_s)
     value = np.ones(z.shape, complex)

@@ -9,10 +9,10 @@ from pathlib import Path
 from vibrident.escaping import csv_cell
 from vibrident.export.form import Format
 from vibrident.export.options import Options
-from vibrident.export.sensor import Sensor
+from vibrident.export.sensor import ExportedSensor
 
 
-def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write the tables ``NAME_parameters.csv``, ``…_correlation.csv``, ``…_response.csv`` and ``…_measured.csv``."""
     result = sensor.result
     parameters = (

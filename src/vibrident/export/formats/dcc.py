@@ -20,7 +20,7 @@ from vibrident.export.dcc_tree import DCC as NAMESPACE
 from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, identified
 from vibrident.export.form import Format
 from vibrident.export.options import Options
-from vibrident.export.sensor import Sensor
+from vibrident.export.sensor import ExportedSensor
 from vibrident.present.coverage import coverage, interval_text
 from vibrident.present.tables import small_signals
 from vibrident.result import Result
@@ -36,7 +36,7 @@ _DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
 _PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")}
 
 
-def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.dcc.xml``."""
     result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
     _check(result, options)

@@ -25,7 +25,7 @@ from vibrident.export.filters import checked_rate, model_filter
 from vibrident.export.form import Format
 from vibrident.export.options import Options, library
 from vibrident.export.poles_zeros import poles_zeros
-from vibrident.export.sensor import Sensor, identity
+from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.naming import described
 
 _SLAVE = '''"""{about}
@@ -105,7 +105,7 @@ class {model}(Fmi2Slave):
 '''
 
 
-def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.fmu``."""
     library("pythonfmu", "fmu")
     from pythonfmu import FmuBuilder
@@ -149,7 +149,7 @@ def _class_name(name: str) -> str:
     return f"{made}_" if keyword.iskeyword(made) or re.search(rf"\b{made}\b", _SLAVE) else made
 
 
-def slave(sensor: Sensor, options: Options) -> str:
+def slave(sensor: ExportedSensor, options: Options) -> str:
     """Python text of the unit."""
     rate = checked_rate(sensor, options.rate_hz)
     model, cell = model_filter(sensor, rate)

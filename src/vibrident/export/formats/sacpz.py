@@ -15,10 +15,10 @@ from vibrident.export.form import Format
 from vibrident.export.options import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.seismic import caveats, codes, described, unit
-from vibrident.export.sensor import Sensor, identity
+from vibrident.export.sensor import ExportedSensor, identity
 
 
-def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.sacpz``."""
     system, words = described(sensor)
     whole = _cancelled(PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain))

@@ -19,11 +19,11 @@ from vibrident.export.form import Format
 from vibrident.export.options import Options, library
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
 from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
-from vibrident.export.sensor import Sensor, identity
+from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.present.history import date_of
 
 
-def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.station.xml``."""
     inventory = build(sensor, options)
     stream = io.BytesIO()
@@ -42,7 +42,7 @@ def write(sensor: Sensor, folder: Path, options: Options) -> list[Path]:
     return [path]
 
 
-def build(sensor: Sensor, options: Options) -> Any:
+def build(sensor: ExportedSensor, options: Options) -> Any:
     """ObsPy's Inventory with one channel."""
     library("obspy", "seismic")
     from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
@@ -80,7 +80,7 @@ def build(sensor: Sensor, options: Options) -> Any:
     return Inventory(networks=[Network(where.network, stations=[station])], source="vibrident")
 
 
-def _start(sensor: Sensor) -> tuple[Any, str]:
+def _start(sensor: ExportedSensor) -> tuple[Any, str]:
     """Start date and its origin: the stated date of the calibration, else of the evaluation."""
     from obspy import UTCDateTime
 
@@ -96,7 +96,7 @@ def _stated(named: Mapping[str, str], key: str) -> str | None:
     return xml_text(named[key]) if named.get(key) else None
 
 
-def _response(sensor: Sensor) -> tuple[Any, list[str]]:
+def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
     """ObsPy's Response for the usual motion of the sensor, normalised in the middle of the band."""
     from obspy.core.inventory.response import InstrumentSensitivity, PolesZerosResponseStage, Response
 
