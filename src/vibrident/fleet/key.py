@@ -6,7 +6,6 @@ import hashlib
 import json
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from vibrident.errors import InputError
 from vibrident.fleet.orders import Orders
 from vibrident.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.io.record_files import data_files
-from vibrident.io.toml_text import MOST_BYTES, refuse_costly
+from vibrident.io.toml_text import read_toml
 
 SCHEMA = "vibrident.fleet/1"
 #: In place of the hash of a file that is missing or not readable: the key changes once it can be read.
@@ -103,11 +102,6 @@ def _may_be_one(file: Path) -> bool:
 def _toml(file: Path) -> dict[str, Any]:
     """The keys of a TOML file; empty if it cannot be read."""
     try:
-        if not file.is_file():
-            return {}
-        with file.open("rb") as stream:
-            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
-        refuse_costly(text, "")
-        return tomllib.loads(text.replace("\r\n", "\n"))
-    except (OSError, ValueError, RecursionError, InputError):
+        return read_toml(file)
+    except InputError:
         return {}

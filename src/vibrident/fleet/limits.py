@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from vibrident.errors import InputError, did_you_mean
-from vibrident.io.columns import unreadable
 from vibrident.io.schema_errors import schema_error
-from vibrident.io.toml_text import MOST_BYTES, refuse_costly
+from vibrident.io.toml_text import read_toml
 from vibrident.naming import parameter_names
 
 #: Coverage factor of the uncertainty in a verdict.
@@ -81,7 +78,7 @@ def read_limits(path: Path) -> Specification:
     Raises:
         InputError: the file cannot be read, or a key or value is not valid.
     """
-    document = _parsed(path)
+    document = read_toml(path, "limits")
     try:
         found = Specification.model_validate(document)
     except ValidationError as error:
@@ -137,24 +134,3 @@ def _check(found: Specification, where: str) -> None:
                 where=here,
                 remedy="remove one of the two",
             )
-
-
-def _parsed(path: Path) -> dict[str, Any]:
-    try:
-        if path.exists() and not path.is_file():
-            raise IsADirectoryError
-        with path.open("rb") as stream:
-            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
-        refuse_costly(text, str(path))
-        return tomllib.loads(text.replace("\r\n", "\n"))
-    except OSError as error:
-        raise unreadable(str(path), error, "a limits file (TOML)") from error
-    except (ValueError, RecursionError) as error:
-        line = re.search(r"at line (\d+)", str(error))
-        raise InputError(
-            "The limits file is not valid TOML.",
-            expected="TOML in UTF-8: [[limits]], key = value, text in quotes",
-            found=str(error)[:200],
-            where=f"{path}, line {line.group(1)}" if line else str(path),
-            remedy="correct that line",
-        ) from error

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
-import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from vibrident.effects import StatedKind, SystematicEffect
 from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
-from vibrident.io.columns import require_regular, unreadable
 from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
 from vibrident.io.section import Column, NotNegative, Number, Positive, Section, Text
-from vibrident.io.toml_text import MOST_BYTES, refuse_costly
+from vibrident.io.toml_text import read_toml
 from vibrident.records import USUAL_MODEL, Excitation, Quantity
 
 
@@ -137,7 +134,7 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     Raises:
         InputError: the file cannot be read, is not TOML, or its keys or values are not allowed.
     """
-    document = _parse(path)
+    document = read_toml(path)
     where = str(path)
     try:
         calibration = CalibrationFile.model_validate(document)
@@ -147,39 +144,6 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     _check_uncertainty(calibration, where)
     _check_content(calibration, where)
     return calibration
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    require_regular(path, "a calibration file (TOML)")
-    try:
-        with path.open("rb") as stream:
-            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
-        refuse_costly(text, str(path))
-        return tomllib.loads(text.replace("\r\n", "\n"))
-    except OSError as error:
-        raise unreadable(str(path), error, "a calibration file (TOML)") from error
-    except UnicodeDecodeError as error:
-        raise InputError(
-            "The calibration file is not UTF-8 text.",
-            expected="a TOML file in UTF-8",
-            found=f"byte 0x{error.object[error.start]:02x}",
-            where=f"{path}, line {_line_of(error)}",
-            remedy="save it as UTF-8; data files belong under [[records]] file",
-        ) from error
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits; hundreds of nested brackets
-        message = str(error)
-        line = re.search(r"at line (\d+)", message)
-        raise InputError(
-            "The calibration file is not valid TOML.",
-            expected="TOML: [section], key = value, text in quotes",
-            found=message,
-            where=f"{path}, line {line.group(1)}" if line else f"{path}, end of the file",
-            remedy="correct that line",
-        ) from error
-
-
-def _line_of(error: UnicodeDecodeError) -> int:
-    return error.object[: error.start].count(b"\n") + 1
 
 
 def _check_sensor(calibration: CalibrationFile, where: str) -> None:

@@ -18,8 +18,6 @@ from vibrident.result import Parameter, Result
 if TYPE_CHECKING:
     from vibrident.planning import Plan
 
-#: Settings that may hold the time an identification took, in seconds.
-_TIME_KEYS = ("time_s", "elapsed_s", "wall_time_s", "duration_s")
 _FIELDS = ("rmse", "mae", "mse", "r2", "rpd", "chi2_reduced")
 
 
@@ -89,7 +87,7 @@ def _deviation(value: float | None, zero: float, factor: float) -> str:
 def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     """Fit metrics by method, and the time it took where the settings hold one."""
     units = {fit_unit(result) for result in results}
-    times = [next((r.settings[k] for k in _TIME_KEYS if k in r.settings), None) for r in results]
+    times = [result.settings.get("time_s") for result in results]
     timed = any(isinstance(time, int | float) for time in times)
     rows = []
     for result, name, time in zip(results, names, times, strict=True):

@@ -287,12 +287,8 @@ class ColumnsStep:
             return
         self.errors.clear()
         place, errors = self.plot, self.errors
-        try:
-            drawn = await self.user.look(chart, form.given, session.data, session.files)
-        except Exception as error:
-            frame.show_error(errors, error, session)
-            return
-        if place is self.plot and not place.is_deleted:
+        drawn = await frame.looked(self.user, errors, chart, form.given, session.data, session.files)
+        if drawn is not None and place is self.plot and not place.is_deleted:
             self._draw(drawn)
 
     async def _confirm(self) -> None:

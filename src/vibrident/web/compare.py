@@ -48,12 +48,8 @@ class CompareStep:
         self.body.clear()
         if len(paths) < 2:
             return
-        try:
-            shown = await self.user.look(looks.comparison, paths, names)
-        except Exception as error:
-            frame.show_error(self.body, error, self.user.session)
-            return
-        if turn != self.turn or self.body.is_deleted:
+        shown = await frame.looked(self.user, self.body, looks.comparison, paths, names)
+        if shown is None or turn != self.turn or self.body.is_deleted:
             return
         with self.body:
             for _, figure, height in shown["charts"]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
 from vibrident.errors import InputError
 from vibrident.web.session import Session
 from vibrident.web.unexpected import error_to_show
+from vibrident.web.users import User
 
 #: Naming it makes its library available to the browser.
 _PLOTLY = ui.plotly
@@ -34,6 +36,15 @@ def show_error(place: ui.element, error: BaseException, session: Session | None 
             with ui.element("p"):
                 ui.label(f"{label}: ").classes("label")
                 ui.label(text)
+
+
+async def looked(user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any) -> Any:
+    """What a function of ``looks`` returns; None if it failed, and its error is shown."""
+    try:
+        return await user.look(function, *args, **limits)
+    except Exception as error:
+        show_error(errors, error, user.session)
+        return None
 
 
 def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:

@@ -43,12 +43,8 @@ class History:
 
     async def _ask(self, function: Any) -> None:
         self.errors.clear()
-        try:
-            shown = await self.user.look(function, self.named.path, self.store, file_bytes=_ANY_SIZE)
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
-        if self.body.is_deleted:
+        shown = await frame.looked(self.user, self.errors, function, self.named.path, self.store, file_bytes=_ANY_SIZE)
+        if shown is None or self.body.is_deleted:
             return
         self.words.text = shown["words"]
         self.body.clear()

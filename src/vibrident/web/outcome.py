@@ -60,12 +60,8 @@ class OutcomeStep:
         self.body.clear()
         with self.body:
             ui.spinner(size="28px")
-        try:
-            shown = await self.user.look(looks.outcome, named.path)
-        except Exception as error:
-            frame.show_error(self.body, error, self.user.session)
-            return
-        if turn != self.turn or self.body.is_deleted:
+        shown = await frame.looked(self.user, self.body, looks.outcome, named.path)
+        if shown is None or turn != self.turn or self.body.is_deleted:
             return
         self.body.clear()
         with self.body:
