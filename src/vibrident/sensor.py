@@ -6,7 +6,7 @@ correction, prediction, planning, report and export.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -197,23 +197,23 @@ def _covariance(result: Result, model: SensorModel) -> FloatArray:
 def _band(result: Result) -> tuple[float, float] | None:
     """Range of the data; the curve's range if the result holds no measured points."""
     for curve in (result.measured, result.response):
-        known = [f for f in curve.frequency_hz if f is not None and np.isfinite(f) and f > 0]
-        if known:
-            return min(known), max(known)
+        known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
+        if known.size:
+            return float(known.min()), float(known.max())
     return None
 
 
 def _misfit(result: Result) -> float:
     """Rms relative deviation of a rejected model from the measured points, beyond their uncertainty."""
     measured = result.measured
-    if result.fit.adequate or not measured.frequency_hz:
+    if result.fit.adequate or not measured.frequency_hz.size:
         return 0.0
 
-    def squares(column: Sequence[float | None], scale: FloatArray | float) -> FloatArray:
-        return np.array([0.0 if value is None else value for value in column]) ** 2 * np.square(scale)
+    def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
+        return (np.nan_to_num(column) * scale) ** 2 if column.size else np.zeros(measured.frequency_hz.size)
 
     degree = np.pi / 180.0
     found = squares(measured.deviation_percent, 0.01) + squares(measured.deviation_phase_deg, degree)
-    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(np.array(measured.magnitude)))
+    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
     known += squares(measured.phase_deg_uncertainty, degree)
     return float(np.sqrt(max(np.mean(found - known), 0.0)))

@@ -67,7 +67,7 @@ def cross_validate(
         return None
     measured = _complex(result.measured)
     predicted = np.full(len(measured), np.nan, dtype=complex)
-    frequency = np.array(result.measured.frequency_hz)
+    frequency = result.measured.frequency_hz
     model = parse(result.model)
     for fold in range(dealt):
         out = np.arange(count) % dealt == fold
@@ -78,7 +78,7 @@ def cross_validate(
         values = {name: part.parameters[name].value for name in model.parameter_names}
         here = out[owners]
         predicted[here] = model.frequency_response(values, frequency[here], calibration.quantity)
-    known = result.measured.phase_deg[0] is not None
+    known = bool(np.isfinite(result.measured.phase_deg[0]))
     off = np.abs(predicted / measured - 1.0) if known else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
     percent = 100.0 * float(np.sqrt(np.mean(off**2)))
     return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
@@ -113,13 +113,13 @@ def _rows(table: ResponseTable, keep: BoolArray) -> ResponseTable:
 
 
 def _complex(measured: MeasuredCurve) -> ComplexArray:
-    phase = np.array([0.0 if value is None else value for value in measured.phase_deg])
-    return np.array(measured.magnitude) * np.exp(1j * np.deg2rad(phase))
+    turn: ComplexArray = np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase_deg)))
+    return measured.magnitude * turn
 
 
 def _in_u(off: FloatArray, measured: MeasuredCurve, known: bool) -> float | None:
-    if any(u is None for u in measured.magnitude_uncertainty):
+    if np.isnan(measured.magnitude_uncertainty).any():
         return None
-    relative = np.array(measured.magnitude_uncertainty, dtype=float) / np.array(measured.magnitude)
+    relative = measured.magnitude_uncertainty / measured.magnitude
     parts = 2.0 if known else 1.0
     return float(np.sqrt(np.mean((off / relative) ** 2) / parts))

@@ -155,7 +155,7 @@ def correct(
     unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
     correction = partial(_corrected, sensor=sensor, quantity=quantity, band_hz=band_hz, noise=noise, unit=unit)
     done = [_with_rest(record, correction) for record in kept]
-    calibrated = tuple(result.response.frequency_hz)
+    calibrated = tuple(result.response.frequency_hz.tolist())
     doubtful = [w for w in result.warnings if w.code in INHERITED]
     inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
     more = [doubt for one in done for doubt in _doubts(one, calibrated)]

@@ -22,7 +22,17 @@ from vibrident.measure.quality import Finding, screen
 from vibrident.models import CORES, SensorModel, parse
 from vibrident.models.oscillator import OSCILLATOR as NAMES
 from vibrident.records import Calibration, FloatArray, Record
-from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training
+from vibrident.result import (
+    Correlation,
+    Curve,
+    Fit,
+    MeasuredCurve,
+    Parameter,
+    Result,
+    ResultWarning,
+    Signal,
+    Training,
+)
 from vibrident.tails import student_quantile
 
 #: A parameter is weakly determined above this relative standard uncertainty.
@@ -122,8 +132,8 @@ def document(
         parameters=table,
         correlation=_correlation(covariance),
         fit=_fit(records, decays),
-        response=Curve((), (), (), (), ()),
-        measured=MeasuredCurve((), (), (), (), ()),
+        response=Curve.none(),
+        measured=MeasuredCurve.none(),
         warnings=warnings,
         sensor=dict(calibration.sensor),
         reference={},
@@ -297,9 +307,8 @@ def _signals(records: Sequence[Record], decays: Decays, unit: str) -> tuple[Sign
         time_s, measured, predicted = _compared(record, decays, index)
         rmse, deviation = float(np.sqrt(np.mean((measured - predicted) ** 2))), float(np.std(measured))
         pick = slice(0, None, max(1, -(-measured.size // MOST_SAMPLES)))
-        shown = [tuple(values[pick].tolist()) for values in (time_s, measured, predicted)]
         nrmse = rmse / deviation if deviation > 0 else 0.0
-        signals.append(Signal(record.name, shown[0], shown[1], shown[2], unit, rmse, nrmse))
+        signals.append(Signal(record.name, time_s[pick], measured[pick], predicted[pick], unit, rmse, nrmse))
     return tuple(signals)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from vibrident.export.dcc_tree import Tree, cleaned, identified, numeral
 from vibrident.export.dcc_units import d_si
 from vibrident.present.coverage import coverage
+from vibrident.records import FloatArray
 from vibrident.result import Curve, Parameter, Result
 
 
@@ -170,8 +171,7 @@ def _correlation(tree: Tree, result: Result) -> Any:
 
 def _whole(curve: Curve) -> list[int]:
     """Points with frequency and magnitude: D-SI's lists allow no blanks."""
-    points = zip(curve.frequency_hz, curve.magnitude, strict=True)
-    return [k for k, point in enumerate(points) if None not in point and all(map(math.isfinite, point))]
+    return np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude)).tolist()
 
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:
@@ -180,8 +180,8 @@ def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> An
     unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
     probability = coverage(result).probability
 
-    def at(values: Sequence[float | None]) -> list[float | None]:
-        return [values[k] for k in whole]
+    def at(values: FloatArray) -> list[float | None]:
+        return [None if math.isnan(value) else value for value in values[whole].tolist()]
 
     phase = at(curve.phase_deg)
     parts = [

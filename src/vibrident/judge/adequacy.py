@@ -282,17 +282,19 @@ def measured_curve(
     known = bool(np.any(np.imag(measured) != 0.0))
     size = np.abs(measured)
 
-    def angle(radians: FloatArray) -> tuple[float | None, ...]:
-        return _stated(np.rad2deg(radians), turn) if known else (None,) * len(frequency)
+    unknown = np.full(frequency.size, np.nan)
+
+    def angle(radians: FloatArray) -> FloatArray:
+        return _stated(np.rad2deg(radians), turn) if known else unknown
 
     return MeasuredCurve(
-        frequency_hz=tuple(frequency.tolist()),
-        magnitude=tuple(size.tolist()),
-        phase_deg=tuple(np.rad2deg(np.angle(measured)).tolist()) if known else (None,) * len(frequency),
+        frequency_hz=frequency,
+        magnitude=size,
+        phase_deg=np.rad2deg(np.angle(measured)) if known else unknown,
         magnitude_uncertainty=_stated(size * np.hypot(noise, common[0]), noise),
         phase_deg_uncertainty=angle(np.hypot(turn, common[1])),
-        deviation_percent=tuple((100.0 * (np.abs(ratio) - 1.0)).tolist()),
-        deviation_phase_deg=tuple(np.rad2deg(np.angle(ratio)).tolist()) if known else (None,) * len(frequency),
+        deviation_percent=100.0 * (np.abs(ratio) - 1.0),
+        deviation_phase_deg=np.rad2deg(np.angle(ratio)) if known else unknown,
         record=tuple(adequacy.record[i] for i in order),
         magnitude_noise=_stated(size * noise, noise),
         phase_deg_noise=angle(turn),
@@ -301,10 +303,9 @@ def measured_curve(
     )
 
 
-def _stated(uncertainty: FloatArray, noise: FloatArray) -> tuple[float | None, ...]:
-    """None where nothing tells it."""
-    usable = np.isfinite(uncertainty) & (noise < NOTHING)
-    return tuple(u if ok else None for u, ok in zip(uncertainty.tolist(), usable.tolist(), strict=True))
+def _stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
+    """NaN where nothing tells it."""
+    return np.where(np.isfinite(uncertainty) & (noise < NOTHING), uncertainty, np.nan)
 
 
 def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:
@@ -373,9 +374,9 @@ def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Si
         signals.append(
             Signal(
                 record.name,
-                tuple(record.time_s[piece].tolist()),
-                tuple(record.response[piece].tolist()),
-                tuple(series[piece].tolist()),
+                record.time_s[piece],
+                record.response[piece],
+                series[piece],
                 evidence.calibration.response_unit,
                 rmse,
                 rmse / deviation if deviation > 0 else 0.0,

@@ -17,6 +17,7 @@ from vibrident.planning.design import CRITERIA, Criterion, best_points, efficien
 from vibrident.planning.points import PlannedPoints, Recording, of_records, of_table
 from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
+from vibrident.result.plain import plain
 from vibrident.sensor import IdentifiedSensor
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
 from vibrident.uncertainty.curve import with_resonances
@@ -237,7 +238,7 @@ def _quantity(quantity: Quantity | None, source: Result | None) -> Quantity:
 
 def _frequencies(given: Sequence[float] | FloatArray | None, source: Result | None) -> FloatArray:
     if given is None and source is not None:
-        given = sorted(set(source.measured.frequency_hz))
+        given = np.unique(source.measured.frequency_hz)
     frequency = np.atleast_1d(np.asarray([] if given is None else given, dtype=float))
     if not (frequency.ndim == 1 and frequency.size and np.isfinite(frequency).all() and (frequency > 0).all()):
         raise InputError(
@@ -279,7 +280,7 @@ def _points(
         return of_records(model, values, quantity, frequency, amplitude, recording)
     if magnitude is not None and recording is None:
         return of_table(model, values, quantity, frequency, magnitude, phase)
-    if recording is not None or source is None or not source.measured.frequency_hz or times_as_long <= 0:
+    if recording is not None or source is None or not source.measured.frequency_hz.size or times_as_long <= 0:
         raise InputError(
             "The uncertainty of the points is not given, or given twice.",
             expected="noise with sampling rate and samples, or uncertainties of magnitude and phase, or a result "
@@ -296,10 +297,9 @@ def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[
     """Uncertainties of a result's own points, smoothed, interpolated and scaled to the records' length."""
     measured = source.measured
     order = np.argsort(measured.frequency_hz, kind="stable")
-    f = np.log(np.array(measured.frequency_hz)[order])
-    size = np.array(measured.magnitude, dtype=float)[order]
-    u = np.array([np.nan if v is None else v for v in measured.magnitude_uncertainty], dtype=float)[order] / size
-    u_phase = np.array([np.nan if v is None else v for v in measured.phase_deg_uncertainty], dtype=float)[order]
+    f = np.log(measured.frequency_hz[order])
+    u = (measured.magnitude_uncertainty / measured.magnitude)[order]
+    u_phase = measured.phase_deg_uncertainty[order]
 
     def at(values: FloatArray) -> FloatArray:
         good = np.isfinite(values) & (values > 0)
@@ -345,6 +345,6 @@ def plan_document(planned: Plan) -> dict[str, Any]:
         "candidates_hz": planned.candidates_hz.tolist(),
         "standard_uncertainty_of_all_candidates": dict(planned.all_points),
         "standard_uncertainty_of_evenly_spread_points": dict(planned.spread),
-        "response": asdict(planned.response),
+        "response": plain(planned.response),
         "warnings": list(planned.warnings),
     }

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from vibrident.naming import pretty
 from vibrident.nominal import same
 from vibrident.present import figures, tables, words
@@ -273,8 +275,8 @@ def statements(result: Result) -> tuple[str, ...]:
 
 
 def _unstated(result: Result) -> bool:
-    known = [*result.response.magnitude_uncertainty, *(p.standard_uncertainty for p in result.parameters.values())]
-    return any(u is None for u in known)
+    unknown = [p.standard_uncertainty is None for p in result.parameters.values()]
+    return any(unknown) or bool(np.isnan(result.response.magnitude_uncertainty).any())
 
 
 def _doubts(result: Result) -> Iterator[Sentence]:

@@ -284,9 +284,9 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
     for i, (result, name) in enumerate(alike):
         curve, look = result.response, replace(LINES[i % len(LINES)], marker="", width=1.6)
         x, magnitude, phase = (
-            numbers(curve.frequency_hz),
-            numbers(curve.magnitude),
-            continuous(numbers(curve.phase_deg)),
+            curve.frequency_hz,
+            curve.magnitude,
+            continuous(curve.phase_deg),
         )
         base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
         ratio = magnitude / numbers([None if point is None else point.magnitude for point in base])
@@ -294,7 +294,7 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         label = name if name not in [other for _, other in alike[:i]] else f"{name} ({i + 1})"
         for part, y in zip(parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True):
             part.append(Series(x, y, label, look))
-    x_axis = axes.frequency(numbers([f for result, _ in alike for f in result.response.frequency_hz]))
+    x_axis = axes.frequency(np.concatenate([result.response.frequency_hz for result, _ in alike]))
     values = [np.concatenate([one.y for one in part]) for part in parts]
     y_axes = (
         axes.size(f"|S|\nin {scale.unit}", values[0]),

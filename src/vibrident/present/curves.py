@@ -18,7 +18,7 @@ def numbers(values: Sequence[float | None]) -> FloatArray:
 
 def column(curve: Curve, name: str) -> FloatArray:
     """Values of a curve, one to each frequency; NaN where one is not known, or all are absent."""
-    values, points = numbers(getattr(curve, name)), len(curve.frequency_hz)
+    values, points = getattr(curve, name), len(curve.frequency_hz)
     return values if values.size == points else np.full(points, np.nan)
 
 
@@ -96,7 +96,7 @@ def unit_of_time(time: FloatArray) -> tuple[float, str]:
 def record_frequencies(result: Result) -> dict[str, float]:
     """Frequency of each record that was excited at one frequency alone, Hz."""
     found: dict[str, set[float]] = {}
-    for name, frequency in zip(result.measured.record, result.measured.frequency_hz, strict=False):
+    for name, frequency in zip(result.measured.record, result.measured.frequency_hz.tolist(), strict=False):
         found.setdefault(name, set()).add(frequency)
     return {name: next(iter(frequencies)) for name, frequencies in found.items() if len(frequencies) == 1}
 

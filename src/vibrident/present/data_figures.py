@@ -46,8 +46,8 @@ def inspection(calibration: Calibration) -> Figure:
 
 def _table(calibration: Calibration, table: ResponseTable) -> Figure:
     points = Curve(
-        frequency_hz=tuple(table.frequency_hz),
-        magnitude=tuple(table.magnitude),
+        frequency_hz=table.frequency_hz,
+        magnitude=table.magnitude,
         phase_deg=_degrees(table.phase_rad, table.points),
         magnitude_uncertainty=_optional(table.magnitude_uncertainty, table.points),
         phase_deg_uncertainty=_degrees(table.phase_uncertainty_rad, table.points),
@@ -61,11 +61,11 @@ def _table(calibration: Calibration, table: ResponseTable) -> Figure:
     )
 
 
-def _optional(values: FloatArray | None, points: int) -> tuple[float | None, ...]:
-    return (None,) * points if values is None else tuple(values.tolist())
+def _optional(values: FloatArray | None, points: int) -> FloatArray:
+    return np.full(points, np.nan) if values is None else values
 
 
-def _degrees(values: FloatArray | None, points: int) -> tuple[float | None, ...]:
+def _degrees(values: FloatArray | None, points: int) -> FloatArray:
     return _optional(None if values is None else np.rad2deg(values), points)
 
 

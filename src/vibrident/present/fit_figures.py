@@ -45,7 +45,7 @@ def signals(result: Result) -> Figure | None:
     if not ordered:
         return None
     ordered = [ordered[i] for i in spread(len(ordered), MOST_RECORDS)]
-    sizes = [largest(numbers(one.measured)) for one in ordered], [largest(_residual(one)) for one in ordered]
+    sizes = [largest(one.measured) for one in ordered], [largest(_residual(one)) for one in ordered]
     common = max(sizes[0]), max(sizes[1])
     stacks = tuple(_signal(signal, frequencies.get(signal.record), common) for signal in ordered)
     caption = "Measured and predicted response of a part of each record, and the residual on a scale of its own."
@@ -56,11 +56,11 @@ def signals(result: Result) -> Figure | None:
 
 
 def _residual(signal: Signal) -> FloatArray:
-    return numbers(signal.measured) - numbers(signal.predicted)
+    return signal.measured - signal.predicted
 
 
 def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, float]) -> Stack:
-    time, measured, predicted = (numbers(v) for v in (signal.time_s, signal.measured, signal.predicted))
+    time, measured, predicted = signal.time_s, signal.measured, signal.predicted
     if frequency_hz and time.size:
         part = time <= time[0] + PERIODS / frequency_hz
         time, measured, predicted = time[part], measured[part], predicted[part]
@@ -85,7 +85,7 @@ def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, flo
 
 def residuals(result: Result) -> Figure | None:
     """The residual of each record (of each point for a table), and how residuals are distributed."""
-    if not result.signals and not result.measured.frequency_hz:
+    if not result.signals and not result.measured.frequency_hz.size:
         return None
     if result.signals:
         left = _by_record(result)
@@ -118,7 +118,7 @@ def _by_record(result: Result) -> Panel:
 
 
 def _by_point(result: Result) -> Panel:
-    frequency = numbers(result.measured.frequency_hz)
+    frequency = result.measured.frequency_hz
     relative = column(result.measured, "deviation_percent") / 100
     phase = column(result.measured, "deviation_phase_deg")
     percent = 100 * np.abs((1 + relative) * np.exp(1j * np.deg2rad(np.nan_to_num(phase))) - 1)

@@ -14,7 +14,7 @@ from typing import Any, TypeGuard
 
 from vibrident.naming import Scale, scaled
 from vibrident.nominal import nominal_value
-from vibrident.records import REFERENCE_UNITS
+from vibrident.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 
 #: Coverage factor of every expanded uncertainty that is printed.
@@ -178,9 +178,10 @@ def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, st
     return pair(value * factor, None if u is None else COVERAGE_FACTOR * u * factor)
 
 
-def at(values: Sequence[Any], index: int) -> Any:
-    """The value, or None where there are fewer."""
-    return values[index] if index < len(values) else None
+def at(values: Sequence[Any] | FloatArray, index: int) -> Any:
+    """The value, or None where there are fewer, or it is not known."""
+    value = values[index] if index < len(values) else None
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def reference_unit(result: Result) -> str:
@@ -231,12 +232,13 @@ def frequency_text(frequency_hz: float) -> str:
 
 def sensitivity_scale(result: Result) -> Scale:
     """Unit in which the sensitivities of a result are printed, and the factor to it."""
-    return magnitude_scale(unit_of_sensitivity(result), result.response.magnitude or result.measured.magnitude)
+    curve = result.response if result.response.magnitude.size else result.measured
+    return magnitude_scale(unit_of_sensitivity(result), curve.magnitude)
 
 
-def magnitude_scale(unit: str, magnitudes: Sequence[float | None]) -> Scale:
+def magnitude_scale(unit: str, magnitudes: FloatArray) -> Scale:
     """Unit in which magnitudes read well, and the factor to it."""
-    sizes = sorted(abs(m) for m in magnitudes if m and math.isfinite(m))
+    sizes = sorted(abs(m) for m in magnitudes.tolist() if m and math.isfinite(m))
     return scaled(unit, sizes[len(sizes) // 2] if sizes else 0.0)
 
 

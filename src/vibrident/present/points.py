@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,11 +42,11 @@ class Point:
 
 def measured_band(result: Result) -> tuple[float, float] | None:
     """Lowest and highest frequency, Hz, common to the data and the model's curve; None if they do not overlap."""
-    measured = [f for f in result.measured.frequency_hz if f]
-    curve = result.response.frequency_hz
-    if not measured or not curve:
+    measured, curve = result.measured.frequency_hz, result.response.frequency_hz
+    measured = measured[measured > 0.0]
+    if measured.size == 0 or curve.size == 0:
         return None
-    low, high = max(min(measured), min(curve)), min(max(measured), max(curve))
+    low, high = float(max(measured.min(), curve.min())), float(min(measured.max(), curve.max()))
     return (low, high) if low <= high * (1 + SAME) else None
 
 
@@ -78,7 +77,7 @@ def sensitivity_at(result: Result, where: Nominal) -> Point | None:
     the curve.
     """
     curve = result.response
-    frequency = np.asarray(curve.frequency_hz, dtype=float)
+    frequency = curve.frequency_hz
     if frequency.size == 0 or not (frequency[0] * (1 - SAME) <= where.frequency_hz <= frequency[-1] * (1 + SAME)):
         return None
     nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
@@ -90,37 +89,35 @@ def sensitivity_at(result: Result, where: Nominal) -> Point | None:
 
 
 def _own_point(curve: Curve, i: int, where: Nominal) -> Point:
-    uncertainties = (_at(curve.magnitude_uncertainty, i), _at(curve.phase_deg_uncertainty, i))
-    return Point(where.name, curve.frequency_hz[i], curve.magnitude[i], _at(curve.phase_deg, i), *uncertainties)
+    values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
+    place = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
+    return Point(*place, *(_known(column[i]) for column in values))
 
 
-def _at(values: Sequence[float | None], i: int) -> float | None:
-    return values[i] if i < len(values) else None
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
 
 
 def _between(result: Result, pair: slice, where: Nominal) -> Point:
     curve, f = result.response, where.frequency_hz
-    ends = np.asarray(curve.frequency_hz[pair])
+    ends = curve.frequency_hz[pair]
     share = math.log(f / ends[0]) / math.log(ends[1] / ends[0])
     model = _model_response(result, np.array([*ends, f]))
-    shape = np.abs(np.asarray(curve.magnitude[pair])) / np.abs(model[:2])
+    shape = np.abs(curve.magnitude[pair]) / np.abs(model[:2])
     magnitude = abs(model[2]) * float(shape[0]) * float(shape[1] / shape[0]) ** share
     phase = _mixed(curve.phase_deg[pair], 0.0)
     if phase is not None:
-        offset = np.asarray(curve.phase_deg[pair], dtype=float) - np.rad2deg(np.angle(model[:2]))
+        offset = curve.phase_deg[pair] - np.rad2deg(np.angle(model[:2]))
         offset[1] -= 360.0 * round(float(offset[1] - offset[0]) / 360.0)
         phase = float(np.rad2deg(np.angle(model[2])) + offset[0] + share * (offset[1] - offset[0]))
         phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
-    sizes = zip(curve.magnitude_uncertainty[pair], curve.magnitude[pair], strict=False)
-    relative = _mixed([None if u is None else u / abs(size) for u, size in sizes], share)
+    relative = _mixed(curve.magnitude_uncertainty[pair] / np.abs(curve.magnitude[pair]), share)
     u = None if relative is None else relative * magnitude
     return Point(where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share))
 
 
-def _mixed(ends: Sequence[float | None], share: float) -> float | None:
-    if len(ends) < 2 or ends[0] is None or ends[1] is None:
-        return None
-    return (1.0 - share) * ends[0] + share * ends[1]
+def _mixed(ends: FloatArray, share: float) -> float | None:
+    return _known((1.0 - share) * ends[0] + share * ends[1])
 
 
 def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from vibrident.present.curves import bars_of_deviation, column, numbers, principal
+from vibrident.present.curves import bars_of_deviation, column, principal
 from vibrident.present.numbers import COVERAGE_FACTOR, NONE, plain
 from vibrident.present.views import Table, columns
 from vibrident.records import FloatArray
@@ -65,7 +65,7 @@ def _chi_squared(result: Result) -> tuple[str, ...]:
 
 def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:
     usable = np.isfinite(deviation) & np.isfinite(u) & (u > 0)
-    order = np.argsort(numbers(result.measured.frequency_hz)[usable], kind="stable")
+    order = np.argsort(result.measured.frequency_hz[usable], kind="stable")
     return (deviation[usable] / u[usable])[order]
 
 

@@ -13,7 +13,6 @@ from vibrident.present.curves import (
     continuous,
     expanded,
     nearest_turn,
-    numbers,
     principal,
     spread,
 )
@@ -40,7 +39,7 @@ _BEYOND = Look(BLACK, "dashed", 1.1)
 
 def sensitivity(result: Result) -> Figure | None:
     """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
-    if not result.has_gain and not result.measured.frequency_hz:
+    if not result.has_gain and not result.measured.frequency_hz.size:
         return None
     panels = response_panels(result.response, result.measured, unit_of_sensitivity(result), result.quantity, "measured")
     codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
@@ -66,8 +65,8 @@ def _small_print(result: Result) -> list[str]:
     return parts
 
 
-def _any(values: Sequence[float | None]) -> bool:
-    return any(value is not None for value in values)
+def _any(values: FloatArray) -> bool:
+    return bool(np.isfinite(values).any())
 
 
 def response_panels(model: Curve | None, measured: Curve, unit: str, quantity: str, label: str) -> tuple[Panel, ...]:
@@ -81,8 +80,8 @@ def response_panels(model: Curve | None, measured: Curve, unit: str, quantity: s
         label: what the points are called.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
-    x = axes.frequency(numbers([f for curve in curves for f in curve.frequency_hz]))
-    scale = magnitude_scale(unit, [m for curve in curves if curve.frequency_hz for m in curve.magnitude])
+    x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
+    scale = magnitude_scale(unit, np.concatenate([curve.magnitude for curve in curves]))
     word = _PER_DRIVE.get(quantity, f"Sensitivity to {quantity}" if quantity else "Sensitivity")
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
@@ -90,7 +89,7 @@ def response_panels(model: Curve | None, measured: Curve, unit: str, quantity: s
     ends = [_ends(series, sign) for sign in (-1, 1)]
     empty = "" if (values > 0).any() else "no points"
     panels = [Panel(x, axes.size(name, values, *ends), series, 2.45, empty=empty)]
-    if any(np.isfinite(numbers(curve.phase_deg)).any() for curve in curves):
+    if any(np.isfinite(curve.phase_deg).any() for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
         shown = [one.y for one in series]
         for one in series:
@@ -111,7 +110,7 @@ def _quantity(
     found, line = [], None
     phase = quantity == "phase_deg"
     crowd = len(measured.frequency_hz) > CROWD
-    if model is not None and np.isfinite(numbers(getattr(model, quantity))).any():
+    if model is not None and np.isfinite(getattr(model, quantity)).any():
         x, y, half, texts = _sorted(model, quantity, factor, unit)
         known = np.isfinite(y)
         x, y, half = x[known], continuous(y[known]) if phase else y[known], half[known]
@@ -120,7 +119,7 @@ def _quantity(
         band = half if np.isfinite(half).any() else None
         texts = tuple(text for text, keep in zip(texts, known, strict=True) if keep)
         found.append(Series(x, y, "model", look, half=band, band="model, U (k = 2)", texts=texts))
-    if np.isfinite(numbers(getattr(measured, quantity))).any():
+    if np.isfinite(getattr(measured, quantity)).any():
         x, y, half, texts = _sorted(measured, quantity, factor, unit)
         if phase:
             y = continuous(y) if line is None else nearest_turn(y, np.interp(x, *line))
@@ -134,7 +133,7 @@ def _quantity(
 def _sorted(
     curve: Curve, quantity: str, factor: float, unit: str
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
-    x, y = numbers(curve.frequency_hz), factor * column(curve, quantity)
+    x, y = curve.frequency_hz, factor * column(curve, quantity)
     half = factor * expanded(curve, quantity)
     order = np.argsort(x, kind="stable")
     texts = tuple(_stated(float(x[i]), float(y[i]), float(half[i]), unit) for i in order)
@@ -151,14 +150,14 @@ def _stated(frequency: float, value: float, half: float, unit: str) -> str:
 
 def _records(measured: Curve) -> tuple[str, ...]:
     names = getattr(measured, "record", ())
-    order = np.argsort(numbers(measured.frequency_hz), kind="stable")
+    order = np.argsort(measured.frequency_hz, kind="stable")
     return tuple(shortened(at(names, i) or "", 40) for i in order) if names else ()
 
 
 def deviation(result: Result) -> Figure | None:
     """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U."""
     measured, model = result.measured, result.response
-    frequency = numbers(measured.frequency_hz)
+    frequency = measured.frequency_hz
     percent, phase = column(measured, "deviation_percent"), principal(column(measured, "deviation_phase_deg"))
     if frequency.size == 0:
         return None
@@ -178,8 +177,8 @@ def deviation(result: Result) -> Figure | None:
 
 
 def _deviation(result: Result, word: str, unit: str, values: FloatArray, half: FloatArray, band: FloatArray) -> Panel:
-    measured, x_model = result.measured, numbers(result.response.frequency_hz)
-    frequency = numbers(measured.frequency_hz)
+    measured, x_model = result.measured, result.response.frequency_hz
+    frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
     x, y, bars = frequency[order], values[order], half[order]
     crowd = len(x) > CROWD

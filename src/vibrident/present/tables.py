@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from vibrident.models import installed
 from vibrident.naming import parameter_name, pretty, scaled
 from vibrident.present import words
@@ -164,15 +166,15 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     if total == 0:
         return None
     scale = magnitude_scale(unit_of_sensitivity(result), points.magnitude)
-    phases = any(phase is not None for phase in points.phase_deg)
-    apart = any(u is not None for u in points.magnitude_noise)
+    phases = bool(np.isfinite(points.phase_deg).any())
+    apart = bool(np.isfinite(points.magnitude_noise).any())
     step = max(1, -(-total // most_rows))
     rows = []
     for i in range(0, total, step):
         shift = at(points.deviation_phase_deg, i)
         shift = None if shift is None else (shift + 180) % 360 - 180
         phase = (
-            *with_u(points.phase_deg[i], at(points.phase_deg_uncertainty, i), 1.0),
+            *with_u(at(points.phase_deg, i), at(points.phase_deg_uncertainty, i), 1.0),
             _expanded(at(points.phase_deg_noise, i), 1.0) * apart,
             NONE if shift is None else f"{shift:+.3f}",
             _en(shift, at(points.deviation_phase_uncertainty_deg, i)) * apart,
@@ -180,7 +182,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
         row = (
             f"{points.frequency_hz[i]:.6g}",
             nominal_frequency(points.frequency_hz[i]) or "",
-            *with_u(points.magnitude[i], at(points.magnitude_uncertainty, i), scale.factor),
+            *with_u(at(points.magnitude, i), at(points.magnitude_uncertainty, i), scale.factor),
             _expanded(at(points.magnitude_noise, i), scale.factor) * apart,
             percent(at(points.deviation_percent, i)),
             _en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i)) * apart,
@@ -198,7 +200,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
         (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
         tuple(rows),
         tuple(text for text in (lead, worst(points)) if text),
-        (*((words.PHASE,) if phases else ()), *((UNSTATED,) if None in points.magnitude_uncertainty else ())),
+        (*((words.PHASE,) if phases else ()), *((UNSTATED,) if np.isnan(points.magnitude_uncertainty).any() else ())),
     ).telling()
 
 
@@ -219,11 +221,11 @@ def _en(deviation: float | None, u: float | None) -> str:
 
 def worst(points: MeasuredCurve) -> str:
     """Mean and largest deviation of the magnitude in a sentence; empty if no deviation is known."""
-    known = [(abs(d), f) for d, f in zip(points.deviation_percent, points.frequency_hz, strict=False) if d is not None]
-    if not known:
+    off = np.abs(points.deviation_percent)
+    if np.isnan(off).all():
         return ""
-    largest, where = max(known)
-    mean = sum(d for d, _ in known) / len(known)
+    place = int(np.nanargmax(off))
+    mean, largest, where = float(np.nanmean(off)), float(off[place]), float(points.frequency_hz[place])
     return (
         f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g}\N{NO-BREAK SPACE}Hz."
     )

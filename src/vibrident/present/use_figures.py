@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.naming import pretty, scaled
 from vibrident.present import axes
-from vibrident.present.curves import envelope, from_start, numbers, spread
+from vibrident.present.curves import envelope, from_start, spread
 from vibrident.present.data_figures import excerpt
 from vibrident.present.numbers import pair, subject
 from vibrident.present.views import (
@@ -120,9 +120,9 @@ def _limits(label: str, a: FloatArray) -> Axis:
 def plan(planned: Plan) -> Figure:
     """The sensitivity of a planned calibration, its uncertainty over frequency, and the frequencies chosen."""
     curve = planned.response
-    frequency, magnitude = np.array(curve.frequency_hz), np.array(curve.magnitude)
-    u = 100.0 * K * numbers(curve.magnitude_uncertainty) / magnitude
-    u_phase = K * numbers(curve.phase_deg_uncertainty)
+    frequency, magnitude = curve.frequency_hz, curve.magnitude
+    u = 100.0 * K * curve.magnitude_uncertainty / magnitude
+    u_phase = K * curve.phase_deg_uncertainty
     relative = magnitude / magnitude[0]
 
     def height(at: FloatArray) -> FloatArray:

@@ -5,7 +5,16 @@ Reports, plots, exports and the page render from it alone, without the data and 
 
 from __future__ import annotations
 
-from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
+from vibrident.result.parts import (
+    Correlation,
+    Curve,
+    Fit,
+    MeasuredCurve,
+    Parameter,
+    ResultWarning,
+    Signal,
+    Training,
+)
 from vibrident.result.plain import SCHEMA
 from vibrident.result.result import MOST_BYTES, Result
 from vibrident.warning_kinds import WARNING_CODES, WarningCode

@@ -3,10 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, Self
+
+import numpy as np
 
 from vibrident.brief import brief
+from vibrident.records import FloatArray
 from vibrident.warning_kinds import WARNING_CODES, WarningCode
+
+
+def no_numbers() -> FloatArray:
+    """Of a column that is absent: shape (0,)."""
+    return np.empty(0)
+
+
+class _Listed:
+    """In a document, an array is a list of numbers, null where one is not known."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return handler.generate_schema(tuple[float | None, ...])
+
+
+#: Shape (points,); made of any sequence, whose None becomes NaN.
+Numbers = Annotated[FloatArray, _Listed()]
+
+
+def as_arrays(holder: Any) -> None:
+    """Make arrays that cannot be written to of a new dataclass's ``Numbers``."""
+    for each in fields(holder):
+        if "Numbers" in str(each.type):
+            values = np.array(getattr(holder, each.name), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(holder, each.name, values)
+
+
+def same_numbers(self: Any, other: object) -> bool:
+    """Whether all fields are equal, NaN to NaN."""
+    if type(self) is not type(other):
+        return NotImplemented
+    pairs = ((value, vars(other)[name]) for name, value in vars(self).items())
+    return all(
+        np.array_equal(one, two, equal_nan=True) if isinstance(one, np.ndarray) else one == two for one, two in pairs
+    )
 
 
 @dataclass(frozen=True)
@@ -74,23 +113,34 @@ class Fit:
     adequate: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curve:
     """Complex sensitivity over frequency: response per unit reference quantity, lag negative.
 
-    All tuples have the same length; uncertainties are standard uncertainties (k = 1).
+    Each is an array of shape (points,), NaN where a number is not known; uncertainties are standard uncertainties
+    (k = 1). Two curves are equal where all numbers are.
     """
 
-    frequency_hz: tuple[float, ...]
-    magnitude: tuple[float, ...]
-    phase_deg: tuple[float | None, ...]
-    magnitude_uncertainty: tuple[float | None, ...]
-    phase_deg_uncertainty: tuple[float | None, ...]
+    frequency_hz: Numbers
+    magnitude: Numbers
+    phase_deg: Numbers
+    magnitude_uncertainty: Numbers
+    phase_deg_uncertainty: Numbers
 
     __repr__ = brief
+    __eq__ = same_numbers
+    __hash__ = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        as_arrays(self)
+
+    @classmethod
+    def none(cls) -> Self:
+        """A curve without points."""
+        return cls(*(no_numbers() for _ in range(5)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MeasuredCurve(Curve):
     """What the data say at each excited frequency, and how far the model is from it.
 
@@ -108,30 +158,35 @@ class MeasuredCurve(Curve):
         deviation_phase_uncertainty_deg: the same of the phase.
     """
 
-    deviation_percent: tuple[float, ...] = ()
-    deviation_phase_deg: tuple[float | None, ...] = ()
+    deviation_percent: Numbers = field(default_factory=no_numbers)
+    deviation_phase_deg: Numbers = field(default_factory=no_numbers)
     record: tuple[str, ...] = ()
-    magnitude_noise: tuple[float | None, ...] = ()
-    phase_deg_noise: tuple[float | None, ...] = ()
-    deviation_uncertainty_percent: tuple[float | None, ...] = ()
-    deviation_phase_uncertainty_deg: tuple[float | None, ...] = ()
+    magnitude_noise: Numbers = field(default_factory=no_numbers)
+    phase_deg_noise: Numbers = field(default_factory=no_numbers)
+    deviation_uncertainty_percent: Numbers = field(default_factory=no_numbers)
+    deviation_phase_uncertainty_deg: Numbers = field(default_factory=no_numbers)
 
     __repr__ = brief
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Signal:
     """A short excerpt of one record for pictures: measured and predicted response, and the residual."""
 
     record: str
-    time_s: tuple[float, ...]
-    measured: tuple[float, ...]
-    predicted: tuple[float, ...]
+    time_s: Numbers
+    measured: Numbers
+    predicted: Numbers
     unit: str
     rmse: float
     nrmse: float
 
     __repr__ = brief
+    __eq__ = same_numbers
+    __hash__ = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        as_arrays(self)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+import numpy as np
+
 from vibrident.errors import InputError
 
 SCHEMA = "vibrident.result/1"
@@ -37,6 +39,8 @@ def plain(value: Any) -> Any:
     """Plain types only; numbers that are not finite become None."""
     if type(value) is float:  # by far the most
         return value if math.isfinite(value) else None
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
     if is_dataclass(value):
         return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):

@@ -81,9 +81,9 @@ def curve(
     magnitude = np.abs(response)
     u_m = magnitude * relative
     return Curve(
-        tuple(frequency_hz.tolist()),
-        tuple(magnitude.tolist()),
-        tuple(np.rad2deg(np.angle(response)).tolist()),
-        tuple(u if u < NOTHING * m else None for u, m in zip(u_m.tolist(), magnitude.tolist(), strict=True)),
-        tuple(u if u < NOTHING else None for u in np.rad2deg(u_p).tolist()),
+        frequency_hz,
+        magnitude,
+        np.rad2deg(np.angle(response)),
+        np.where(u_m < NOTHING * magnitude, u_m, np.nan),
+        np.where(np.rad2deg(u_p) < NOTHING, np.rad2deg(u_p), np.nan),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -55,7 +56,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         _table(
             folder / f"{options.name}_response.csv",
             columns,
-            zip(*(getattr(curve, name) for name in fields), strict=True),
+            zip(*(_padded(getattr(curve, name), len(curve.frequency_hz)) for name in fields), strict=True),
         ),
         _table(
             folder / f"{options.name}_measured.csv",
@@ -68,7 +69,9 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _padded(values: Sequence[object], size: int) -> Sequence[object]:
-    return values if len(values) == size else (None,) * size
+    if len(values) != size:
+        return (None,) * size
+    return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
 def _word(value: bool) -> str:
