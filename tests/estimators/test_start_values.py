@@ -143,7 +143,7 @@ def test_magnitudes_alone(rng):
         parameter = result.parameters[name]
         assert abs(parameter.value - value) < 4 * parameter.standard_uncertainty
     assert result.fit.degrees_of_freedom == 25 - 3
-    assert result.measured.phase_deg == (None,) * 25
+    assert np.isnan(result.measured.phase_deg).all()
     with pytest.raises(ModelError, match="complex responses"):
         vibrident.identify(calibration, estimator="lsm")
 

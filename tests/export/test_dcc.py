@@ -164,7 +164,7 @@ def test_structure_units_and_numbers(name, tmp_path):
         lists = root.xpath(f"//dcc:result[@id='{key}']//si:valueXMLList", namespaces=SPACES)
         spreads = root.xpath(f"//dcc:result[@id='{key}']//si:uncertaintyXMLList", namespaces=SPACES)
         for found, wanted in zip(lists, (curve.frequency_hz, curve.magnitude, curve.phase_deg), strict=True):
-            assert tuple(map(float, found.text.split())) == wanted
+            assert list(map(float, found.text.split())) == wanted.tolist()
         for found, wanted in zip(spreads, (curve.magnitude_uncertainty, curve.phase_deg_uncertainty), strict=True):
             assert list(map(float, found.text.split())) == [2 * u for u in wanted]
     rows = root.xpath("//dcc:result[@id='correlation']//si:valueXMLList", namespaces=SPACES)

@@ -128,3 +128,14 @@ def test_the_examples_of_the_docs_run(page, calibration, result, tmp_path, monke
     for example in examples:
         exec(compile(example, page, "exec"), given)
     assert isinstance(given["result"], Result)
+
+
+def test_curves_are_arrays_that_survive_the_file(result, tmp_path):
+    again = Result.load(result.save(tmp_path / "result.json"))
+    for curve, other in ((result.response, again.response), (result.measured, again.measured)):
+        assert curve == other
+        assert isinstance(curve.magnitude, np.ndarray)
+        assert curve.magnitude.shape == curve.frequency_hz.shape == curve.phase_deg_uncertainty.shape
+        with pytest.raises(ValueError, match="read-only"):
+            curve.magnitude[0] = 0.0
+    np.testing.assert_array_equal(again.signals[0].predicted, result.signals[0].predicted)
