@@ -2,6 +2,7 @@
 
     python -m bench.light coverage --runs 500 --keep FILE    (or in pieces: --first 100 --runs 50)
     python -m bench.light alarms --runs 200
+    python -m bench.light faults --runs 2 --keep FILE
     python -m bench.light speed --kind quadrature --samples 20000000
     python -m bench.light peers            (ellipse fits of hoqi-bench, from an environment that holds it)
 
@@ -11,24 +12,29 @@ Each prints its figures; docs/interferometer.md quotes them.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import resource
 import subprocess
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bench.light_signals import codes_of, write_long
 from bench.truth import PARAMETERS
 from vibrident import identify, read
+from vibrident.errors import InputError
 from vibrident.interferometer import ellipse, moments
+from vibrident.interferometer.setting import Interferometer
 from vibrident.models import parse
 from vibrident.records import FloatArray
 from vibrident.simulation import sensor_named
-from vibrident.simulation.interferometer import drawn, write_optical_calibration
+from vibrident.simulation.interferometer import CARRIER, drawn, write_optical_calibration
 from vibrident.simulation.optics import Optics
 
 FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
@@ -115,6 +121,62 @@ def _print_coverage(keep: Path) -> None:
         "with_a_warning": alarms,
     }
     print(json.dumps(figures), flush=True)
+
+
+QUADRATURE = Interferometer("quadrature", 632.991e-9, direction=1)
+HETERODYNE = Interferometer("heterodyne", 632.991e-9, carrier_hz=CARRIER * 51_200.0, direction=1)
+#: What can be wrong with the light, and the settings of it.
+FAULTS: dict[str, dict[str, Any]] = {
+    "clean": {},
+    "8 bits": {"bits": 8},
+    "short dropouts": {"dropouts": 4},
+    "long dropouts": {"dropouts": 2, "dropout_s": 2e-3},
+    "cyclic error": {"cyclic_rad": (0.01, 0.01, 0.01)},
+    "drift": {"drift": 0.1, "carrier_drift_hz": 300.0},
+    "fading": {"fading": 0.3},
+    "table": {"table_m": 3e-7},
+    "stated delay": {"delay_s": 1.7e-5},
+    "hidden delay": {"delay_s": 1.7e-5, "hidden_delay": True},
+}
+#: Peak acceleration of each motion, m/s².
+MOTIONS = {"sine": 10.0, "multisine": 3.0, "sweep": 3.0, "random": 3.0, "shock": 80.0}
+
+
+def faults(first: int, runs: int, keep: Path) -> None:
+    """Each fault with each motion and each kind of interferometer: right within 3 u, named, refused or wrong."""
+    for run in range(first, first + runs):
+        for setting, (fault, changes), motion in itertools.product((QUADRATURE, HETERODYNE), FAULTS.items(), MOTIONS):
+            row = {"run": run, "kind": setting.kind, "fault": fault, "motion": motion}
+            optics = drawn(Optics(setting, noise=0.02, random=True, **changes), run)
+            with keep.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row | _outcome(motion, optics, run)) + "\n")
+    _print_faults(keep)
+
+
+def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
+    settings: dict[str, Any] = {"sampling_rate_hz": 51_200.0, "samples": 10_240, "amplitude": MOTIONS[motion]}
+    if motion == "sine":
+        settings |= {"frequencies_hz": [150.0, 300.0, 600.0, 1000.0], "start": "steady"}
+    truth = sensor_named(SENSOR).parameters
+    with tempfile.TemporaryDirectory() as folder:
+        write_optical_calibration(folder, SENSOR, motion, optics, seed=seed, response_noise=RESPONSE_NOISE, **settings)
+        try:
+            result = identify(read(Path(folder) / "calibration.toml"))
+        except InputError as error:
+            return {"outcome": "refused", "codes": [str(error).splitlines()[0]], "off": None}
+    found = [result.parameters[name] for name in PARAMETERS]
+    off = [(p.value - truth[name]) / p.standard_uncertainty for name, p in zip(PARAMETERS, found, strict=True)]
+    right = "right" if max(map(abs, off)) < 3.0 else "wrong"
+    codes = list(result.warning_codes)
+    return {"outcome": f"{right}, named" if codes else right, "codes": codes, "off": off}
+
+
+def _print_faults(keep: Path) -> None:
+    rows = [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
+    for kind, fault, motion in itertools.product(("quadrature", "heterodyne"), FAULTS, MOTIONS):
+        here = [r for r in rows if (r["kind"], r["fault"], r["motion"]) == (kind, fault, motion)]
+        outcomes, codes = Counter(r["outcome"] for r in here), Counter(code for r in here for code in r["codes"])
+        print(f"{kind} | {fault} | {motion} |", dict(outcomes), dict(codes), flush=True)
 
 
 def alarms(runs: int) -> None:
@@ -216,7 +278,7 @@ def gain_error(phase: FloatArray, found: FloatArray) -> float:
 def main() -> None:
     """Run one of the studies."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers"))
+    parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers", "faults"))
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--first", type=int, default=0, help="number of the first run, which is its seed")
     parser.add_argument("--keep", type=Path, default=Path("coverage.jsonl"), help="file of the runs, a line each")
@@ -228,6 +290,8 @@ def main() -> None:
         speed(asked.kind, asked.samples)
     elif asked.study == "peers":
         peers(asked.python)
+    elif asked.study == "faults":
+        faults(asked.first, asked.runs, asked.keep)
     elif asked.study == "alarms":
         alarms(asked.runs)
     else:

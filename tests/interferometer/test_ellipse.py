@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from vibrident.interferometer import ellipse, moments
+from vibrident.interferometer.choice import choose
+from vibrident.interferometer.demodulation import demodulate
+from vibrident.interferometer.setting import Held, Interferometer
+from vibrident.interferometer.survey import survey
 
 CENTRE, FIRST, SECOND, ANGLE = np.array([0.3, -0.2]), 1.0, 0.8, 0.15
 TRUE = ellipse.Ellipse(
@@ -78,3 +82,27 @@ def test_mean_phase_is_right_where_noise_differs_round_the_circle():
         off.append([np.arctan2(*e.round(u)[::-1]).mean() - angle for e in (known, known.for_phase)])
     plain, better = np.ptp(np.array(off), axis=0)
     assert better < 8e-4 < 2e-3 < plain  # one mean is known to 1.6e-4
+
+
+def test_a_sine_is_off_by_the_tangential_noise_alone():
+    """Ellipse, correction of its mean angle, unwrapping and decimation add no bias to what the noise itself does: the
+    difference, which has far less scatter than the noise, is zero within its own scatter."""
+    setting, rate, hertz, swing = Interferometer("quadrature", 632.991e-9, direction=1), 4e5, 1000.0, 5.0
+    random, time = np.random.default_rng(12), np.arange(40_000) / 4e5
+    turn = np.exp(-2j * np.pi * hertz * time)
+    added, own = [], []
+    for _ in range(24):
+        phase = swing * np.cos(2.0 * np.pi * hertz * time + random.uniform(0.0, 6.0)) + random.uniform(0.0, 6.0)
+        clean = CENTRE[:, None] + TRUE.matrix @ np.stack([np.cos(phase), np.sin(phase)])
+        noise = 0.05 * random.standard_normal(clean.shape)
+        signals = Held(clean + noise, rate)
+        seen = survey(signals)
+        made = demodulate(signals, setting, seen, choose([seen], ["a"])[0], 1, "a", hertz, hertz)
+        c, s = TRUE.inverse @ noise
+        exact = np.mean((phase - phase.mean()) * turn)
+        own.append(np.mean((np.cos(phase) * s - np.sin(phase) * c) * turn) / exact)
+        added.append(np.mean(made.displacement_m / setting.metres_per_radian * turn) / exact - 1.0 - own[-1])
+    scatter = np.std(own) / np.sqrt(2.0)
+    for part in (np.real(added), np.imag(added)):
+        assert abs(part.mean()) < 4.0 * part.std() / np.sqrt(len(part)) + 0.01 * scatter
+        assert part.std() < 1.0 * scatter

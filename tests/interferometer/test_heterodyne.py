@@ -8,6 +8,7 @@ import pytest
 import vibrident
 from vibrident.interferometer.setting import Interferometer
 from vibrident.interferometer.sine import fit_sine
+from vibrident.simulation import sensor_named
 from vibrident.simulation.interferometer import write_optical_calibration
 from vibrident.simulation.optics import Optics
 
@@ -23,6 +24,21 @@ def test_noise_of_a_small_motion_is_not_taken_for_too_little(tmp_path):
     calibration = vibrident.read(tmp_path / "calibration.toml")
     assert all(record.sampling_rate_hz <= record.optical.rate_hz * 1.000001 for record in calibration.records)
     assert vibrident.identify(calibration).warning_codes == ()
+
+
+def test_a_wide_band_beside_the_carrier_and_an_offset_of_the_detector(tmp_path):
+    """A band that fills the spectrum hid the floor, and the offset passed in part through the filter: noise that made u
+    ten times as large, and alarms."""
+    setting = Interferometer("heterodyne", 632.991e-9, carrier_hz=51_200.0, direction=1)
+    settings = {"sampling_rate_hz": 51_200.0, "samples": 10_240, "amplitude": 3.0, "response_noise": 1e-3}
+    for seed in (0, 1):
+        optics = Optics(setting, rate_hz=204_800.0, noise=0.02, offsets=(0.2, 0.0))
+        write_optical_calibration(tmp_path, "paper", "random", optics, seed=seed, **settings)
+        result = vibrident.identify(vibrident.read(tmp_path / "calibration.toml"))
+        assert result.warning_codes == ()
+        for name, true in sensor_named("paper").parameters.items():
+            parameter = result.parameters[name]
+            assert abs(parameter.value - true) < 3.5 * parameter.standard_uncertainty < 5e-4 * true
 
 
 @pytest.mark.parametrize(

@@ -35,3 +35,13 @@ def test_a_shock_and_a_sweep_that_end_elsewhere(tmp_path, kind, rate, optical, a
         assert abs(parameter.value - true) < 3.5 * parameter.standard_uncertainty
         assert parameter.standard_uncertainty < 1e-3 * true
     assert [warning.code for warning in result.warnings] == []
+
+
+def test_an_ellipse_that_drifts_while_the_base_rests_is_followed(tmp_path):
+    """Before a shock there are no fringes: these pieces of time determine no ellipse, and the rest was ignored."""
+    settings = {"sampling_rate_hz": 51_200.0, "samples": 10_240, "amplitude": 80.0, "response_noise": 1e-3}
+    write_optical_calibration(tmp_path, "paper", "shock", Optics(noise=0.02, drift=0.1), seed=0, **settings)
+    result = vibrident.identify(vibrident.read(tmp_path / "calibration.toml"))
+    assert result.warning_codes == ("ellipse_unstable",)
+    for name, true in sensor_named("paper").parameters.items():
+        assert abs(result.parameters[name].value - true) < 3.0 * result.parameters[name].standard_uncertainty

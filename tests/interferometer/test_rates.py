@@ -1,14 +1,15 @@
-"""A faster converter with the same density of noise knows no less."""
+"""A faster converter with the same density of noise knows no less, and motion is found wherever it is in a record."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from vibrident.interferometer import rough
 from vibrident.interferometer.choice import choose
 from vibrident.interferometer.demodulation import demodulate
 from vibrident.interferometer.effects import effects
-from vibrident.interferometer.rough import slower
+from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.interferometer.setting import Held, Interferometer
 from vibrident.interferometer.survey import survey
 
@@ -42,3 +43,37 @@ def test_u_of_a_small_motion_does_not_rise_with_the_optical_rate(swing, noise):
         assert after < 1.15 * before
     for off, u in slow + fast:
         assert abs(off) < 4.0 * u + 3.0 * noise / np.sqrt(SECONDS * SLOWEST)
+
+
+def of(phase, rate, noise=0.02):
+    """Signals of a phase, and their ellipse."""
+    random = np.random.default_rng(8)
+    u = np.stack([np.cos(phase), np.sin(phase)])
+    signals = Held(u + noise * random.standard_normal(u.shape), rate)
+    return signals, choose([survey(signals)], ["a"])[0]
+
+
+def test_motion_late_in_a_long_record_is_found():
+    """The first million samples alone showed only the slow motion, and a late shock was filtered away."""
+    rate = 2e7
+    time = np.arange(1_400_000) / rate
+    burst = 3.0 * np.exp(-(((time - 0.065) / 1e-3) ** 2)) * np.sin(2.0 * np.pi * 5000.0 * time)
+    signals, choice = of(8.0 * np.sin(2.0 * np.pi * 20.0 * time) + burst, rate)
+    assert 4000.0 < highest_frequency(signals, choice, 40) < 9000.0
+
+
+def test_a_line_of_noise_is_not_taken_for_motion():
+    """Of one spectrum, a line stood out by chance in every third short record."""
+    rate, time = 1e5, np.arange(20_000) / 1e5
+    signals, choice = of(50.0 * np.sin(2.0 * np.pi * 100.0 * time), rate)
+    random = np.random.default_rng(9)
+    for _ in range(20):
+        again = Held(signals.values + 0.02 * random.standard_normal(signals.values.shape), rate)
+        assert highest_frequency(again, choice, 1) < 1000.0
+
+
+def test_a_sine_slower_than_the_first_look_is_found(monkeypatch):
+    monkeypatch.setattr(rough, "PIECE", 1 << 12)
+    rate, time = 1e5, np.arange(60_000) / 1e5
+    signals, choice = of(200.0 * np.sin(2.0 * np.pi * 10.0 * time), rate)
+    assert abs(rough_frequency(signals, choice) - 10.0) < 1.0

@@ -6,6 +6,7 @@ carrier remains as a slope of the phase.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,10 @@ PIECES = 48
 PIECE = 8192
 #: The carrier's band is above this part of the largest line.
 PART = 1e-4
-#: It is also above this multiple of the floor.
-FLOOR = 30.0
+#: It is also above this multiple of the floor …
+FLOOR = 45.0
+#: … which is this quantile of the spectrum: a wide band fills most of it.
+QUIET = 0.05
 #: Band kept over the width of the carrier's band.
 MARGIN = 1.6
 #: Usable part of the room beside the carrier.
@@ -34,9 +37,11 @@ class Baseband(Decimated):
 
     Attributes:
         carrier_hz: what it is mixed with.
+        offset: of the signal, removed: the filter lets it pass in part where the carrier's band is wide.
     """
 
     carrier_hz: float
+    offset: float
 
     @staticmethod
     def around(raw: Signals, near_hz: float, where: str) -> Baseband:
@@ -55,33 +60,41 @@ class Baseband(Decimated):
                 remedy="correct carrier_hz, or rate_hz of [interferometer]",
             )
         room = ROOM * min(near_hz, half - near_hz)
-        low, high = _band(raw, near_hz, room, where)
+        pieces = _pieces(raw)
+        low, high = _band(pieces - pieces.mean(axis=1, keepdims=True), raw.rate_hz, near_hz, room, where)
         wide = min(max(0.5 * MARGIN * (high - low), 16.0 * raw.rate_hz / PIECE), room)
         carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
         wide = min(wide, ROOM * min(carrier, half - carrier))
         most = max(raw.samples // (8 * HALF), 2)
-        return Baseband(raw, int(np.clip(PASS * raw.rate_hz / wide, 2, most)), carrier)
+        return Baseband(raw, int(np.clip(PASS * raw.rate_hz / wide, 2, most)), carrier, float(pieces.mean()))
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
         cycles = self.carrier_hz / self.raw.rate_hz
-        kernel = taps(self.factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * self.first + 1))
-        mixed = filtered(self.raw, self.factor, kernel, start, stop)[0]
-        turn = np.mod(cycles * self.factor * np.arange(start, start + mixed.shape[0]), 1.0)
-        mixed = 2.0 * mixed * np.exp(-2j * np.pi * turn)
+        mixed = filtered(self.raw, (1, stop - start), self.factor, self._kernel, start)[0]
+        mixed -= self.offset * self._kernel.sum()
+        mixed *= np.exp(-2j * np.pi * np.mod(cycles * self.factor * np.arange(start, stop), 1.0))
         return np.stack([mixed.real, mixed.imag])
 
+    @functools.cached_property
+    def _kernel(self) -> np.ndarray:
+        cycles = self.carrier_hz / self.raw.rate_hz
+        return 2.0 * taps(self.factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * self.first + 1))
 
-def _band(raw: Signals, near_hz: float, room: float, where: str) -> tuple[float, float]:
-    """Lowest and highest frequency of the carrier's band."""
+
+def _pieces(raw: Signals) -> FloatArray:
     length = min(PIECE, raw.samples)
     starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
-    window = np.blackman(length)
-    pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts])
-    power = np.max(np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2, axis=0)
-    lines = np.arange(power.shape[0]) * raw.rate_hz / length
+    return np.stack([raw.block(int(s), int(s) + length)[0] for s in starts])
+
+
+def _band(pieces: FloatArray, rate_hz: float, near_hz: float, room: float, where: str) -> tuple[float, float]:
+    """Lowest and highest frequency of the carrier's band."""
+    length = pieces.shape[1]
+    power = np.max(np.abs(np.fft.rfft(pieces * np.blackman(length), axis=1)) ** 2, axis=0)
+    lines = np.arange(power.shape[0]) * rate_hz / length
     inside = np.abs(lines - near_hz) <= room
-    floor = float(np.median(power))
+    floor = float(np.quantile(power, QUIET))
     strong = inside & (power > max(PART * float(power[inside].max(initial=0.0)), FLOOR * floor))
     if not strong.any():
         raise InputError(

@@ -25,14 +25,15 @@ STOP = 0.6
 ATTENUATION_DB = 130.0
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
-#: New samples made at once.
-AT_ONCE = 1 << 13
+#: Samples that are filtered at once.
+AT_ONCE = 1 << 17
 #: Positions between two samples at which the interpolation filter is tabulated; linear between them.
 PLACES = 4096
 
 
+@functools.lru_cache(maxsize=8)
 def taps(factor: int) -> FloatArray:
-    """The filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one."""
+    """The filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
     half = HALF * factor
     index = np.arange(-half, half + 1)
     window = np.kaiser(2 * half + 1, signal.kaiser_beta(ATTENUATION_DB))
@@ -56,13 +57,12 @@ class Decimator:
     """Every ``factor``-th sample of signals that come block by block; sample k of the output stands at
     ``lost_at_an_end(factor) + k · factor`` of the input."""
 
-    def __init__(self, factor: int, signals: int, kernel: FloatArray | None = None) -> None:
-        """Begin; a complex ``kernel`` in place of :func:`taps` mixes while filtering."""
-        kernel = taps(factor) if kernel is None else kernel
+    def __init__(self, factor: int, signals: int, kernel: np.ndarray) -> None:
+        """Begin; the kernel is that of :func:`taps`, or times a complex carrier."""
         self._factor, self._rows = factor, -(-kernel.shape[0] // factor)
         padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
         padded[: kernel.shape[0]] = kernel
-        self._matrix = np.ascontiguousarray(padded.reshape(self._rows, factor).T)
+        self._matrix = np.ascontiguousarray(padded.reshape(self._rows, factor).T).view(np.float64)
         self._samples = np.zeros((signals, 0))
         self._partial = np.zeros((signals, 0, self._rows), dtype=kernel.dtype)
 
@@ -72,14 +72,11 @@ class Decimator:
         rows = values.shape[1] // self._factor
         used = values[:, : rows * self._factor].reshape(values.shape[0], rows, self._factor)
         self._samples = values[:, rows * self._factor :]
-        if np.iscomplexobj(self._matrix):  # of real signals, two real products
-            fresh = used @ self._matrix.real + 1j * (used @ self._matrix.imag)
-        else:
-            fresh = used @ self._matrix
+        fresh = (used @ self._matrix).view(self._partial.dtype)
         partial = np.concatenate([self._partial, fresh], axis=1)
         ready = max(partial.shape[1] - self._rows + 1, 0)
         self._partial = partial[:, ready:]
-        result = np.zeros((values.shape[0], ready), dtype=self._matrix.dtype)
+        result = np.zeros((values.shape[0], ready), dtype=partial.dtype)
         for j in range(self._rows if ready else 0):
             result += partial[:, j : j + ready, j]
         return result
@@ -89,31 +86,31 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
     """One signal of so many samples that comes block by block, each of shape (n,): all new samples."""
     if factor == 1:
         return np.concatenate(list(blocks))
-    filtered, values, done = Decimator(factor, 1), np.empty(decimated_length(samples, factor)), 0
-    for block in itertools.chain(blocks, [np.zeros(factor)]):  # completes the last filter
-        part = filtered.feed(block[None, :])[0][: values.shape[0] - done]
-        values[done : done + part.shape[0]] = part
-        done += part.shape[0]
-    return values
+    count = decimated_length(samples, factor)
+    return _collected((block[None, :] for block in blocks), Decimator(factor, 1, taps(factor)), (1, count), factor)[0]
 
 
-def filtered(raw: Signals, factor: int, kernel: np.ndarray, start: int, stop: int) -> Any:
-    """New samples ``start`` up to ``stop`` of signals that are read block by block, shape (signals, stop − start).
+def filtered(raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int) -> Any:
+    """New samples from ``start`` on of signals that are read block by block.
 
     Args:
         raw: the signals.
+        shape: (signals, new samples).
         factor: distance of the new samples, in theirs.
         kernel: real or complex, shape (2 · HALF · factor + 1,).
         start: first new sample.
-        stop: behind the last.
     """
-    parts = []
-    for begin in range(start, stop, AT_ONCE):
-        end = min(begin + AT_ONCE, stop)
-        u = raw.block(begin * factor, min((end - 1) * factor + kernel.shape[0], raw.samples))
-        whole = np.concatenate([u, np.zeros((u.shape[0], factor))], axis=1)  # completes the last filter
-        parts.append(Decimator(factor, u.shape[0], kernel).feed(whole)[:, : end - begin])
-    return np.concatenate(parts, axis=1)
+    first, last = start * factor, min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
+    blocks = (raw.block(begin, min(begin + AT_ONCE, last)) for begin in range(first, last, AT_ONCE))
+    return _collected(blocks, Decimator(factor, shape[0], kernel), shape, factor)
+
+
+def _collected(blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[int, int], factor: int) -> Any:
+    values, done = [], 0
+    for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):  # completes the last filter
+        values.append(decimator.feed(block)[:, : shape[1] - done])
+        done += values[-1].shape[1]
+    return np.concatenate(values, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +146,7 @@ class Slower(Decimated):
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
-        return np.asarray(filtered(self.raw, self.factor, taps(self.factor), start, stop))
+        return np.asarray(filtered(self.raw, (2, stop - start), self.factor, taps(self.factor), start))
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
@@ -179,10 +176,10 @@ def at_positions(values: FloatArray, positions: FloatArray, spacing: float) -> F
         base = np.minimum(np.floor(part).astype(int), values.shape[0] - 2 - half)
         place = (part - base) * PLACES
         index = np.minimum(place.astype(int), PLACES - 1)
-        share = (place - index)[:, None]
-        weights = table[index] * (1.0 - share) + table[index + 1] * share
-        near = np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)
-        found[begin : begin + 4096] = np.sum(weights * values[near], axis=1)
+        share = place - index
+        near = values[np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)]
+        low, high = np.einsum("ij,ij->i", table[index], near), np.einsum("ij,ij->i", table[index + 1], near)
+        found[begin : begin + 4096] = low + share * (high - low)
     return found
 
 

@@ -12,18 +12,23 @@ import numpy as np
 
 from vibrident.interferometer.setting import FloatArray
 
+#: Samples in a product: few enough for the processor's cache.
+AT_ONCE = 1 << 13
 #: Powers of x and y of the six functions 1, x, y, x², xy, y².
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
 
 def sums(x: FloatArray, y: FloatArray) -> FloatArray:
     """Σ x^a y^b for a + b ≤ 4, shape (5, 5), zero elsewhere; x and y of shape (n,)."""
-    functions = np.empty((6, x.shape[0]))
-    functions[0], functions[1], functions[2] = 1.0, x, y
-    np.multiply(x, x, out=functions[3])
-    np.multiply(x, y, out=functions[4])
-    np.multiply(y, y, out=functions[5])
-    return from_matrix(functions @ functions.T)
+    total = np.zeros((6, 6))
+    for start in range(0, x.shape[0], AT_ONCE):
+        first, second = x[start : start + AT_ONCE], y[start : start + AT_ONCE]
+        functions = np.empty((6, first.shape[0]))
+        functions[0], functions[1], functions[2] = 1.0, first, second
+        np.multiply(first, functions[1:3], out=functions[3:5])
+        np.multiply(second, second, out=functions[5])
+        total += functions @ functions.T
+    return from_matrix(total)
 
 
 def from_matrix(matrix: FloatArray) -> FloatArray:

@@ -14,8 +14,10 @@ import numpy as np
 
 from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
-from vibrident.interferometer.survey import BLOCK, TOO_LARGE, lost_radius
+from vibrident.interferometer.survey import TOO_LARGE, lost_radius
 
+#: Samples in a block: few enough for the processor's cache.
+BLOCK = 1 << 16
 #: Largest change of phase from sample to sample, rad; beyond, a turn may be missed.
 FASTEST = 2.8
 #: Largest change of that change, rad.

@@ -1,21 +1,25 @@
-"""The approximate frequency of a motion from a piece of its phase, to choose the number of samples."""
+"""The approximate frequency of a motion, to choose the number of samples."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from vibrident.interferometer.choice import Choice
-from vibrident.interferometer.decimation import PASS, Slower
+from vibrident.interferometer.decimation import PASS, Slower, decimated, spoilt_outputs
 from vibrident.interferometer.phase import Path, unwrapped
-from vibrident.interferometer.setting import FloatArray, Held, Signals
+from vibrident.interferometer.setting import BoolArray, FloatArray, Held, Signals
 from vibrident.interferometer.sine import peak
 
-#: Samples used.
+#: Samples in which a sine is looked for first.
 PIECE = 1 << 20
+#: Fewest periods in them; otherwise more samples are taken.
+PERIODS = 3.0
 #: Means made from them.
 MEANS = 1 << 14
-#: Samples of a spectrum.
+#: Most samples of a spectrum.
 LINES = 1 << 14
+#: Fewest spectra, half overlapping, less one: of fewer, a line of noise stands out by chance.
+SPECTRA = 8
 #: Lines that are averaged.
 SMOOTH = 5
 #: Motion is above this multiple of the floor.
@@ -27,20 +31,33 @@ FEWEST = 1 << 12
 
 
 def rough_frequency(signals: Signals, choice: Choice) -> float:
-    """Frequency of the motion, Hz; at least one period in the piece."""
-    piece = _piece(signals)
-    samples = piece.samples
-    phase = np.concatenate(list(unwrapped(piece, choice.ellipse, (), Path())))
-    every = max(samples // MEANS, 1)
-    means = phase[: samples // every * every].reshape(-1, every).mean(axis=1)
-    return peak(means, np.ones(means.shape[0], dtype=bool), signals.rate_hz / every)
+    """Frequency of a sine, Hz."""
+    samples = PIECE
+    while True:
+        piece = _piece(signals, samples)
+        phase = np.concatenate(list(unwrapped(piece, choice.ellipse, choice.knots, Path())))
+        every = max(piece.samples // MEANS, 1)
+        means = phase[: piece.samples // every * every].reshape(-1, every).mean(axis=1)
+        found = peak(means, np.ones(means.shape[0], dtype=bool), signals.rate_hz / every)
+        if piece.samples < samples or found * samples > PERIODS * signals.rate_hz:
+            return found
+        samples *= 4
 
 
-def highest_frequency(signals: Signals, choice: Choice) -> float:
-    """Frequency up to which the motion stands above the noise of the phase, Hz."""
-    piece = _piece(signals)
-    phase = np.concatenate(list(unwrapped(piece, choice.ellipse, (), Path())))
-    return _highest(phase[None, :], signals.rate_hz)
+def highest_frequency(signals: Signals, choice: Choice, factor: int) -> float:
+    """Frequency up to which the motion stands above the noise of the phase, Hz.
+
+    All of the record is looked at: a shock may be anywhere in it, and a sweep is fast at its end.
+
+    Args:
+        signals: two in quadrature.
+        choice: the ellipse.
+        factor: by which the phase may be decimated.
+    """
+    path = Path()
+    phase = decimated(unwrapped(signals, choice.ellipse, choice.knots, path), signals.samples, factor)
+    spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
+    return _highest(phase[None, :], spoilt, signals.rate_hz / factor)
 
 
 def slower(signals: Signals) -> Slower | None:
@@ -48,25 +65,27 @@ def slower(signals: Signals) -> Slower | None:
 
     The ellipse of a motion below a fringe is told from noise sample by sample: so it is determined as well at any rate.
     """
-    factor = int(PASS * signals.rate_hz / (ROOM * _highest(_piece(signals).values, signals.rate_hz)))
+    values = _piece(signals, PIECE).values
+    factor = int(PASS * signals.rate_hz / (ROOM * _highest(values, np.zeros(values.shape[1], bool), signals.rate_hz)))
     factor = min(factor, signals.samples // FEWEST)
     return Slower(signals, factor) if factor > 1 else None
 
 
-def _piece(signals: Signals) -> Held:
-    return Held(signals.block(0, min(signals.samples, PIECE)), signals.rate_hz)
+def _piece(signals: Signals, samples: int) -> Held:
+    return Held(signals.block(0, min(signals.samples, samples)), signals.rate_hz)
 
 
-def _highest(values: FloatArray, rate_hz: float) -> float:
+def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:
     """Frequency up to which signals, shape (signals, n), stand above the noise, Hz."""
     samples = values.shape[1]
-    length = min(samples, LINES)
-    window = np.blackman(length) ** 2
+    length = max(min(samples // SPECTRA, LINES), min(samples, 64))
     starts = np.linspace(0, samples - length, max(2 * samples // length - 1, 1)).astype(int)
-    parts = np.concatenate([values[:, s : s + length] for s in starts])
-    t = np.stack([np.ones(length), np.linspace(-1.0, 1.0, length)])
-    parts = parts - (parts @ np.linalg.pinv(t)) @ t
-    power = np.mean(np.abs(np.fft.rfft(parts * window, axis=1)) ** 2, axis=0)
+    starts = np.array([s for s in starts if not spoilt[s : s + length].any()] or starts)
+    window, line = np.blackman(length) ** 2, np.stack([np.ones(length), np.linspace(-1.0, 1.0, length)])
+    inverse, power = np.linalg.pinv(line), np.zeros(length // 2 + 1)
+    for start in starts:
+        part = values[:, start : start + length]
+        power += np.sum(np.abs(np.fft.rfft((part - (part @ inverse) @ line) * window, axis=1)) ** 2, axis=0)
     smooth = np.convolve(power, np.full(SMOOTH, 1.0 / SMOOTH), "same")
     floor = float(np.median(power[power.shape[0] // 2 :])) / np.log(2.0)
     above = np.flatnonzero(smooth > ABOVE * floor)

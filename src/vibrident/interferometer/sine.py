@@ -35,13 +35,23 @@ class Sine:
         return wave + self.mean + self.slope * time_s
 
 
-def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> Sine | None:
-    """Fit a sine, offset and slope to the valid samples; None for less than a period."""
+def fit_sine(
+    values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None, known_hz: float | None = None
+) -> Sine | None:
+    """Fit a sine, offset and slope to the valid samples; None for less than a period.
+
+    Args:
+        values: shape (n,).
+        valid: shape (n,).
+        rate_hz: samples per second.
+        near_hz: approximate frequency.
+        known_hz: frequency of a fit to nearly the same values, from which this one starts.
+    """
     index = np.flatnonzero(valid)
     if index.size < 8:
         return None
     every = max(index.size // MOST, 1)
-    first = peak(values, valid, rate_hz, near_hz)
+    first = known_hz or peak(values, valid, rate_hz, near_hz)
     if every > 1 and first * every > 0.1 * rate_hz:
         every = max(int(0.1 * rate_hz / first), 1)
     index = index[::every]
@@ -51,20 +61,31 @@ def fit_sine(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: floa
         return None
     omega, middle = 2.0 * np.pi * first, 0.5 * float(time[0] + time[-1])
     t = time - middle
+    rows = np.empty((6, t.size))
+    rows[2], rows[3] = 1.0, t / span
     for _ in range(ITERATIONS):
-        c, s = np.cos(omega * t), np.sin(omega * t)
-        design = np.stack([c, s, np.ones_like(t), t / span])
-        found = _solved(design, seen)
-        slope = (found[1] * c - found[0] * s) * t
-        whole = np.concatenate([design, slope[None, :] / span])
-        step = _solved(whole, seen - found @ design)
-        change = float(np.clip(step[-1] / span, -np.pi / span, np.pi / span))
-        omega += change
-        if abs(change) * span < 1e-9:
+        change = _turned(rows, seen, omega * t)
+        omega += float(np.clip(change / span, -np.pi / span, np.pi / span))
+        if abs(change) < 1e-9:
             break
+    found = _solved(rows[:4], seen)
     mean = float(found[2] - found[3] * middle / span)
     angle = float(np.arctan2(-found[1], found[0]) - omega * middle)
     return Sine(float(np.hypot(found[0], found[1])), angle, omega / (2.0 * np.pi), mean, float(found[3]) / span)
+
+
+def _turned(rows: FloatArray, seen: FloatArray, angle: FloatArray) -> float:
+    """A Gauss–Newton step of the frequency, in radians over the span; fills the rows cos, sin, 1, t, t cos, t sin."""
+    np.cos(angle, out=rows[0])
+    np.sin(angle, out=rows[1])
+    np.multiply(rows[3], rows[:2], out=rows[4:])
+    normal, score = rows @ rows.T, rows @ seen
+    linear = normal[:4, :4] + 1e-14 * seen.size * np.eye(4)
+    found = np.linalg.solve(linear, score[:4])
+    slope = np.array([0.0, 0.0, 0.0, 0.0, found[1], -found[0]])
+    along = normal @ slope
+    size = float(slope @ along - along[:4] @ np.linalg.solve(linear, along[:4]))  # beside the linear rows
+    return float(slope @ score - along[:4] @ found) / max(size, 1e-300)
 
 
 def _solved(design: FloatArray, seen: FloatArray) -> FloatArray:

@@ -42,7 +42,7 @@ def without_slow_motion(
         parts = np.asarray(fft.dct(rest, type=2))
         parts[max(int(2.0 * SLOW * found.frequency_hz * values.shape[0] / rate_hz), 1) :] = 0.0
         slow = np.asarray(fft.idct(parts, type=2))
-        again = fit_sine(values - slow, valid, rate_hz, found.frequency_hz)
+        again = fit_sine(values - slow, valid, rate_hz, known_hz=found.frequency_hz)
         if again is None:
             break
         done = abs(again.amplitude / found.amplitude - 1.0) < 1e-10

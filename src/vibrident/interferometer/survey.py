@@ -227,16 +227,14 @@ def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
 
 
 def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse) -> list[tuple[float, Ellipse]]:
-    """Ellipses of pieces of time if they differ; empty if they agree or are not determined."""
-    pieces = min(PIECES, len(blocks) // 4)
-    if pieces < 3:
-        return []
+    """Ellipses of those pieces of time that determine one if they differ; else empty."""
     found = []
-    for part in np.array_split(np.arange(len(blocks)), pieces):
+    for part in np.array_split(np.arange(len(blocks)), min(PIECES, max(len(blocks) // 4, 1))):
         piece = ellipses.fit([blocks[i] for i in part], whole)
-        if piece is None or np.sqrt(np.max(np.diag(piece.covariance))) > KNOWN:
-            return []
-        found.append((float(np.mean([middles[i] for i in part])), piece))
+        if piece is not None and np.sqrt(np.max(np.diag(piece.covariance))) < KNOWN:
+            found.append((float(np.mean([middles[i] for i in part])), piece))
+    if len(found) < 3:
+        return []
     differences = np.array([shape(whole.difference(piece)) for _, piece in found])
     spread = [SHAPE @ piece.covariance @ SHAPE.T for _, piece in found]
     mean = np.mean(differences, axis=0)

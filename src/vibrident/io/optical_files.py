@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,10 +14,11 @@ from vibrident.errors import InputError
 from vibrident.interferometer import alignment
 from vibrident.interferometer.carrier import Baseband
 from vibrident.interferometer.choice import Choice, choose, of_carrier
+from vibrident.interferometer.decimation import Decimated
 from vibrident.interferometer.demodulation import Demodulated, demodulate
 from vibrident.interferometer.effects import effects
 from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
-from vibrident.interferometer.setting import FloatArray, Interferometer, Signals
+from vibrident.interferometer.setting import FloatArray, Held, Interferometer, Signals
 from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
 from vibrident.io.clocks import SAME_RATE, agreed_rate
@@ -27,6 +29,8 @@ from vibrident.io.record_files import Part, named_parts, read_record, stated_sam
 from vibrident.io.sampling import Sampling, cut
 from vibrident.records import Provenance, Quantity, Record
 
+#: Samples of filtered signals that are kept in memory, of all records together.
+MOST_HELD = 1 << 23
 _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
@@ -126,20 +130,41 @@ def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
 
 def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[_Opened], list[Survey], list[Choice]]:
     """The records, those of a small motion without needless noise, with their ellipses."""
+    opened = _held(opened)
     seen = [_surveyed(one) for one in opened]
     if setting.kind == "heterodyne":
-        return list(opened), seen, [of_carrier(look, index) for index, look in enumerate(seen)]
-    slow = [_slower(one, look) for one, look in zip(opened, seen, strict=True)]
+        return opened, seen, [of_carrier(look, index) for index, look in enumerate(seen)]
+    slow = _held([_slower(one, look) for one, look in zip(opened, seen, strict=True)])
     seen = [
-        look if one is was else replace(survey(one.optical), at_limit=look.at_limit)
+        look if one is was else replace(_surveyed(one), at_limit=look.at_limit)
         for one, was, look in zip(slow, opened, seen, strict=True)
     ]
     return slow, seen, choose(seen, [one.name for one in opened])
 
 
+def _held(opened: Sequence[_Opened]) -> list[_Opened]:
+    """The records with their filtered signals in memory, as many as have room: they are read several times."""
+    room, found = MOST_HELD, []
+    for one in opened:
+        signals = one.optical
+        if isinstance(signals, Decimated) and signals.samples <= room:
+            with _named(one):
+                one = replace(one, optical=Held(signals.block(0, signals.samples), signals.rate_hz))
+            room -= signals.samples
+        found.append(one)
+    return found
+
+
 def _surveyed(one: _Opened) -> Survey:
-    try:
+    with _named(one):
         return survey(one.optical)
+
+
+@contextmanager
+def _named(one: _Opened) -> Iterator[None]:
+    """Errors name the record's place in the calibration file."""
+    try:
+        yield
     except InputError as error:
         raise InputError(**{**vars(error), "where": f"{one.part.where}, {error.where}"}) from None
 
@@ -220,7 +245,8 @@ def _record(
 ) -> tuple[Demodulated, Record]:
     entry, sine = one.part.entry, one.part.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
-    top = near or highest_frequency(one.optical, choice)
+    coarse = alignment.finer(one.optical.rate_hz, one.response.rate_hz)
+    top = near or highest_frequency(one.optical, choice, coarse)
     thinned = one.beside or not sine
     every = alignment.thinning(one.response.samples, one.response.rate_hz, top, sine=sine) if thinned else 1
     every = max(every, alignment.no_finer(one.response.rate_hz, one.optical.rate_hz))

@@ -177,7 +177,7 @@ def _left_out(bad: BoolArray, record: Record) -> str:
 
 
 def _aliasing(record: Record) -> list[Finding]:
-    if record.reference is None:
+    if record.reference is None or record.optical is not None:  # what would fold of raw light is filtered away
         return []
     mask = record.reference_mask
     values = record.reference
