@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import method
-from vibrident.estimators.optimise import levenberg_marquardt
+from vibrident.estimators.optimise import AS_FORESEEN, levenberg_marquardt
 from vibrident.models import parse
 from vibrident.problem import Coordinates
 from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual
@@ -116,6 +116,7 @@ def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(prob
     trace = levenberg_marquardt(_in_time, coordinates.first, args, tolerance=1e-10)
     assert trace.converged
     solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
+    solver = eqx.tree_at(lambda solver: solver.search, solver, optx.ClassicalTrustRegion(high_cutoff=AS_FORESEEN))
 
     def residual(z, args):
         return physical_residual(z, coordinates, problem.layout, problem.data, noise), None
