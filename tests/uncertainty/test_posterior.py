@@ -112,7 +112,7 @@ def test_a_delay_that_trades_with_damping_has_the_tails_of_a_curved_ridge():
     """Below resonance the phase shows τ + 2 δ/ωn; δ ≥ 0 cuts the ridge off, which a symmetric interval cannot say."""
     sensor = {"sensitivity": 0.1, "natural_frequency": 1500.0, "damping_ratio": 0.03, "delay": 4e-5}
     calibration = table(sensor, np.geomspace(20, 700, 20), 0.01, "accelerometer+delay", seed=5)
-    result = vibrident.identify(calibration, posterior=QUICK)
+    result = vibrident.identify(calibration, posterior=Sampling())
     stated, row = result.parameters["delay"], result.settings["posterior"]["parameters"]["delay"]
     damping = result.settings["posterior"]["parameters"]["damping_ratio"]
     assert result.settings["posterior"]["converged"]
