@@ -25,7 +25,7 @@ COMPILE = $(BIN)/python -m compileall -q src/vibrident
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo reproduce test nightly lint format bench clean
+.PHONY: help demo reproduce install test nightly lint format bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -35,6 +35,11 @@ demo: $(CORE)  ## simulated calibration, identification and report, into demo/
 
 reproduce: $(CORE)  ## the paper's tables and figures beside ours, into reproduction/ (up to 20 minutes)
 	$(BIN)/vibrident reproduce --out reproduction
+
+install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs need; each of them installs its own otherwise
+	$(PIP_INSTALL) --editable '.[dev,docs]'
+	$(COMPILE)
+	@touch $(CORE) $(DEV) $(DOCS)
 
 test: $(DEV)  ## every law once
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)

@@ -19,7 +19,8 @@ from vibrident.records import Calibration
 from vibrident.simulation import SENSORS, simulate, with_noise
 
 FITTED = "accelerometer"
-SAMPLES, SEED = 4000, 2
+SAMPLES = 4000
+SEED = 2
 _PAPER = dict(SENSORS["paper"].parameters)
 #: A micromechanical sensor: far below its resonance, except for the boxcar.
 _MEMS = {"sensitivity": 0.1, "natural_frequency": 4000.0, "damping_ratio": 0.05}

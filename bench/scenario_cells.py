@@ -30,7 +30,8 @@ NOISES: dict[str, tuple[str, dict]] = {
         "response_noise": ChannelNoise(white=0.005, offset=0.05, drift=0.05)
     }),
 }  # fmt: skip
-SAMPLES, SEED = 8000, 1
+SAMPLES = 8000
+SEED = 1
 #: Of noise that the sensor feels nothing is random in the answer but rounding: a few runs show it.
 FELT_RUNS = 4
 FLAGS = ("lack_of_fit", "reference_noise", "band_sensitive", "nonlinear", "weakly_determined", "estimators_disagree")

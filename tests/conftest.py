@@ -35,7 +35,12 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked ``quick`` the cases that the mark does not name are slow."""
+    """Of a test marked ``quick`` the cases that the mark does not name are slow.
+
+    Tests of the page come first: an idle worker takes over what stands last in the list of another, and would start a
+    server and a browser of its own.
+    """
+    items.sort(key=lambda item: "web" not in item.path.parts)
     for item in items:
         mark = item.get_closest_marker("quick")
         if mark and item.callspec.id not in mark.args:

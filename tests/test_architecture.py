@@ -168,8 +168,13 @@ def layer(module: str) -> str:
     return module.split(".")[1] if "." in module else ""
 
 
-def imports(module: str) -> Iterator[Import]:
+@cache
+def imports(module: str) -> tuple[Import, ...]:
     """Every import of a module, those inside functions and for type checking among them."""
+    return tuple(_imports(module))
+
+
+def _imports(module: str) -> Iterator[Import]:
     package = module if modules()[module].name == "__init__.py" else module.rpartition(".")[0]
     when_called = {id(node) for part in ast.walk(tree(module)) if _runs_later(part) for node in ast.walk(part)}
     for node in ast.walk(tree(module)):
@@ -343,6 +348,11 @@ export(result, "csv", folder)
 check("exporting tables", "jax matplotlib obspy control lxml pythonfmu")
 vibrident.report.write(result, "pdf", folder + "/certificate.pdf")
 check("a certificate", "jax scipy pandas plotly h5py")
+import matplotlib
+before = dict(matplotlib.rcParams.copy())
+vibrident.plots.draw("sensitivity", result).canvas.draw()
+assert dict(matplotlib.rcParams.copy()) == before
+check("a picture", "jax matplotlib.pyplot")
 export(result, "c", folder, rate_hz=51200.0)
 check("exporting C", "jax obspy control lxml pythonfmu")
 from vibrident.simulation import simulate

@@ -30,8 +30,12 @@ MADE_OF = {
 #: A weakly determined parameter is no false alarm where its stated uncertainty is above this part of its value.
 WEAK = 0.009
 
-RIGHT, WARNED, REFUSED = "right", "warned", "refused"
-SILENT, ALARM, TRACEBACK = "silent-wrong", "false alarm", "traceback"
+RIGHT = "right"
+WARNED = "warned"
+REFUSED = "refused"
+SILENT = "silent-wrong"
+ALARM = "false alarm"
+TRACEBACK = "traceback"
 BAD = (SILENT, ALARM, TRACEBACK)
 
 

@@ -14,8 +14,10 @@ from bench.adversary.physics import TAU, Complex, Motion, Real, Sensor
 
 #: Samples a second that there are; all else is set in parts of it.
 RATES = (100.0, 512.0, 2_000.0, 10_000.0, 51_200.0, 1e6)
-#: The band of the motion, over the rate.
-LOW, TOP = 0.005, 0.2
+#: Lowest frequency of the motion, over the rate.
+LOW = 0.005
+#: Highest frequency of the motion, over the rate.
+TOP = 0.2
 #: Natural frequency over the top of the band.
 PLACES = {
     "below": (0.05, 0.15),

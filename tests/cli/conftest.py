@@ -7,9 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
-
-from vibrident.cli import app
+from tests.support import shell
+from typer.testing import Result
 
 Run = Callable[..., Result]
 SMALL = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "--samples", "2000", "--response-noise", "0.01")
@@ -18,7 +17,7 @@ SMALL = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "--samples",
 @pytest.fixture(scope="session")
 def run() -> Run:
     """Run ``vibrident`` with these arguments, in this process."""
-    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return shell.run
 
 
 @pytest.fixture(scope="session")

@@ -116,6 +116,7 @@ def test_a_model_error_joins_where_the_model_is_wrong_and_only_there() -> None:
         "sine",
         frequencies_hz=frequencies,
         sampling_rate_hz=51200.0,
+        samples=4000,
         amplitude=9.8,
         response_noise=1e-3,
         seed=1,

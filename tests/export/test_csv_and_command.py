@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 from tests.support.exported import CASES, case, paper
-from typer.testing import CliRunner
+from tests.support.shell import run
 
-from vibrident.cli import app
 from vibrident.errors import InputError
 from vibrident.export import FORMATS, export
 from vibrident.export.options import OPTIONS, library
@@ -57,7 +56,7 @@ def test_blanks_stand_for_what_is_not_known(tmp_path):
 
 
 def test_command_and_documentation_offer_every_format_and_option():
-    done = CliRunner().invoke(app, ["export", "--help"], env={"COLUMNS": "300"})
+    done = run("export", "--help")
     page = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
     for name, form in FORMATS.all().items():
         assert name in done.output
@@ -82,7 +81,7 @@ def test_command_and_documentation_offer_every_format_and_option():
 def test_the_command_writes_whole_files(form, files, tmp_path):
     source = paper().save(tmp_path / "result.json")
     out = tmp_path / "out"
-    done = CliRunner().invoke(app, ["export", str(source), "--format", form, "--out", str(out), "--rate", "51200"])
+    done = run("export", source, "--format", form, "--out", out, "--rate", "51200")
     assert done.exit_code == 0, done.output
     assert {path.name for path in out.iterdir()} == files
     again = tmp_path / "again"
@@ -106,7 +105,7 @@ def test_the_command_writes_whole_files(form, files, tmp_path):
 def test_bad_input_is_one_message_and_leaves_nothing(arguments, said, tmp_path):
     source = paper().save(tmp_path / "result.json")
     out = tmp_path / "out"
-    done = CliRunner().invoke(app, ["export", str(source), *arguments, "--out", str(out)])
+    done = run("export", source, *arguments, "--out", out)
     assert done.exit_code == 2
     assert said in done.stderr
     assert "Traceback" not in done.output

@@ -15,9 +15,8 @@ import pytest
 from lxml import etree
 from tests.support.certified import CERTIFICATE, certified, written
 from tests.support.exported import CASES, case, paper
-from typer.testing import CliRunner
+from tests.support.shell import run
 
-from vibrident.cli import app
 from vibrident.errors import InputError
 from vibrident.export.dcc_schema import validate
 from vibrident.export.formats.dcc import VERSION
@@ -154,14 +153,14 @@ def test_the_command_refuses_with_one_message_and_leaves_nothing(tmp_path):
         ("unusable", laid(tmp_path / "alone"), "The schema cannot be used"),
         ("absent", tmp_path / "absent.xsd", "The schema cannot be used"),
     ):
-        done = CliRunner().invoke(app, [*arguments, "--schema", str(schema), "--out", str(tmp_path / name)])
+        done = run(*arguments, "--schema", schema, "--out", tmp_path / name)
         assert done.exit_code == 2
         assert done.stderr.count("Error:") == 1
         assert said in done.stderr
         assert "Traceback" not in done.output
         assert not (tmp_path / name).exists()
     schema = laid(tmp_path / "xsd", **{"SI_Format.xsd": PLAIN})
-    done = CliRunner().invoke(app, [*arguments, "--schema", str(schema), "--out", str(tmp_path / "good")])
+    done = run(*arguments, "--schema", schema, "--out", tmp_path / "good")
     assert done.exit_code == 0, done.output
     assert [path.name for path in (tmp_path / "good").iterdir()] == ["sensor.dcc.xml"]
 

@@ -9,9 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import DEADLY
-from typer.testing import CliRunner, Result
 
-from vibrident.cli import app
 from vibrident.fleet import Asked, Local, Orders, Outcome, run
 
 Run = Callable[..., Outcome]
@@ -41,9 +39,3 @@ def deadly_site(tmp_path_factory) -> str:
     sys.path.insert(0, str(folder))
     yield str(folder)
     sys.path.remove(str(folder))
-
-
-@pytest.fixture(scope="session")
-def run_command() -> Callable[..., Result]:
-    """Run ``vibrident`` with these arguments, in this process."""
-    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])

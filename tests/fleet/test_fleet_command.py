@@ -12,6 +12,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import broken, deadly, fleet, good
+from tests.support.shell import run as shell
 
 #: Where the tests are run in the background, a shell has made them deaf to an interrupt.
 HEARING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
@@ -94,24 +95,24 @@ def test_an_interrupt_ends_with_130_and_leaves_no_process(tmp_path, deadly_site)
     assert all_end(beside)
 
 
-def test_strict_and_store_and_bad_options(tmp_path, run_command):
+def test_strict_and_store_and_bad_options(tmp_path):
     good(tmp_path / "data/a", 1)
     nameless = good(tmp_path / "data/b", 2)
     nameless.write_text(
         nameless.read_text(encoding="utf-8").replace('serial_number = "SN0002"\n', ""), encoding="utf-8"
     )
     arguments = ("fleet", tmp_path / "data", "--out", tmp_path / "out", "--workers", "1")
-    done = run_command(*arguments, "--store", tmp_path / "history.db", "--strict")
+    done = shell(*arguments, "--store", tmp_path / "history.db", "--strict")
     assert done.exit_code == 0, done.output
     assert "1 new result." in done.output
     assert "1 result states no serial number and was not added" in done.output
-    listed = run_command("history", "list", "--store", tmp_path / "history.db", "--format", "json")
+    listed = shell("history", "list", "--store", tmp_path / "history.db", "--format", "json")
     assert "SN0001" in json.dumps(json.loads(listed.stdout))
-    again = run_command(*arguments, "--store", tmp_path / "history.db")
+    again = shell(*arguments, "--store", tmp_path / "history.db")
     assert "0 new results" in again.output
     assert "Nothing was left to compute" in again.output
     (tmp_path / "data/a/frf.csv").write_text("")
-    strict = run_command(*arguments, "--strict")
+    strict = shell(*arguments, "--strict")
     assert (strict.exit_code, "1 of 2 calibrations" in strict.output) == (3, True)
     for wrong, said in (
         (("--model", "akzelerometer"), "did you mean"),
@@ -121,5 +122,5 @@ def test_strict_and_store_and_bad_options(tmp_path, run_command):
         (("--limits", tmp_path / "none.toml"), "no file of that name"),
         (("--store", tmp_path / "history.db", "--no-results"), "whole results"),
     ):
-        refused = run_command(*arguments, *wrong)
+        refused = shell(*arguments, *wrong)
         assert (refused.exit_code, said in refused.output) == (2, True), refused.output

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from tests.support.fleets import broken, fleet, good
+from tests.support.shell import run as shell
 
 from vibrident.batched import program
 from vibrident.errors import InputError
@@ -50,11 +51,11 @@ def test_calibrations_that_end_their_process_together_are_tried_one_by_one():
     assert _rows(Fragile(), [("a", "1"), ("b", "2")]) == ["row of a", "row of b"]
 
 
-def test_without_a_gpu_the_command_is_refused(tmp_path, run_command):
+def test_without_a_gpu_the_command_is_refused(tmp_path):
     good(tmp_path / "data", 1)
     arguments = ("fleet", tmp_path / "data", "--out", tmp_path / "out", "--workers", "1", "--device")
-    refused = run_command(*arguments, "gpu")
+    refused = shell(*arguments, "gpu")
     assert (refused.exit_code, "No GPU is here" in refused.output) == (2, True), refused.output
     assert isinstance(refused.exception, SystemExit | InputError)
     assert not Path(tmp_path / "out/fleet.parquet").exists()
-    assert run_command(*arguments, "tpu").exit_code == 2
+    assert shell(*arguments, "tpu").exit_code == 2

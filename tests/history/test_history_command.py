@@ -9,9 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from tests.support.lives import at_reference, calibrated
-from typer.testing import CliRunner
+from tests.support.shell import printed, run
 
-from vibrident.cli import app
 from vibrident.nominal import Nominal
 from vibrident.present.history import drift_table, histories
 from vibrident.present.points import sensitivity_at
@@ -39,20 +38,10 @@ def store(lived):
     folder, _ = lived
     url = str(folder / "h.db")
     files = sorted(str(file) for file in folder.glob("*.json"))
-    assert ran("history", "add", *files, "--store", url).exit_code == 0
+    assert run("history", "add", *files, "--store", url).exit_code == 0
     repaired = ("--kind", "repaired", "--date", "2014-06-01", "--note", "new [cable]")
-    assert ran("history", "event", "4711", *repaired, "--store", url).exit_code == 0
+    assert run("history", "event", "4711", *repaired, "--store", url).exit_code == 0
     return url
-
-
-def ran(*arguments):
-    return CliRunner().invoke(app, arguments)
-
-
-def printed(*arguments):
-    done = ran(*arguments)
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 def test_show_gives_every_calibration_with_both_en_drift_and_prediction(lived, store):
@@ -95,7 +84,7 @@ def test_a_report_holds_the_history_of_its_sensor(lived, store, tmp_path):
         text = file.read_text(encoding="utf-8")
         assert "History of the sensitivity at 160 Hz" in text
         assert "2017-03-01" in text
-    refused = ran("report", str(folder / "result3.json"), "--store", store, "--out", str(tmp_path / "c.pdf"))
+    refused = run("report", str(folder / "result3.json"), "--store", store, "--out", str(tmp_path / "c.pdf"))
     assert refused.exit_code == 2
 
 
@@ -105,7 +94,7 @@ def test_a_parameter_has_a_history_too(store):
     )
     assert document["quantity"]["unit"] == "Hz"
     assert {row["value"] for row in document["calibrations"]} == {5000.0}
-    refused = ran("history", "show", "4711", "--store", store, "--quantity", "delay")
+    refused = run("history", "show", "4711", "--store", store, "--quantity", "delay")
     assert refused.exit_code == 2
     assert "natural_frequency" in refused.output
 
@@ -120,10 +109,10 @@ def test_the_sensitivity_at_another_frequency_has_a_history_too(lived, store):
     assert next(iter(rows[0]["shared"].values())) == pytest.approx(0.005 * expected[0], rel=1e-6)
     reference = json.loads(printed(*asked))["calibrations"]
     assert rows[2]["en"]["correlated"] == pytest.approx(reference[2]["en"]["correlated"], rel=1e-3)
-    refused = ran(*asked, "--frequency", "777")
+    refused = run(*asked, "--frequency", "777")
     assert refused.exit_code == 2
     assert "315" in refused.output
-    assert ran(*asked, "--frequency", "315", "--quantity", "sensitivity").exit_code == 2
+    assert run(*asked, "--frequency", "315", "--quantity", "sensitivity").exit_code == 2
 
 
 def test_list_and_due_of_all_sensors(store):
@@ -134,7 +123,7 @@ def test_list_and_due_of_all_sensors(store):
     assert rows[0]["by_interval"] or rows[0]["date"]
     assert "no drift" in printed("history", "due", "12", "--tolerance", "0.01", "--store", store)
     assert "soonest" in printed("history", "due", "--tolerance", "1%", "--store", store)
-    refused = ran("history", "due", "--store", store)
+    refused = run("history", "due", "--store", store)
     assert refused.exit_code == 2
     assert "--tolerance" in refused.output
 
@@ -151,7 +140,7 @@ def test_tolerances_may_differ_by_type(store, tmp_path):
     rows = json.loads(printed(*asked, "--format", "json"))
     assert {row["why"] for row in rows} == {"no tolerance for its type"}
     assert "no tolerance" in printed(*asked)
-    assert ran(*asked, "--tolerance", "1%").exit_code == 2
+    assert run(*asked, "--tolerance", "1%").exit_code == 2
 
 
 def test_what_was_approved_counts_and_other_evaluations_of_its_data_are_superseded(tmp_path):
@@ -169,8 +158,8 @@ def test_what_was_approved_counts_and_other_evaluations_of_its_data_are_supersed
     assert counting() == {1: (True, "approved"), 2: (False, "superseded")}
     printed("history", "event", "4711", "--kind", "recalled", "--calibration", "1", "--store", url)
     assert counting() == {1: (False, "recalled"), 2: (False, "superseded")}
-    assert ran("history", "approve", "1", "--store", url).exit_code == 2
-    assert ran("history", "approve", "77", "--store", url).exit_code == 2
+    assert run("history", "approve", "1", "--store", url).exit_code == 2
+    assert run("history", "approve", "77", "--store", url).exit_code == 2
 
 
 def test_a_stored_result_comes_back_and_a_table_goes_out(lived, store, tmp_path):
@@ -201,7 +190,7 @@ def test_the_page_and_the_picture_show_the_history(store, tmp_path):
     assert set(figures) == {"values", "control"}
     assert "new [cable]" in text
     assert ElementTree.parse(picture).getroot().tag.endswith("svg")
-    assert ran("history", "show", "4711", "--store", store, "--out", str(tmp_path / "h.txt")).exit_code == 2
+    assert run("history", "show", "4711", "--store", store, "--out", str(tmp_path / "h.txt")).exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -220,7 +209,7 @@ def test_the_page_and_the_picture_show_the_history(store, tmp_path):
     ],
 )
 def test_what_cannot_be_done_is_said(store, arguments, said):
-    done = ran("history", *arguments, "--store", store)
+    done = run("history", *arguments, "--store", store)
     assert done.exit_code == 2
     assert said in done.output
     assert "Traceback" not in done.output
@@ -230,7 +219,7 @@ def test_one_refused_result_keeps_all_out(lived, tmp_path):
     folder, _ = lived
     calibrated(date=None).save(tmp_path / "undated.json")
     url = str(tmp_path / "h.db")
-    done = ran("history", "add", str(folder / "result1.json"), str(tmp_path / "undated.json"), "--store", url)
+    done = run("history", "add", str(folder / "result1.json"), str(tmp_path / "undated.json"), "--store", url)
     assert done.exit_code == 2
     assert "undated.json" in done.output
     assert not (tmp_path / "h.db").exists()

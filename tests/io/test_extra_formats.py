@@ -84,19 +84,12 @@ def test_without_the_library_the_message_has_the_install_line(tmp_path, refused,
 
 
 @everywhere
-def test_a_calibration_takes_the_rate_of_the_file(tmp_path, name):
+def test_a_calibration_takes_the_rate_of_the_file_and_one_beside_it_must_agree(tmp_path, refused, name):
     written(tmp_path, name)
     columns = {"reference": 1, "response": 1 if name == "x.sac" else 2}
     (record,) = read(calibration(tmp_path, name, **columns)).records
-
     assert record.sampling_rate_hz == pytest.approx(102400.0, rel=1e-9, abs=0)
     np.testing.assert_array_equal(record.reference, SIGNALS["REF"].astype(float))
-
-
-@everywhere
-def test_a_rate_beside_the_file_must_agree_with_it(tmp_path, refused, name):
-    written(tmp_path, name)
-    columns = {"reference": 1, "response": 1 if name == "x.sac" else 2}
     agreeing = calibration(tmp_path, name, more="[sampling]\nrate_hz = 102400.0", **columns)
     assert read(agreeing).records[0].sampling_rate_hz == 102400.0
     other = calibration(tmp_path, name, more="[sampling]\nrate_hz = 102500.0", **columns)

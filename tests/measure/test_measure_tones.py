@@ -103,14 +103,11 @@ def response_of(f):
     return parse("accelerometer").frequency_response(P, np.asarray(f))
 
 
-DRAWS = 300
-
-
-def monte_carlo(frequency, samples, draw, rng):
+def monte_carlo(frequency, samples, draw, rng, draws):
     """Y − H X of many noisy records: its values, and the variance of its real part as each record states it."""
     h = response_of([frequency])[0]
     values, stated = [], []
-    for _ in range(DRAWS):
+    for _ in range(draws):
         noise = draw(rng, samples)
         record = a_record(frequency, samples, y=h * X, more=lambda t, noise=noise: noise)
         found = measure_tones([record], [frequency])
@@ -148,33 +145,36 @@ def falling(rng, n):
         (white_both, 25.0, 400),
     ],
 )
-def test_the_stated_variance_is_that_of_the_estimate(draw, frequency, samples, rng):
+@pytest.mark.draws(100, 300)
+def test_the_stated_variance_is_that_of_the_estimate(draw, frequency, samples, rng, draws):
     """Mean stated variance over the scatter of the real and imaginary parts: one within three standard errors.
 
     A variance from N draws of two parts has the relative standard error 1/√N; the stated ones' mean adds its own.
     """
-    values, stated = monte_carlo(frequency, samples, draw, rng)
+    values, stated = monte_carlo(frequency, samples, draw, rng, draws)
     scatter = np.mean(np.abs(values) ** 2) / 2
-    own = np.std(stated) / np.mean(stated) / np.sqrt(DRAWS)
-    assert np.mean(stated) / scatter == pytest.approx(1.0, abs=3 * np.hypot(1 / np.sqrt(DRAWS), own))
-    assert abs(np.mean(values)) < 3 * np.sqrt(2 * scatter / DRAWS)  # no bias
+    own = np.std(stated) / np.mean(stated) / np.sqrt(draws)
+    assert np.mean(stated) / scatter == pytest.approx(1.0, abs=3 * np.hypot(1 / np.sqrt(draws), own))
+    assert abs(np.mean(values)) < 3 * np.sqrt(2 * scatter / draws)  # no bias
 
 
-def test_noise_that_falls_with_frequency_is_weighed_where_the_tone_is(rng):
+@pytest.mark.draws(100, 300)
+def test_noise_that_falls_with_frequency_is_weighed_where_the_tone_is(rng, draws):
     """The mean of the lines around the tone would be wrong by 20 % and more; the power law through them is not."""
-    values, stated = monte_carlo(25.0, 2000, falling, rng)
+    values, stated = monte_carlo(25.0, 2000, falling, rng, draws)
     scatter = np.mean(np.abs(values) ** 2) / 2
-    own = np.std(stated) / np.mean(stated) / np.sqrt(DRAWS)
-    assert np.mean(stated) / scatter == pytest.approx(1.0, abs=3 * np.hypot(1 / np.sqrt(DRAWS), own))
+    own = np.std(stated) / np.mean(stated) / np.sqrt(draws)
+    assert np.mean(stated) / scatter == pytest.approx(1.0, abs=3 * np.hypot(1 / np.sqrt(draws), own))
 
 
-def test_degrees_of_freedom_of_the_variance(rng):
+@pytest.mark.draws(100, 300)
+def test_degrees_of_freedom_of_the_variance(rng, draws):
     """var(s²)/E(s²)² = 2/ν for white noise, within three standard errors (relative √(2/N), and kurtosis)."""
-    _, stated = monte_carlo(400.0, 2000, white_response, rng)
+    _, stated = monte_carlo(400.0, 2000, white_response, rng, draws)
     found = measure_tones([a_record(400.0, 2000)], [400.0])
     expected = 2 / found.degrees_of_freedom[0]
     observed = np.var(stated) / np.mean(stated) ** 2
-    assert observed / expected == pytest.approx(1.0, abs=3 * np.sqrt(2 / DRAWS) * 1.5)
+    assert observed / expected == pytest.approx(1.0, abs=3 * np.sqrt(2 / draws) * 1.5)
 
 
 def test_felt_noise_cancels_and_reference_noise_does_not():

@@ -34,10 +34,11 @@ def test_the_step_is_read_where_hardly_two_values_are_alike():
 
 
 @pytest.mark.parametrize("bits", [8, 12])
-def test_steps_repeat_with_a_sweep_and_their_uncertainty_holds(bits):
+@pytest.mark.draws(4, 8)
+def test_steps_repeat_with_a_sweep_and_their_uncertainty_holds(bits, draws):
     """Six sweeps of one motion are rounded alike, which noise alone does not tell: z was 2.4 rms and up to 5.2."""
     distances = []
-    for number in range(8):
+    for number in range(draws):
         true = {"sensitivity": 0.1, "natural_frequency": 300.0 * 1.35**number, "damping_ratio": 0.05 * (1 + number)}
         clean = vibrident.simulate(
             ("accelerometer", true), "sweep", samples=1000, sampling_rate_hz=10e3, repeats=6, amplitude=10.0,

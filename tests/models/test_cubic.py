@@ -15,7 +15,7 @@ from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Ipnn
 from vibrident.models import parse
-from vibrident.problem import Coordinates, time_domain
+from vibrident.problem import Coordinates, LineProblem, time_domain
 from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import (
@@ -183,13 +183,15 @@ def test_the_derivative_is_that_of_the_cost():
         assert -2 * normal.gradient[index] == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
 
 
-def test_zero_force_is_the_linear_network():
+def test_zero_force_is_the_linear_network(monkeypatch):
+    monkeypatch.setattr("vibrident.problem.line_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
     made = simulate("paper", frequencies_hz=FEW_HZ, sampling_rate_hz=RATE, samples=1200, response_noise=0.01, seed=3)
     values = TRUTH | {"cubic_stiffness": 0.0}
     _, coordinates, args = problem_of(made, values)
-    _, linear, linear_args = problem_of(made, values, MODEL.linear)
+    problem = LineProblem.build(made.records, MODEL.linear, method("bandlimited"), made.quantity, values)
+    linear = Coordinates.at(MODEL.linear, values, (10.0, 1000.0))
     found = evaluate(jnp.asarray(coordinates.first), *args)
-    expected = evaluate(jnp.asarray(linear.first), *linear_args)
+    expected = problem.normal(linear.first, linear, np.ones(len(made.records)))
     assert float(found.cost) == pytest.approx(float(expected.cost), rel=1e-9)
     np.testing.assert_allclose(found.matrix[:3, :3], expected.matrix, rtol=1e-7)
 

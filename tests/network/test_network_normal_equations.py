@@ -2,20 +2,20 @@
 
 import numpy as np
 import pytest
-from tests.support.unrolled import cut, random_weights, recursion, stacked
+from tests.support.unrolled import cut, physical_residual, random_weights, recursion, stacked, time_residual
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import Weights, method
 from vibrident.models import parse
 from vibrident.network.sensitivity import normal_equations
-from vibrident.problem import Coordinates
-from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual, time_residual
+from vibrident.problem import Coordinates, LineProblem
+from vibrident.problem.time_domain import TimeProblem, evaluate
 from vibrident.simulation import simulate, with_noise
 
 TRUE = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": 37e-6}
 
 
-def a_problem(name="bandlimited", model="accelerometer+delay"):
+def a_problem(name="bandlimited", model="accelerometer+delay", way=TimeProblem):
     """Random motion with 2 % noise, a gap, records of two lengths and two rates; away from the optimum."""
     true = {k: v for k, v in TRUE.items() if k != "delay" or "delay" in model}
     records = []
@@ -28,10 +28,10 @@ def a_problem(name="bandlimited", model="accelerometer+delay"):
     bad[600:640] = True
     records[0] = records[0].without(bad, "test")
     start = {k: v * f for (k, v), f in zip(true.items(), (1.05, 0.97, 1.2, 0.9), strict=False)}
-    problem = TimeProblem.build(records, parse(model), method(name), "acceleration", start)
+    problem = way.build(records, parse(model), method(name), "acceleration", start)
     coordinates = Coordinates.at(parse(model), start, (20.0, 2000.0))
-    noise = problem.by_lane(np.array([0.02, 0.03, 0.05]))
-    return problem, coordinates, coordinates.first, noise
+    noise = np.array([0.02, 0.03, 0.05])
+    return problem, coordinates, coordinates.first, problem.by_lane(noise) if way is TimeProblem else noise
 
 
 _jacobian = jax.jit(jax.jacfwd(physical_residual), static_argnames=("layout",))
@@ -59,13 +59,14 @@ def test_against_automatic_differentiation_of_the_residual(name):
         np.testing.assert_allclose(np.asarray(column).ravel(), jacobian[:, number], atol=1e-9 * scale[number])
 
 
-@pytest.mark.parametrize("name", ["bandlimited", "tustin"])
-@pytest.mark.quick("bandlimited")
-def test_against_finite_differences(name):
+@pytest.mark.parametrize("way", [LineProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+def test_against_finite_differences(way):
     """Central differences of the cost: the gradient is exact though the nuisance is held (Kaufman 1975)."""
-    problem, coordinates, z, noise = a_problem(name)
+    problem, coordinates, z, noise = a_problem(way=way)
 
     def evaluated(point):
+        if way is LineProblem:
+            return problem.normal(point, coordinates, noise)
         return evaluate(jnp.asarray(point), coordinates, problem.layout, problem.data, jnp.asarray(noise))
 
     normal = evaluated(z)

@@ -9,7 +9,7 @@ from vibrident.backend import jnp
 from vibrident.discretize import Weights, method
 from vibrident.models import parse
 from vibrident.network.cell import Cell, run
-from vibrident.problem import Coordinates
+from vibrident.problem import Coordinates, LineProblem
 from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import Record
 
@@ -67,7 +67,8 @@ def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, 
         np.testing.assert_allclose(predicted[owner][run_of], forced + design @ found, rtol=0, atol=1e-9)
 
 
-def test_a_sensor_far_above_the_sampling_rate_keeps_its_response(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("way", [LineProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+def test_a_sensor_far_above_the_sampling_rate_keeps_its_response(way: type) -> None:
     """ωn Ts = 190: the poles are gone within a step, and the network is still exact."""
     model = parse("accelerometer")
     start = {"sensitivity": 0.1, "natural_frequency": 30e3, "damping_ratio": 0.01}
@@ -76,7 +77,7 @@ def test_a_sensor_far_above_the_sampling_rate_keeps_its_response(rng: np.random.
     response = model.frequency_response(start, np.array([60.0]))[0]
     exact = np.imag(response * np.exp(2j * np.pi * 60 * time))
     record = Record("slow", reference, exact, 1000.0, "random")
-    problem = TimeProblem.build([record], model, method("bandlimited"), "acceleration", start)
+    problem = way.build([record], model, method("bandlimited"), "acceleration", start)
     coordinates = Coordinates.at(model, start, (10.0, 400.0))
     (predicted,) = problem.predict(coordinates, coordinates.first)
     used = np.isfinite(predicted)

@@ -9,22 +9,19 @@ import numpy as np
 import optimistix as optx
 import pytest
 from scipy.linalg import expm
+from tests.support.unrolled import physical_residual
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import method
 from vibrident.estimators.optimise import AS_FORESEEN, levenberg_marquardt
 from vibrident.models import parse
-from vibrident.problem import Coordinates
-from vibrident.problem.time_domain import TimeProblem, evaluate, physical_residual
+from vibrident.problem import Coordinates, LineProblem, network_objective
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import Record
 
 RATE = 8000.0
 START = {"sensitivity": 0.12, "natural_frequency": 600.0, "damping_ratio": 0.25}
 NOISE = np.array([0.02, 0.05])
-
-
-def _in_time(z, args):
-    return evaluate(jnp.asarray(z), *args)
 
 
 def held_step(z):
@@ -58,9 +55,11 @@ def records():
     return made
 
 
-@pytest.fixture(scope="module")
-def problem(records):
-    return TimeProblem.build(records, parse("accelerometer"), method("zoh"), "acceleration", START)
+@pytest.fixture(scope="module", params=[LineProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+def problem(records, request):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vibrident.problem.line_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
+        yield request.param.build(records, parse("accelerometer"), method("zoh"), "acceleration", START)
 
 
 @pytest.fixture(scope="module")
@@ -90,11 +89,10 @@ def dense(records, z):
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 def test_five_iterates_of_the_classical_method(damping, records, problem, coordinates):
     """z ← z + (JᵀJ + λ diag JᵀJ)⁻¹ Jᵀr over all unknowns, λ on the parameters: the same to 1e-8."""
-    args = (coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(NOISE)))
     unrolled = classical = coordinates.first
     for _ in range(5):
         residual, jacobian = dense(records, classical)
-        normal = evaluate(jnp.asarray(unrolled), *args)
+        normal = problem.normal(unrolled, coordinates, NOISE)
         assert float(normal.cost) == pytest.approx(residual @ residual, rel=1e-10)
         gram = jacobian.T @ jacobian
         projected = gram[:3, :3] - gram[:3, 3:] @ np.linalg.solve(gram[3:, 3:], gram[3:, :3])
@@ -109,11 +107,11 @@ def test_five_iterates_of_the_classical_method(damping, records, problem, coordi
 
 
 @pytest.mark.slow
-def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(problem, coordinates):
+def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(records, coordinates):
     """Optimistix on all 720 residuals at once, against the package's optimiser on cost, gradient and JᵀJ."""
+    problem = TimeProblem.build(records, parse("accelerometer"), method("zoh"), "acceleration", START)
     noise = jnp.asarray(problem.by_lane(NOISE))
-    args = (coordinates, problem.layout, problem.data, noise)
-    trace = levenberg_marquardt(_in_time, coordinates.first, args, tolerance=1e-10)
+    trace = levenberg_marquardt(network_objective, coordinates.first, (coordinates, problem, NOISE), tolerance=1e-10)
     assert trace.converged
     solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
     solver = eqx.tree_at(lambda solver: solver.search, solver, optx.ClassicalTrustRegion(high_cutoff=AS_FORESEEN))
@@ -141,8 +139,7 @@ def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(prob
 
 
 def test_the_optimum_is_where_the_dense_gradient_vanishes(records, problem, coordinates):
-    args = (coordinates, problem.layout, problem.data, jnp.asarray(problem.by_lane(NOISE)))
-    trace = levenberg_marquardt(_in_time, coordinates.first, args, tolerance=1e-12)
+    trace = levenberg_marquardt(network_objective, coordinates.first, (coordinates, problem, NOISE), tolerance=1e-12)
     residual, jacobian = dense(records, trace.last)
     scale = np.linalg.norm(jacobian, axis=0) * np.linalg.norm(residual)
     assert np.max(np.abs(jacobian.T @ residual) / scale) < 1e-6

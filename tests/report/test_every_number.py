@@ -1,11 +1,9 @@
 """What the tests of single tables leave: every number of every form is the result's, rounded or times k."""
 
-import io
 import re
 from dataclasses import replace
 
 import numpy as np
-import pypdf
 import pytest
 from tests.support.printed import NUMBER, assert_rounded, factor_to
 from tests.support.report_page import read
@@ -72,14 +70,9 @@ def test_the_nominal_frequencies_of_the_page_are_those_of_the_certificate():
     assert [tuple(row) for row in read(result).table(*table.header)] == list(table.rows)
 
 
-def test_the_pdf_and_markdown_hold_every_cell_of_the_tables():
+def test_markdown_holds_every_cell_of_the_table():
     result = table2()
     table = parameters(result)
-    sheets = pypdf.PdfReader(io.BytesIO(report.content(result, "pdf"))).pages
-    printed = re.sub(r"\s+", " ", " ".join(sheet.extract_text() for sheet in sheets))
-    for row in (*certificate.sensitivity(result).rows, *certificate.parameters(result).rows):
-        numbers = " ".join(cell for cell in row if re.fullmatch(NUMBER, cell))
-        assert numbers in printed
     markdown = report.content(result, "md").decode()
     for row in table.rows:
         line = next(line for line in markdown.splitlines() if line.startswith(f"| {row[0]}"))

@@ -1,6 +1,5 @@
 """The HTML report: one file of at most 6 MB that asks for nothing, whose every number is the result's."""
 
-import json
 import re
 from dataclasses import replace
 from functools import cache
@@ -9,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from plotly.offline import get_plotlyjs
-from tests.support.printed import NUMBER, assert_rounded, factor_to, later, stated
+from tests.support.printed import NUMBER, assert_rounded, factor_to, later
 from tests.support.report_page import Reader, read
 from tests.support.sample_results import SAMPLES, dense_points, table2, troubled
 
@@ -20,7 +19,7 @@ from vibrident.present import words
 from vibrident.present.charts import MOST_POINTS
 from vibrident.present.numbers import frequency_text
 from vibrident.present.residual_tests import residual_tests
-from vibrident.result import Fit, Result
+from vibrident.result import Fit
 
 LIMIT = 6_000_000
 BASE = table2()
@@ -159,11 +158,6 @@ def test_warnings_settings_and_budget_are_said():
         assert f"{explained.title[:1].upper()}{explained.title[1:]} ({warning.code})" in text
     assert page.table("contribution", "u percent", "share") == [["reference", "0.1", "0.4"], ["noise", "0.2", "0.6"]]
     assert "deep · one · two1.5, –" in text.replace(" deep", "deep")
-
-
-def test_a_page_from_json_is_the_same():
-    result = stated()
-    assert report.content(Result.from_dict(json.loads(result.to_json())), "html") == report.content(result, "html")
 
 
 def outcomes(deviation_in_u, chi2=1.0):

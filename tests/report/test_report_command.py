@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support import shell
 from tests.support.printed import CERTIFICATE, later
-from typer.testing import CliRunner
 
 import vibrident
-from vibrident.cli import app
 from vibrident.io import read
 from vibrident.io.writer import write_calibration
 from vibrident.nominal import series
@@ -18,7 +17,7 @@ from vibrident.result import Result
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["report", *(str(argument) for argument in arguments)])
+    return shell.run("report", *arguments)
 
 
 def shown(folder):
@@ -94,8 +93,9 @@ def test_results_are_called_by_what_tells_them_apart(two, tmp_path):
     for folder in "ab":
         (tmp_path / folder / "out").mkdir()
         (tmp_path / folder / "result.json").rename(tmp_path / folder / "out" / "result.json")
-    done = run(*(tmp_path / folder / "out" / "result.json" for folder in "ab"), "--out", tmp_path / "beside")
+    files, page = [tmp_path / folder / "out" / "result.json" for folder in "ab"], ("--format", "html", "--out")
+    done = run(*files, *page, tmp_path / "beside")
     assert done.exit_code == 0, done.output
     assert {path.name for path in (tmp_path / "beside").iterdir() if path.is_dir()} == {"a", "b"}
-    same = run(two[0].parent / "out" / "result.json", two[0].parent / "out" / "result.json", "--out", tmp_path / "same")
+    same = run(files[0], files[0], *page, tmp_path / "same")
     assert {path.name for path in (tmp_path / "same").iterdir() if path.is_dir()} == {"result-1", "result-2"}, same

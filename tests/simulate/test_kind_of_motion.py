@@ -29,8 +29,9 @@ def moved(kind, sensor="paper", samples=8000, periods=40.0, seed=1, tones=12):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("sensor", NATURAL_HZ)
-@pytest.mark.parametrize(("samples", "periods"), [(8000, 10.0), (8000, 40.0), (60_000, 100.0)])
+@pytest.mark.parametrize(
+    ("sensor", "samples", "periods"), [("paper", 8000, 10.0), ("seismometer", 8000, 40.0), ("piezo", 60_000, 100.0)]
+)
 def test_the_kind_is_seen_whatever_rate_scale_and_offset(kind, sensor, samples, periods):
     for record in moved(kind, sensor, samples, periods).records:
         motion = np.asarray(record.reference)
@@ -67,7 +68,7 @@ def test_a_noisy_sine_is_a_sine(kind, snr_db):
 
 
 def test_distortion_and_drift_are_no_other_motion():
-    made = simulate("cubic", frequencies_hz=[200.0, 400.0], sampling_rate_hz=26e3, samples=4000, seed=2)
+    made = simulate("paper", frequencies_hz=[200.0, 400.0], sampling_rate_hz=26e3, samples=4000, seed=2)
     time = made.records[0].time_s
     for record in made.records:
         frequency = float(record.frequency_hz)

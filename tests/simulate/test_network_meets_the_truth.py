@@ -1,4 +1,4 @@
-"""The unrolled network against the exact response: two programs that share the transfer function alone."""
+"""The network against the exact response: two programs that share the transfer function alone."""
 
 from dataclasses import dataclass, field
 
@@ -8,7 +8,7 @@ import pytest
 from vibrident.discretize import method
 from vibrident.models import parse
 from vibrident.problem.coordinates import Coordinates
-from vibrident.problem.time_domain import TimeProblem
+from vibrident.problem.line_problem import LineProblem
 from vibrident.simulation import SENSORS, simulate
 
 PAPER = SENSORS["paper"]
@@ -19,7 +19,7 @@ ENDS = 60
 def network_error(calibration, name, parameters):
     """Largest deviation of the network with the true parameters, relative to each record's largest response."""
     model, start = parse(calibration.model), dict(parameters)
-    problem = TimeProblem.build(calibration.records, model, method(name), calibration.quantity, start)
+    problem = LineProblem.build(calibration.records, model, method(name), calibration.quantity, start)
     coordinates = Coordinates.at(model, start, (10.0, 1000.0))
     predicted = problem.predict(coordinates, coordinates.first)
     worst = 0.0
@@ -32,7 +32,6 @@ def network_error(calibration, name, parameters):
 
 @pytest.mark.parametrize("rate", [2560.0, 16000.0, 51200.0, 1e6])
 @pytest.mark.parametrize("start", ["rest", "steady"])
-@pytest.mark.quick("steady-2560.0", "rest-51200.0", "steady-1000000.0")
 def test_the_band_limited_network_is_the_truth(rate, start):
     """Sines from 10 to 1000 Hz with felt noise up to 0.4 fs at 20 dB, below 1e-6 at every rate."""
     calibration = simulate(
@@ -71,7 +70,6 @@ class Held:
         return np.where(inside, self.samples[np.clip(index, 0, self.samples.size - 1)], 0.0)
 
 
-@pytest.mark.slow
 def test_zoh_is_exact_for_a_held_signal(rng):
     held = Held(rng.standard_normal(2000), 16000.0)
     calibration = simulate(excitation=held, sampling_rate_hz=16000.0, samples=2000)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
+from tests.support.shell import printed
 
 _T = TypeVar("_T")
 VIBRIDENT = (sys.executable, "-m", "vibrident")
@@ -92,9 +93,8 @@ def upload(page, *files: Path) -> None:
 
 def simulated(folder: Path, *arguments: str) -> list[Path]:
     """A short calibration of known truth, without what its columns mean."""
-    made = ("simulate", "--out", ".", "--samples", "2000", "--rate", "12800", "--seed", "4")
-    command = [*VIBRIDENT, *made, *arguments]
     folder.mkdir(exist_ok=True)
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    made = ("--samples", "2000", "--rate", "12800", "--seed", "4")
+    printed("simulate", "--out", ".", *made, *arguments, folder=folder)
     (folder / "calibration.toml").unlink()
     return sorted(folder.glob("*.csv"))

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from vibrident.backend import jnp, lax
 from vibrident.discretize import Weights
-from vibrident.network.unroll import Lanes
+from vibrident.network.unroll import Lanes, Nuisance, fit_nuisance, nuisance_response, projection, respond
+from vibrident.problem.time_domain import _weights
 
 
 def random_weights(rng, states=2, terms=3, damping=0.03):
@@ -76,3 +78,24 @@ def cut(segments, chunk):
         return [series[: len(segment[1])] for series, segment in zip(whole, segments, strict=True)]
 
     return made, back
+
+
+def time_residual(weights, lanes, noise, segments):
+    """Weighted residual of the network with these weights, shape (L·M,), each initial state and offset eliminated.
+
+    ``noise``: standard deviation of the response noise, by lane.
+    """
+    frozen = lax.stop_gradient(weights)
+    p = projection(frozen, lanes, segments)
+    zero = Nuisance(jnp.zeros((segments, weights.output.shape[-1])), jnp.zeros(segments))
+    nuisance = fit_nuisance(p, lanes, lanes.response - respond(frozen, lanes, zero))
+    raw = (lanes.response - respond(weights, lanes, nuisance)) * lanes.weight
+    imitated = nuisance_response(p, lanes, fit_nuisance(p, lanes, raw))
+    return ((raw - imitated) * lanes.weight / noise).ravel()
+
+
+def physical_residual(z, coordinates, layout, data, noise):
+    """The same of the tied network, weights from the physics at coordinates ``z``."""
+    lanes, intervals, fractions, delay = data
+    weights = _weights(coordinates.physical(z), layout, intervals, fractions, delay)
+    return time_residual(weights, lanes, noise, layout.segments)

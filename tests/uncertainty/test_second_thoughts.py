@@ -125,20 +125,6 @@ def test_a_drift_is_named_and_does_no_harm(motion):
         assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=0.1)
 
 
-def test_units_read_wrongly_are_suspected():
-    frequency = np.geomspace(10, 500, 20)
-    h = MODEL.frequency_response(TRUTH, frequency)
-    size, u = np.abs(h), (0.002 * np.abs(h), np.full(20, 0.003))
-    right = ResponseTable(frequency, size, np.angle(h), *u)
-    assert vibrident.identify(Calibration(table=right)).warning_codes == ()
-    degrees_as_radians = replace(right, phase_rad=np.rad2deg(np.angle(h)))
-    turned = replace(right, phase_rad=-np.angle(h))
-    for table, word in ((degrees_as_radians, "degrees"), (turned, "sign")):
-        result = vibrident.identify(Calibration(table=table))
-        assert "units_suspect" in result.warning_codes
-        assert word in next(w.message for w in result.warnings if w.code == "units_suspect")
-
-
 def test_a_reference_of_another_quantity_is_suspected():
     frequency = np.geomspace(20, 2000, 30)
     h = MODEL.frequency_response(TRUTH, frequency, "velocity")
@@ -194,31 +180,32 @@ def test_a_second_mode_makes_the_parameters_depend_on_the_band():
 
 
 @pytest.mark.parametrize("excitation", ["random", "sweep"])
-def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, monkeypatch):
+@pytest.mark.draws(5, 12)
+def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, draws, monkeypatch):
     """With equal weights the bias of S0 under random motion is more than a standard uncertainty at this noise."""
     clean = simulate(
         "paper", excitation, frequencies_hz=[30.0, 2000.0], samples=8000, sampling_rate_hz=20_000.0, start="rest",
         repeats=2, seed=3,
     )  # fmt: skip
-    offs, levels, drawn = [], [], []
+    offs, levels, equal = [], [], []
     true = np.mean([0.1 * np.std(np.asarray(r.reference)) for r in clean.records])
-    for seed in range(12):
+    for seed in range(draws):
         result = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed))
         found = result.parameters["sensitivity"]
         offs.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
         # At so strong a noise the verdict errs in about one of fifteen, and equal weights stay (docs/warnings.md).
         if result.settings["noise_weights"] == "spectrum":
             levels.append(np.mean(result.settings["reference_noise"]))
-    assert len(levels) >= 10
+    assert len(levels) >= draws - 2
     assert np.mean(levels) == pytest.approx(true, rel=0.05)
-    assert abs(np.mean(offs)) < 0.9  # three standard errors of twelve runs
+    assert abs(np.mean(offs)) < 3.1 / np.sqrt(draws)
     assert np.std(offs) < 1.7
-    if excitation == "random":  # a sweep is stronger where it draws: half a standard uncertainty
+    if excitation == "random" and draws > 10:  # a sweep is stronger where it draws: half a standard uncertainty
         monkeypatch.setattr(training, "reweighted", lambda *_: None)
-        for seed in range(12):
+        for seed in range(draws):
             found = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed)).parameters["sensitivity"]
-            drawn.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
-        assert np.mean(drawn) < -0.9
+            equal.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
+        assert np.mean(equal) < -0.9
 
 
 @pytest.mark.parametrize("channel", ["response_noise", "reference_noise"])

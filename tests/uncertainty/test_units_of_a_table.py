@@ -31,13 +31,19 @@ def said(made: ResponseTable, model: str = "accelerometer") -> str:
 
 def turned(made: ResponseTable, factor: float) -> ResponseTable:
     u = made.phase_uncertainty_rad
-    return replace(made, phase_rad=factor * made.phase_rad, phase_uncertainty_rad=None if u is None else factor * u)
+    return replace(
+        made, phase_rad=factor * made.phase_rad, phase_uncertainty_rad=None if u is None else abs(factor) * u
+    )
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
 def test_phases_in_another_unit_are_named_the_right_way_round(stated: bool) -> None:
     assert 'is phase_unit "rad" right?' in said(turned(table(stated=stated), 180.0 / np.pi))
     assert 'is phase_unit "deg" right?' in said(turned(table(stated=stated), np.pi / 180.0))
+
+
+def test_phases_of_the_other_sign_are_named() -> None:
+    assert "sign" in said(turned(table(), -1.0))
 
 
 def test_phases_that_no_model_explains_are_not_read_with_an_uncertainty_of_a_turn() -> None:

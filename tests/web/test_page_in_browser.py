@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
 from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
 from tests.support.contrast import texts, too_faint
 from tests.support.real_data import real_data
-from tests.support.serving import VIBRIDENT
+from tests.support.shell import printed, run
 
 WAIT_MS = 120_000
 
@@ -32,15 +31,9 @@ def download(page, name: str) -> bytes:
     return Path(waiting.value.path()).read_bytes()
 
 
-def run(folder: Path, *arguments: str) -> None:
-    command = [*VIBRIDENT, *arguments]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
 def shell(folder: Path, shown: str) -> dict:
     """Run the command that the page shows."""
-    run(folder, *shlex.split(shown)[1:], "--no-plots", "--out", "out")
+    printed(*shlex.split(shown)[1:], "--no-plots", "--out", "out", folder=folder)
     return json.loads((folder / "out" / "result.json").read_text())
 
 
@@ -59,10 +52,10 @@ def agrees_with_the_command(page, folder: Path) -> None:
 
     (folder / "taken.json").write_bytes(taken)
     (folder / "page.pdf").write_bytes(download(page, "pdf"))
-    run(folder, "report", "out/result.json", "--out", "shell.pdf")
-    printed = [words_and_numbers(folder / name) for name in ("page.pdf", "shell.pdf")]
-    assert printed[0] == printed[1]
-    assert len(re.findall(r"\d", printed[0])) > 100
+    printed("report", "out/result.json", "--out", "shell.pdf", folder=folder)
+    said = [words_and_numbers(folder / name) for name in ("page.pdf", "shell.pdf")]
+    assert said[0] == said[1]
+    assert len(re.findall(r"\d", said[0])) > 100
 
 
 def words_and_numbers(pdf: Path) -> str:
@@ -149,8 +142,7 @@ def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):
 def test_a_broken_calibration_file_gets_the_message_of_the_command_line(visit, tmp_path):
     (tmp_path / "a.csv").write_text("time,reference,response\n0.0,1.0,2.0\n0.1,1.5,2.0\n0.2,1.0,2.5\n")
     (tmp_path / "calibration.toml").write_text("[reference]\ncolumn = \n")
-    command = [*VIBRIDENT, "identify", "calibration.toml"]
-    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr
+    said = run("identify", "calibration.toml", folder=tmp_path).stderr
     page = visit()
     upload(page, tmp_path / "a.csv", tmp_path / "calibration.toml")
     shown = page.get_by_role("alert")
@@ -188,7 +180,8 @@ def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(vis
 
 def upload_simulated(page, folder: Path) -> None:
     """A short calibration of known truth, its columns to be guessed."""
-    run(folder, *shlex.split("simulate --out . --samples 2000 --rate 12800 --seed 4 --response-noise 0.01"))
+    made = "simulate --out . --samples 2000 --rate 12800 --seed 4 --response-noise 0.01"
+    printed(*shlex.split(made), folder=folder)
     (folder / "calibration.toml").rename(folder / "as-simulated.toml")
     upload(page, *sorted(folder.glob("*.csv")))
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
@@ -216,9 +209,10 @@ def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(v
         agrees_with_the_command(page, tmp_path)
 
 
+@pytest.mark.slow
 def test_two_photodetectors_are_drawn_over_each_other_and_identified(visit, picture, tmp_path):
     settings = "--samples 12000 --rate 400000 --frequencies 160,400,1000 --start steady --seed 3 --response-noise 0.001"
-    run(tmp_path, *shlex.split(f"simulate --interferometer quadrature --out . {settings}"))
+    printed(*shlex.split(f"simulate --interferometer quadrature --out . {settings}"), folder=tmp_path)
     (tmp_path / "calibration.toml").rename(tmp_path / "as-simulated.toml")
     page = visit()
     upload(page, *sorted(tmp_path.glob("*.h5")))

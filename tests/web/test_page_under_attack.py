@@ -7,7 +7,6 @@ import http.client
 import json
 import os
 import socket
-import subprocess
 import sys
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -15,6 +14,7 @@ from urllib.parse import urlsplit
 import h5py
 import pytest
 from tests.support.serving import VIBRIDENT, serving, simulated, upload
+from tests.support.shell import printed
 
 WAIT_MS = 120_000
 TAG = "<img src=x onerror=window.pwned=1>"
@@ -59,12 +59,11 @@ def test_text_of_others_stays_text(visit, picture, tmp_path):
 
 def test_a_result_of_unknown_origin_stays_text(visit, picture, tmp_path):
     simulated(tmp_path / "made")
-    command = [*VIBRIDENT, "identify", "calibration.toml", "--no-plots", "--out", "out"]
     (tmp_path / "made" / "calibration.toml").write_text(
         "[reference]\ncolumn = 2\n[response]\ncolumn = 3\n[sampling]\ntime_column = 1\n"
         '[[records]]\nfile = "1*_Hz.csv"\nexcitation = "sine"\n'
     )
-    subprocess.run(command, cwd=tmp_path / "made", check=True, capture_output=True)
+    printed("identify", "calibration.toml", "--no-plots", "--out", "out", folder=tmp_path / "made")
     document = json.loads((tmp_path / "made" / "out" / "result.json").read_text())
     document["warnings"] = [{"code": "lack_of_fit", "message": f"{TAG} {LINK}"}, {"code": "drift", "message": TAG}]
     document["sensor"] = {"serial_number": f"{TAG}*\\", "type": LINK}

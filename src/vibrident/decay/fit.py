@@ -16,11 +16,16 @@ from vibrident.decay.motion import free_motion, motion_slopes
 from vibrident.decay.noise import WHITE, Noise, tone_columns
 from vibrident.records import BoolArray, FloatArray
 
-STEPS, SETTLED = 60, 1e-13
+#: Most steps of the descent.
+STEPS = 60
+#: It has settled where a step gains less than this part of the cost.
+SETTLED = 1e-13
 #: Singular values below this part of the largest belong to directions that the samples do not show.
 RANK = 1e-10
-#: Limits of the search: damping ratio, and natural frequency in sampling rates.
-MOST_DAMPING, FASTEST = 300.0, 20.0
+#: Largest damping ratio of the search.
+MOST_DAMPING = 300.0
+#: Highest natural frequency of the search, in sampling rates.
+FASTEST = 20.0
 
 
 @dataclass(frozen=True, eq=False)

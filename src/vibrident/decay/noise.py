@@ -14,10 +14,16 @@ from numpy import fft
 from vibrident.measure.lines import fast_length
 from vibrident.records import BoolArray, FloatArray
 
-#: Highest order of the autoregression; a part of the samples where records are short.
-MOST_ORDER, ORDER_SHARE = 64, 20
+#: Highest order of the autoregression.
+MOST_ORDER = 64
+#: Fewest samples for each order.
+ORDER_SHARE = 20
 #: A line is a tone above this multiple of the levels around it; the false-alarm probability per line is e^-20.
-TONE_POWER, AROUND_LINES, MOST_TONES = 20.0, 64, 8
+TONE_POWER = 20.0
+#: Lines over which a level is taken.
+AROUND_LINES = 64
+#: Most tones of a record.
+MOST_TONES = 8
 
 
 @dataclass(frozen=True, eq=False)

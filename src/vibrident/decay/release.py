@@ -17,18 +17,33 @@ from vibrident.tails import chi2_tail
 
 #: The last sample of at least this part of the largest deviation lies after the release.
 SURELY_FREE = 0.7
-#: Damping ratios tried at every frequency, and frequencies beside the peaks of the spectrum.
+#: Damping ratios tried at every frequency.
 DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.5, 4.0, 8.0)
-PEAKS, FREQUENCIES, MOST_POINTS, TRIED = 5, 40, 3000, 3
+#: Peaks of the spectrum that are tried.
+PEAKS = 5
+#: Frequencies tried beside the peaks.
+FREQUENCIES = 40
+#: Most samples of a trial.
+MOST_POINTS = 3000
+#: Best trials that are fitted.
+TRIED = 3
 #: A window is no free motion where its residual exceeds that of the windows after the release by so much.
-LARGER, FEWEST = 3.0, 16
+LARGER = 3.0
+#: Fewest samples of a window.
+FEWEST = 16
 #: A release is abrupt: a residual below this part of the motion may be the sensor's own bend.
 ABRUPT = 0.08
 #: Significant ratio of the rms of a part of the residual to that of the remainder, even for a few samples.
 ONE_PIECE = 2.0
-#: First samples do not belong to the motion below this probability: where a few are left out, which costs little if
-#: chance did it, and where more are. So many lengths are tried.
-ALIEN, SOON, ALIEN_LATER, TRIALS = 0.01, 2, 5e-4, 8
+#: A few first samples do not belong to the motion below this probability: to leave them out costs little if chance did
+#: it.
+ALIEN = 0.01
+#: So many are a few.
+SOON = 2
+#: The probability where more are left out.
+ALIEN_LATER = 5e-4
+#: Numbers of first samples that are tried.
+TRIALS = 8
 
 
 def free_stretch(record: Record) -> DecayFit:

@@ -15,8 +15,10 @@ from vibrident.problem import Evidence
 from vibrident.problem.time_domain import TimeProblem
 from vibrident.records import FloatArray
 
-#: Harmonic, and the highest frequency, as a part of the sampling rate, at which the records still show it.
-HARMONIC, HIGHEST = 3, 0.4
+#: Harmonic that a cubic stiffness makes.
+HARMONIC = 3
+#: Highest frequency, as a part of the sampling rate, at which the records still show it.
+HIGHEST = 0.4
 
 
 def with_harmonic_start(problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray) -> FloatArray:

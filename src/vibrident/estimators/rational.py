@@ -17,8 +17,10 @@ from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray, Quantity
 
-#: Rounds of refreshed weights, and the smallest relative deviation.
-ROUNDS, LEAST = 12, 1e-6
+#: Rounds of refreshed weights.
+ROUNDS = 12
+#: Smallest relative deviation.
+LEAST = 1e-6
 
 
 def two_modes(

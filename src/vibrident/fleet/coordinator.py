@@ -29,12 +29,16 @@ from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
 
 #: Calls a worker has at once: one that it works on, one that waits for it.
 WINDOW = 2
-#: Calibrations hashed by one call; the first calls are short, so that work begins at once.
-_FIRST_PATHS, _MOST_PATHS = 8, 100
+#: Calibrations hashed by each of the first calls, so that work begins at once.
+_FIRST_PATHS = 8
+#: Calibrations hashed by a later call.
+_MOST_PATHS = 100
 #: Seconds between updates of the number of workers and of the progress.
 _TURN_S = 0.5
-#: How often a calibration is sent again after its worker was lost, or hashed again after its files changed.
-_MOST_LOST, _MOST_MOVES = 4, 3
+#: How often a calibration is sent again after its worker was lost.
+_MOST_LOST = 4
+#: How often it is hashed again after its files changed.
+_MOST_MOVES = 3
 #: Keys held as texts before they are packed.
 _MOST_NEW = 4096
 

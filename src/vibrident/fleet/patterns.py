@@ -15,8 +15,10 @@ import numpy as np
 from vibrident.errors import InputError
 
 _ENDING = ".toml"
-#: Paths that are compressed together, and blocks that are kept open.
-_BLOCK, _MOST_OPENED = 256, 8
+#: Paths that are compressed together.
+_BLOCK = 256
+#: Blocks that are kept open.
+_MOST_OPENED = 8
 #: Bytes of the hash by which equal paths are found.
 _MARK = 16
 

@@ -15,8 +15,10 @@ from vibrident.process import Died, Limits, Process, WorkerError
 _START_S = 180.0
 #: Seconds without a call after which it ends: on a cluster the run may be lost unnoticed.
 _IDLE_S = 120.0
-#: A process with more memory than this, or after so many calibrations, is replaced.
-_MOST_BYTES, _MOST_DONE = 1_500_000_000, 2000
+#: A process with more memory than this is replaced.
+_MOST_BYTES = 1_500_000_000
+#: A process is replaced after so many calibrations.
+_MOST_DONE = 2000
 
 
 class Identifier:

@@ -12,7 +12,6 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.result import Result
 
 IDENTIFIED, REFUSED, FAILED = "identified", "refused", "failed"
-STATUSES = (IDENTIFIED, REFUSED, FAILED)
 #: What a result says that was fitted where it was asked for.
 _GPU = "gpu"
 

@@ -103,5 +103,3 @@ event = Table(
     Index("event_by_sensor", "sensor_id", "kind"),
     Index("event_by_calibration", "calibration_id"),
 )
-
-TABLES = (sensor, calibration, parameter, point, event)

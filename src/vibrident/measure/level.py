@@ -21,15 +21,18 @@ ComplexArray = NDArray[np.complex128]
 
 #: Lines count by their distance from the tone, a normal curve of this width in the logarithm of frequency.
 NEAR = 0.7
-#: The logarithm of a periodogram line has mean ln(level) − 0.577 and this deviation; neighbouring lines of a windowed
-#: spectrum are correlated, which widens what is computed from them by a factor.
-LOG_BIAS, LOG_DEVIATION = 0.5772156649, 1.2825
+#: The logarithm of a periodogram line has the mean ln(level) − this.
+LOG_BIAS = 0.5772156649
+#: Its standard deviation.
+LOG_DEVIATION = 1.2825
+#: Neighbouring lines of a windowed spectrum are correlated, which widens what is computed from them by this factor.
 CORRELATED = 1.394
 #: A slope counts beyond this many standard deviations.
 SIGNIFICANT = 4.0
-#: Log-likelihood by which a + b |H|² must be better than one level (one more parameter: Akaike), and a power law,
-#: which reaches further beyond its lines and needs better ones.
-ENOUGH_FOR_SHAPE, ENOUGH_FOR_LAW = 1.0, 2.0
+#: Log-likelihood by which a + b |H|² must be better than one level (one more parameter: Akaike).
+ENOUGH_FOR_SHAPE = 1.0
+#: … and a power law, which reaches further beyond its lines and needs better ones.
+ENOUGH_FOR_LAW = 2.0
 #: Rounds of Fisher scoring for a + b |H|².
 ROUNDS = 12
 #: The channels' own noise does not explain Y − H X where the best a + b |H|² has a larger log-likelihood by this.

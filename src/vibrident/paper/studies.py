@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibrident.discretize import method
 from vibrident.errors import NotConverged
 from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
-from vibrident.estimators.optimise import Progress, silent
+from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.identification import identify
 from vibrident.models import parse
 from vibrident.paper.bound import Bound, cramer_rao
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import curve_deviation
-from vibrident.paper.plain_loss import optimum
 from vibrident.paper.unrolled import START
+from vibrident.problem import Coordinates, network_objective, network_of
 from vibrident.records import Calibration
 from vibrident.simulation import simulate, with_noise
 
@@ -80,6 +81,26 @@ def _at_rate(calibration: Calibration, name: str, rate: float) -> RatePoint:
         return RatePoint(name, rate, None, None, None)
     deviation = curve_deviation(parse(SENSOR.model), found, SENSOR.parameters, BAND_HZ)
     return RatePoint(name, rate, relative_errors(found), deviation.mean, deviation.at_peak)
+
+
+def optimum(calibration: Calibration, discretisation: str, near: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of least plain mean squared error for any discretisation, sought from ``near``.
+
+    Adam comes near this optimum; Levenberg–Marquardt reaches it, so that the remaining error is the discretisation's,
+    not the optimiser's. Initial state and offset of each record are eliminated; records are not weighted.
+
+    Raises:
+        NotConverged: the network is unstable there.
+    """
+    model = parse(calibration.model)
+    frequencies = [record.frequency_hz or record.sampling_rate_hz / 4.0 for record in calibration.records]
+    coordinates = Coordinates.at(model, near, (min(frequencies), max(frequencies)))
+    start = {name: float(near[name]) for name in model.parameter_names}
+    problem = network_of(calibration.records, model, method(discretisation), calibration.quantity, start)
+    size = float(np.sqrt(np.mean([np.var(record.response) for record in calibration.records])))
+    args = (coordinates, problem, np.full(len(calibration.records), size))
+    trace = levenberg_marquardt(network_objective, coordinates.first, args, tolerance=1e-9)
+    return coordinates.values(trace.last)
 
 
 def relative_errors(found: Mapping[str, float]) -> dict[str, float]:
@@ -168,8 +189,8 @@ def error_by_noise(
     model, points = parse(SENSOR.model), []
     for number, level in enumerate(levels):
         noisy = [with_noise(truth, response_noise=level, seed=_seed(seed, number, draw)) for draw in range(draws)]
-        for name, method in NOISE_METHODS.items():
-            found = [method(calibration) for calibration in noisy]
+        for name, found_by in NOISE_METHODS.items():
+            found = [found_by(calibration) for calibration in noisy]
             errors = [relative_errors(values) for values in found]
             curves = [curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in found]
             rms = {p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS}

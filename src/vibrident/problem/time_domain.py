@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax, release_kernels
+from vibrident.backend import jax, jnp, release_kernels
 from vibrident.discretize import Method, Weights
 from vibrident.discretize.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.lines import RecordLines
@@ -26,14 +26,7 @@ from vibrident.models import SensorModel
 from vibrident.models.state_space import realise
 from vibrident.network.forced import forced_normal, forced_response
 from vibrident.network.sensitivity import Normal, normal_equations
-from vibrident.network.unroll import (
-    Lanes,
-    Nuisance,
-    fit_nuisance,
-    nuisance_response,
-    projection,
-    respond,
-)
+from vibrident.network.unroll import Lanes
 from vibrident.problem.coordinates import Coordinates
 from vibrident.problem.cutting import bucket, cut, pieces_of, steps_of
 from vibrident.problem.framing import Frame, noise_floor, response_size
@@ -241,33 +234,8 @@ def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractio
 _compiled_weights = jax.jit(_weights, static_argnames=("layout",))
 
 
-def time_residual(weights: Weights, lanes: Lanes, noise: Any, segments: int) -> Any:
-    """Weighted residual of the network with these weights, shape (L·M,); see the module's docstring.
-
-    Args:
-        weights: one set a sampling interval (leading axis R); may be traced, tied to the physics or free.
-        lanes: the data.
-        noise: standard deviation of the response noise, by lane, shape (M,).
-        segments: number of segments.
-    """
-    frozen = lax.stop_gradient(weights)
-    p = projection(frozen, lanes, segments)
-    zero = Nuisance(jnp.zeros((segments, weights.output.shape[-1])), jnp.zeros(segments))
-    nuisance = fit_nuisance(p, lanes, lanes.response - respond(frozen, lanes, zero))
-    raw = (lanes.response - respond(weights, lanes, nuisance)) * lanes.weight
-    imitated = nuisance_response(p, lanes, fit_nuisance(p, lanes, raw))
-    return ((raw - imitated) * lanes.weight / noise).ravel()
-
-
-def physical_residual(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Any:
-    """``time_residual`` of the tied network, weights from the physics at coordinates ``z``; shape (L·M,)."""
-    lanes, intervals, fractions, delay = data
-    weights = _weights(coordinates.physical(z), layout, intervals, fractions, delay)
-    return time_residual(weights, lanes, noise, layout.segments)
-
-
 def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
-    """Accumulated normal equations of ``physical_residual`` at ``z``."""
+    """Accumulated normal equations of the tied network, weights from the physics at coordinates ``z``."""
     lanes, intervals, fractions, delay = data
     if not layout.model.is_linear:
         return _nonlinear_normal(z, coordinates, layout, data, noise)
