@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import vibrident
 from vibrident.measure import measure_bands
 from vibrident.measure.bands import band_edges, coherent_remainder, uncorrelated_records
 from vibrident.models import parse
 from vibrident.records import Record
-from vibrident.simulation import simulate
+from vibrident.simulation import HalfSineShock, simulate
 
 P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 
@@ -159,3 +160,21 @@ def test_noise_that_grows_while_a_sweep_rises_is_no_misfit():
         high = frequency > 100.0
         ratios.append(np.abs(rho[high]) ** 2 / deviation[high] ** 2 / 2.0 * (1.0 - 2.0 / freedom[high]))
     assert 0.8 < np.mean(np.concatenate(ratios)) < 1.25
+
+
+def test_free_motion_hides_the_delay_of_a_record_and_not_that_of_all(rng):
+    """Shocks that come 300 samples late to a sensor that still rings with a third of their response."""
+    values = {"sensitivity": 1e-5, "natural_frequency": 118.0, "damping_ratio": 0.028, "delay": 0.03}
+    shocks = [HalfSineShock(100.0 * (1 + number % 3), 1.2e-3, 0.025) for number in range(6)]
+    made = simulate(
+        ("accelerometer+delay", values), shocks, samples=1000, sampling_rate_hz=1e4, response_noise=1e-3, seed=3
+    )
+    ringing, turn = [], 2.0 * np.pi * 118.0 * np.arange(1000) / 1e4
+    for record in made.records:
+        free = np.exp(-0.028 * turn) * np.cos(np.sqrt(1.0 - 0.028**2) * turn + rng.uniform(0.0, 2.0 * np.pi))
+        ringing.append(replace(record, response=record.response + 0.5 * np.max(np.abs(record.response)) * free))
+    result = vibrident.identify(replace(made, records=tuple(ringing)))
+    for name, true in values.items():
+        known = result.parameters[name]
+        assert abs(known.value - true) < 4.0 * known.standard_uncertainty
+    assert result.warning_codes == ()

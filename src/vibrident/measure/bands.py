@@ -7,7 +7,7 @@ that hold enough of the excitation. Start values and pictures come from it, neve
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -64,28 +64,37 @@ def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration"
         for index, r in enumerate(records)
         if r.reference is not None
     ]
-    late = _delay_by_rate([record for _, record in level])
-    parts = [part for index, record in level if (part := _clearer(index, record, late)) is not None]
+    rates = {record.sampling_rate_hz for _, record in level}
+    found = [
+        part for rate in rates for part in _at_one_delay([one for one in level if one[1].sampling_rate_hz == rate])
+    ]
+    parts = [part for _, part in sorted(found, key=lambda one: one[0])]
     return MeasuredResponse.join(parts) if parts else None
 
 
-def _delay_by_rate(records: Sequence[Record]) -> dict[float, int]:
-    """Sampling rate to the delay, in samples, of all records of that rate together: one sensor has one delay."""
-    longest: dict[float, int] = {}
-    for record in records:
-        longest[record.sampling_rate_hz] = max(record.samples, longest.get(record.sampling_rate_hz, 0))
-    return {
-        rate: bulk_delay((whitened(r) for r in records if r.sampling_rate_hz == rate), samples)
-        for rate, samples in longest.items()
-    }
+def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, MeasuredResponse]]:
+    """The bands of all records of one sampling rate, by their index, at the delay with which most agrees.
+
+    One sensor has one delay. It is read from all records together, as they are and whitened: free motion hides it from
+    the former, noise at high frequencies from the latter.
+    """
+    filtered = [whitened(record) for _, record in records]
+    longest = max(record.samples for _, record in records)
+    delays = {bulk_delay((record for _, record in records), longest), bulk_delay(filtered, longest)}
+    looks = []
+    for late in sorted(delays, key=abs):
+        found = [
+            (index, part)
+            for (index, record), white in zip(records, filtered, strict=True)
+            if (part := _clearer(index, record, white, late)) is not None
+        ]
+        looks.append((sum(float(np.sum(_evidence_of_motion(part))) for _, part in found), found))
+    return max(looks, key=lambda look: look[0])[1]
 
 
-def _clearer(index: int, record: Record, late: Mapping[float, int]) -> MeasuredResponse | None:
-    """The bands of a record as it is, or whitened and moved by the delay of all: where the two channels agree more."""
-    white = whitened(record)
-    looks = [_measure(index, record, bulk_delay([record], record.samples))]
-    if white is not None:
-        looks.append(_measure(index, white, late[record.sampling_rate_hz]))
+def _clearer(index: int, record: Record, white: Record | None, late: int) -> MeasuredResponse | None:
+    """The bands of a record as it is, or whitened: where the two channels agree more."""
+    looks = [_measure(index, one, late) for one in (record, white) if one is not None]
     found = [look for look in looks if look is not None]
     return max(found, key=lambda look: float(np.sum(_evidence_of_motion(look))), default=None)
 
