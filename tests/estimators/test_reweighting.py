@@ -37,7 +37,7 @@ def deviations(base: Calibration, runs: int, **noise: object) -> tuple[np.ndarra
 
 def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch) -> vibrident.Result:
     with monkeypatch.context() as patch:
-        patch.setattr(training, "reweighted", lambda *_: None)
+        patch.setattr(training, "reweighted", lambda *_, **__: None)
         return vibrident.identify(calibration, estimator="ipnn")
 
 
@@ -64,6 +64,21 @@ def test_noise_of_the_reference_costs_a_sharp_resonance_little(monkeypatch: pyte
     weighed = vibrident.identify(noisy, estimator="ipnn").parameters["sensitivity"]
     equal = with_equal_weights(noisy, monkeypatch).parameters["sensitivity"]
     assert weighed.standard_uncertainty < 0.5 * equal.standard_uncertainty
+
+
+def test_noise_of_the_reference_leads_two_modes_above_the_band_not_astray() -> None:
+    """They trade along a curved valley, where it draws equal weights thirty standard uncertainties aside."""
+    values = {"sensitivity": 166.0, "natural_frequency": 1538.0, "damping_ratio": 0.033}
+    values |= {"mode2_frequency": 620.0, "mode2_damping": 0.05, "mode2_gain": 0.01}
+    band = {"sampling_rate_hz": 2722.0, "samples": 1000, "frequencies_hz": [14.0, 544.0], "repeats": 8}
+    base = simulate(("accelerometer+mode2", values), "random", seed=1, **band)  # type: ignore[arg-type]
+    for seed in (0, 2):
+        result = vibrident.identify(with_noise(base, seed=seed, reference_noise=3e-3, response_noise=1e-4))
+        assert result.settings["noise_weights"] == "spectrum"
+        assert set(result.warning_codes) <= {"weakly_determined"}
+        for name, true in values.items():
+            known = result.parameters[name]
+            assert abs(known.value - true) < 4.0 * known.standard_uncertainty
 
 
 def test_white_noise_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

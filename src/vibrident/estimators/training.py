@@ -196,7 +196,12 @@ class _Trained:
         """The last step of training: every line of the residual weighted by its own noise, for linear models."""
         if not isinstance(self.problem, LineProblem):  # a nonlinear model has no residual line by line
             return self.with_equal_weights()
-        end = reweighted(self.problem, self.coordinates, self.z, self.noise)
+        at = (self.problem, self.coordinates, self.z, self.noise)
+        two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
+        bent = ValleySteps.of_records(self.evidence, self.coordinates, self.noise) if two_modes else None
+        end = reweighted(*at, bent=bent)
+        if end is None and two_modes:
+            end = reweighted(*at, start=self.coordinates.place(self.begin.values), bent=bent)
         if end is None:
             return self.with_equal_weights()
         names = self.coordinates.model.parameter_names

@@ -27,6 +27,10 @@ MORE_STARTS = 2
 COMPARABLE = 10.0
 #: Another fit is taken if its χ² is less than this part of the first one's.
 CLEARLY_LESS = 0.8
+#: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most, …
+NO_WORSE = 25.0
+#: … and their χ² by this.
+ALIKE = 9.0
 #: Largest number of searches in the response that the network's residual shows.
 SEARCHES = 3
 #: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
@@ -76,6 +80,8 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     """
     best = _once(evidence, estimator, progress)
     begin = best[0].begin
+    if best[1].adequacy.adequate and begin is not None and evidence.model.is_linear:
+        best = _better_weighted(evidence, estimator, best, progress)
     if best[1].adequacy.adequate or begin is None or evidence.bands is None:
         return best  # tones are searched with the residual that is fitted: no other start is better
     best = _searched_again(evidence, estimator, best, progress)
@@ -87,6 +93,34 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
     if start is not None and not best[1].adequacy.adequate:
         best = _tried(start, evidence, estimator, best, progress)
     return best
+
+
+def _better_weighted(
+    evidence: Evidence, estimator: Estimator, best: tuple[Estimate, Judgement], progress: Progress
+) -> tuple[Estimate, Judgement]:
+    """A fit from another optimum of the start, where the first did not reach its optimum in the noise that was found.
+
+    Such a fit, of equal weights, is drawn aside by noise of the reference, or has followed a line of the noise.
+    """
+    begin = best[0].begin
+    if best[0].settings.get("noise_weights") != "white" or begin is None:
+        return best
+    least, first = _chi2(best[1]) + ALIKE, best
+    for start, cost in begin.others[:MORE_STARTS]:
+        if cost > begin.costs[-1] + NO_WORSE:
+            break
+        try:
+            other = _once(replace(evidence, start=dict(start)), estimator, progress)
+        except (NotConverged, InputError):
+            continue
+        reached = other[0].settings.get("noise_weights") == "spectrum" and other[1].adequacy.adequate
+        if reached and _chi2(other[1]) < least:
+            least, first = _chi2(other[1]), other
+    return first
+
+
+def _chi2(judgement: Judgement) -> float:
+    return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
 
 
 def without_dead_records(

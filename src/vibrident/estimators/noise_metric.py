@@ -1,0 +1,274 @@
+"""A place on the way down in the metric of the noise: information, gradient and sum of squares of all records there.
+
+Formulas and their source: :mod:`vibrident.estimators.reweighting`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.estimators.noise_spectrum import NEAREST, TONES, Motion, NoiseSpectrum, noise_spectrum
+from vibrident.estimators.optimise import Bent
+from vibrident.information import SMALLEST
+from vibrident.lines import RecordLines
+from vibrident.measure.lines import mean_around
+from vibrident.measure.response import ComplexArray
+from vibrident.records import FloatArray
+
+#: Records longer than this return unused memory to the system at once.
+LONG = 2**18
+#: A step of more standard deviations than this must lower the weighted sum of squares.
+LONG_STEP = 1.0
+#: Noise of the reference at another place is at least this part of the level here.
+LEAST_LEVEL = 0.1
+#: Information of a coordinate that is not identifiable.
+NOTHING_KNOWN = 1e-12
+#: Rounds of spectrum and step at one evaluation of the network.
+ROUNDS = 2
+#: Lines averaged for the covariance on either side of each: this part of the spectrum …
+SHARE = 1 / 128
+#: … but at least so many …
+FEWEST = 12
+#: … and at most so many.
+MOST = 200
+#: Fewest samples for a spectrum.
+SHORTEST = 256
+#: A spectrum is steep where its least is below this part of its mean.
+STEEP = 1e-2
+#: Lines that a sum over lines copies at once.
+AT_ONCE = 2**13
+#: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
+LEAST_INFORMATION = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """The contribution of one record.
+
+    Attributes:
+        information: of the lines about z, shape (p, p).
+        of_noise: the part of it that the noise of the reference makes up, shape (p, p).
+        gradient: shape (p,).
+        variance: of the gradient, by the residual's own spectrum, shape (p, p).
+        cost: weighted sum of squares of the residual.
+    """
+
+    information: FloatArray
+    of_noise: FloatArray
+    gradient: FloatArray
+    variance: FloatArray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Coordinates, and the step from there in the metric of the noise.
+
+    Attributes:
+        z: shape (p,).
+        spectra: of the records, as read there.
+            inverse: of the information less that of the noise, shape (p, p).
+        gradient: shape (p,).
+        covariance: of the estimate, shape (p, p).
+        cost: weighted sum of squares.
+    """
+
+    z: FloatArray
+    spectra: tuple[NoiseSpectrum, ...]
+    inverse: FloatArray
+    gradient: FloatArray
+    covariance: FloatArray
+    cost: float
+
+    @property
+    def far(self) -> float:
+        """Length of the full step, in standard deviations."""
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        return float(np.max(np.abs(self.inverse @ self.gradient) / deviation))
+
+    def ahead(self, damping: float, bent: Bent | None) -> FloatArray:
+        """The end of a step, shape (p,): straight on, or along the valley where that leads up."""
+        if damping == 0.0:
+            return self.z + self.inverse @ self.gradient
+        step = np.linalg.solve(np.linalg.inv(self.inverse) + damping * np.eye(len(self.z)), self.gradient)
+        return self.z + step if bent is None else bent(self.z, np.asarray(step, dtype=float), damping)
+
+    @property
+    def seen(self) -> bool:
+        """Whether noise of the reference is seen."""
+        return any(spectrum.passed > 0 for spectrum in self.spectra)
+
+    def leads_to(self, lines: Sequence[RecordLines], most: float) -> bool:
+        """Whether a step to where these lines were evaluated leads down.
+
+        A long one does where the sum of squares in the metric of this place is less. Where no noise of the reference is
+        seen, that of equal weights is ``most`` at most.
+        """
+        if not self.seen and not equal_cost(lines) <= most:
+            return False
+        if self.far <= LONG_STEP:
+            return True
+        return sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
+
+
+def place_at(lines: Sequence[RecordLines], spectra: Sequence[NoiseSpectrum], z: FloatArray) -> Place | None:
+    """Information and gradient at ``z``, shape (p,); None where a direction is not known."""
+    read, step = list(spectra), np.zeros(len(z))
+    for last in range(ROUNDS):
+        shares = []
+        for number, record in enumerate(lines):
+            share, read[number] = _share(record, step, read[number])
+            shares.append(share)
+        whole = np.sum([share.information for share in shares], axis=0)
+        if not _known(whole):
+            return None
+        inverse = _inverse(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
+        gradient = np.sum([share.gradient for share in shares], axis=0)
+        if last < ROUNDS - 1:
+            step = inverse @ gradient
+    covariance = inverse @ np.sum([share.variance for share in shares], axis=0) @ inverse
+    return Place(z, tuple(read), inverse, gradient, covariance, sum(share.cost for share in shares))
+
+
+def equal_cost(lines: Sequence[RecordLines]) -> float:
+    """Sum of squares with equal weights."""
+    return sum(float(np.sum(equal(record) * np.abs(record.residual) ** 2)) for record in lines)
+
+
+def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> tuple[_Share, NoiseSpectrum]:
+    """What a record says, and its spectrum as read at ``step``; the gradient is that of the whole way from no step."""
+    n, p = max(record.samples, 1), len(step)
+    rest = record.residual - step @ record.slopes
+    weight = record.twice / (n * spectrum.level)
+    columns = _unknowns(record, spectrum)
+    m = len(columns)
+    sums = products((columns, rest[None]), weight)
+    rest -= (_inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m]) @ columns
+    known = spectrum
+    if record.samples > LONG:
+        del columns  # of a long record each copy counts
+    found = spectrum_of(record, record.where_used(rest))
+    spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
+    if record.samples > LONG:
+        columns = _unknowns(record, known)
+
+    weight = record.twice * spectrum.excited / (n * spectrum.level)
+    slopes, of_noise = record.slopes, np.zeros((p, p))
+    if spectrum.passed > 0 and (through := record.through) is not None:
+        d_through = np.stack(record.slope_of(lambda slope: slope))
+        slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
+        beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
+        own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
+        of_noise = products((d_through,), own)
+    power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
+    del rest  # of a long record each copy counts
+    local = np.maximum(mean_around(power, width(record), NEAREST), record.floor / spectrum.level)
+    # The slopes less what the unknowns can imitate, J − N β, in sums alone.
+    sums = products((columns, slopes, record.residual[None]), weight)
+    share = _inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m:]
+    freed = sums[m:, m:] - sums[:m, m:].T @ share
+    loud = products((columns, slopes), weight * spectrum.excited * local)
+    beta = share[:, :p]
+    both = beta.T @ loud[:m, m:]
+    variance = loud[m:, m:] - both - both.T + beta.T @ loud[:m, :m] @ beta
+    return _Share(freed[:p, :p], of_noise, freed[:p, p], variance, float(freed[p, p])), spectrum
+
+
+def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
+    """Weighted sum of squares of a record's residual, by the noise as read at ``z``, shape (p,).
+
+    Noise of the reference passes the sensor as it is where the record was evaluated.
+    """
+    level = spectrum.level
+    if spectrum.passed > 0 and record.response is not None and record.through is not None:
+        more = np.abs(record.through) ** 2 - np.abs(record.response(z)) ** 2
+        level = np.maximum(level + spectrum.passed_at * more, LEAST_LEVEL * level)
+    weight = record.twice * spectrum.excited / (max(record.samples, 1) * level)
+    columns = _unknowns(record, spectrum)
+    m = len(columns)
+    sums = products((columns, record.residual[None]), weight)
+    return float(sums[m, m] - sums[:m, m] @ _inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m])
+
+
+def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
+    """Lines of what is unknown beside the parameters, shape (m, lines)."""
+    steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
+    driven = record.response is not None  # a free decay has nothing but initial states
+    return record.unknowns(edges=driven and (steep or spectrum.passed > 0), tones=spectrum.tones)
+
+
+def _motion(record: RecordLines) -> Motion | None:
+    """The model's prediction of the record; None if it has too few lines above the noise."""
+    if record.count < SHORTEST or record.free is None:
+        return None
+    through = record.through
+    return Motion.of(record.predicted(), record.count, None if through is None else np.abs(through) ** 2)
+
+
+def spectrum_of(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
+    """The spectrum of a residual."""
+    motion = _motion(record)
+    if motion is not None:
+        return noise_spectrum(residual, motion, record.floor)
+    power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
+    level = max(power / max(record.count, 1.0), record.floor)
+    doubt = 0.0 if record.through is None else level / float(np.max(np.abs(record.through) ** 2))
+    flat, nothing, one, left = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0, doubt))
+    return NoiseSpectrum(flat, 0.0, nothing, lambda: left, one)
+
+
+def products(groups: Sequence[ComplexArray], weight: FloatArray) -> FloatArray:
+    """Re Σ weight v* v over the lines for all pairs of the rows of ``groups``, each of shape (rows, lines)."""
+    count, root = sum(len(rows) for rows in groups), np.sqrt(weight)
+    total = np.zeros((count, count))
+    for begin in range(0, len(root), AT_ONCE):  # a block stays in the processor's cache
+        part = slice(begin, begin + AT_ONCE)
+        block = np.empty((count, len(root[part])), dtype=complex)
+        at = 0
+        for rows in groups:
+            np.multiply(rows[:, part], root[part], out=block[at : at + len(rows)])
+            at += len(rows)
+        flat = block.view(float)
+        total += flat @ flat.T
+    return total
+
+
+def _inverse_of_unknowns(matrix: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix; what several unknowns can imitate alike is left to one of them."""
+    if not matrix.size:
+        return matrix
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    kept = values > SMALLEST
+    return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+
+
+def _known(information: FloatArray) -> bool:
+    """Whether every direction is known, and not lost in rounding."""
+    size = np.diag(information)
+    if not (np.all(np.isfinite(information)) and np.all(size > NOTHING_KNOWN)):
+        return False
+    return float(np.linalg.eigvalsh(information / np.sqrt(np.outer(size, size)))[0]) > -0.5 * SMALLEST
+
+
+def width(record: RecordLines) -> int:
+    """Lines averaged on either side of each for the covariance."""
+    return int(np.clip(record.samples * SHARE, FEWEST, MOST))
+
+
+def _inverse(information: FloatArray, whole: FloatArray) -> FloatArray:
+    """Inverse of the information, which is not let fall below a part of the whole."""
+    scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
+    base = whole / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+    whitening = np.linalg.inv(np.linalg.cholesky(base))
+    values, rotation = np.linalg.eigh(whitening @ (information / np.outer(scale, scale)) @ whitening.T)
+    vectors = whitening.T @ rotation
+    return (vectors / np.maximum(values, LEAST_INFORMATION)) @ vectors.T / np.outer(scale, scale)
+
+
+def equal(record: RecordLines) -> FloatArray:
+    """Equal weights of the lines that count, shape (lines,)."""
+    return record.twice / max(record.samples, 1)
