@@ -26,6 +26,15 @@ def table_and_shock(seed: int) -> tuple[Calibration, Calibration]:
     return table(seed), shock(seed)
 
 
+def decays_and_table(seed: int) -> tuple[Calibration, Calibration]:
+    """Free decays of another channel, and a table of the same sensor."""
+    decays = vibrident.simulate(
+        ("accelerometer", MECHANICS | {"sensitivity": 3.0}), "decay",
+        sampling_rate_hz=12800.0, samples=512, response_noise=0.03, seed=seed + 500,
+    )  # fmt: skip
+    return decays, table(seed)
+
+
 def separate(result: Result, name: str) -> list[float]:
     row = next(row for row in result.settings["joint"]["shared"] if row["name"] == name)
     return [one["standard_uncertainty"] for one in row["separate"].values()]
@@ -65,6 +74,27 @@ def test_two_tables() -> None:
     """Probabilities of consistency are uniform where calibrations are consistent."""
     chances = check_scatter(two_tables, MECHANICS, range(30))
     assert kstest(chances, "uniform").pvalue > 0.01
+
+
+def test_free_decays_alone_and_a_table() -> None:
+    """Decays share natural frequency and damping, whatever the order; the gain stays the table's."""
+    check_scatter(decays_and_table, MECHANICS, range(4))
+    decays, points = decays_and_table(0)
+    by_decay, by_table = vibrident.identify_together([decays, points])
+    assert "sensitivity" not in by_decay.parameters
+    assert by_table.parameters["sensitivity"].value == pytest.approx(SENSITIVITY["sensitivity"], rel=0.01)
+    sources = [row["source"] for row in by_table.settings["uncertainty_budget"]]
+    assert sources == ["calibration 2: stated uncertainties", "calibration 1: decays: noise"]
+    back = vibrident.identify_together([points, decays])
+    for name in MECHANICS:
+        assert back[0].parameters[name].value == pytest.approx(by_table.parameters[name].value, rel=1e-9)
+    other = vibrident.simulate(
+        ("accelerometer", MECHANICS | SENSITIVITY | {"damping_ratio": 0.21}), "decay",
+        sampling_rate_hz=25600.0, samples=1024, response_noise=0.01, seed=3,
+    )  # fmt: skip
+    for result in vibrident.identify_together([points, other]):
+        (message,) = [w.message for w in result.warnings if w.code == "estimators_disagree"]
+        assert "damping ratio differs most: 0.2" in message
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import datetime
 import platform
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -59,9 +60,12 @@ def identify_decays(calibration: Calibration, model: str | None = None, *, infla
     """
     begin = time.perf_counter()
     sensor = parse(model or calibration.model)
-    _require_one_oscillator(sensor)
+    require_one_oscillator(sensor)
     records, findings = screen(calibration.records)
-    return document(calibration, sensor, records, findings, examine(records), inflate, begin)
+    decays = examine(records)
+    data = from_data(decays, inflate=inflate)
+    covariance = data.covariance + np.sum([np.zeros((2, 2)), *_clock(calibration)], axis=0)
+    return document(calibration, sensor, records, findings, decays, replace(data, covariance=covariance), begin)
 
 
 def require_plain(estimator: object, *, sampled: bool) -> None:
@@ -84,7 +88,12 @@ def require_plain(estimator: object, *, sampled: bool) -> None:
         )
 
 
-def _require_one_oscillator(model: SensorModel) -> None:
+def require_one_oscillator(model: SensorModel) -> None:
+    """Refuse a model with parameters that decays alone do not determine.
+
+    Raises:
+        InputError: it has.
+    """
     parts = [addon for addon in model.add_ons if addon.rational is not None or addon.force is not None]
     more = [spec.name for addon in parts for spec in addon.parameters]
     if more or model.core.oscillator != NAMES:
@@ -98,22 +107,40 @@ def _require_one_oscillator(model: SensorModel) -> None:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """How well natural frequency and damping ratio are known.
+
+    Attributes:
+        covariance: of (ln fn, δ), shape (2, 2).
+        degrees_of_freedom: behind it.
+        covers: what it covers, in words.
+    """
+
+    covariance: FloatArray
+    degrees_of_freedom: float
+    covers: str
+
+
+def from_data(decays: Decays, *, inflate: bool) -> Known:
+    """What the decays alone say; ``inflate``: whether the misfit of a rejected model is in it (Birge ratio)."""
+    birge = float(np.sqrt(max(decays.chi2 / max(decays.degrees, 1), 1.0))) if not decays.adequate and inflate else 1.0
+    freedom = float(max(decays.degrees, 1)) if birge > 1.0 else decays.freedom
+    covers = f"noise, scaled by the Birge ratio {birge:.3g}, as the deviations demand" if birge > 1.0 else "noise"
+    return Known(decays.covariance * birge**2, freedom, covers)
+
+
 def document(
     calibration: Calibration,
     model: SensorModel,
     records: Sequence[Record],
     findings: Sequence[Finding],
     decays: Decays,
-    inflate: bool,
+    known: Known,
     begin: float,
 ) -> Result:
-    """The result of decays examined; ``begin``: when that began, by ``time.perf_counter``."""
-    birge = float(np.sqrt(max(decays.chi2 / max(decays.degrees, 1), 1.0))) if not decays.adequate and inflate else 1.0
-    freedom = float(max(decays.degrees, 1)) if birge > 1.0 else decays.freedom
-    covers = f"noise, scaled by the Birge ratio {birge:.3g}, as the deviations demand" if birge > 1.0 else "noise"
-    data = decays.covariance * birge**2
-    rows = [("decays: " + covers, data, freedom), *_clock(calibration)]
-    covariance = np.sum([row for _, row, _ in rows], axis=0)
+    """The result of decays examined, at their values; ``begin``: when that began, by ``time.perf_counter``."""
+    covariance, freedom, covers = known.covariance, known.degrees_of_freedom, known.covers
     warnings = _warnings(findings, decays, covariance, covers)
     table = parameters(model, decays.fit.natural_frequency_hz, decays.fit.damping_ratio, covariance, freedom)
     return Result(
@@ -202,13 +229,9 @@ def _coverage_factor(freedom: float) -> float:
     return float(student_quantile(min(freedom, 1e9), 0.5 + COVERAGE / 2))
 
 
-def _clock(calibration: Calibration) -> list[tuple[str, FloatArray, float]]:
+def _clock(calibration: Calibration) -> list[FloatArray]:
     """What an uncertain sampling rate adds: all frequencies scale with it. Other effects leave a decay alone."""
-    return [
-        (effect.source, np.diag([effect.standard_uncertainty**2, 0.0]), effect.degrees_of_freedom)
-        for effect in calibration.effects
-        if effect.kind == "clock"
-    ]
+    return [np.diag([effect.standard_uncertainty**2, 0.0]) for effect in calibration.effects if effect.kind == "clock"]
 
 
 def _warnings(

@@ -135,6 +135,23 @@ def examine(records: Sequence[Record]) -> Decays:
     return Decays(found, parts, tuple(changes), found.covariance, float(rows - taken - 2))
 
 
+def at_values(decays: Decays, natural_frequency_hz: float, damping_ratio: float) -> Decays:
+    """The same decays at other values, each with the best initial state there."""
+    own = decays.fit
+    locals_ = tuple(local(stretch, natural_frequency_hz, damping_ratio) for stretch in own.stretches)
+    cost = sum(float(x.residual @ x.residual) for x in locals_)
+    moved = replace(
+        own,
+        natural_frequency_hz=natural_frequency_hz,
+        damping_ratio=damping_ratio,
+        locals=locals_,
+        costs=(*own.costs, cost),
+        path=(*own.path, (natural_frequency_hz, damping_ratio)),
+    )
+    parts = tuple(parts_of(stretch, natural_frequency_hz, damping_ratio) for stretch in own.stretches)
+    return replace(decays, fit=moved, parts=parts)
+
+
 def weighed(found: DecayFit) -> DecayFit:
     """One record's fit, with drift if it is significant, weighted by the residual noise of a flexible fit."""
     for _ in range(ROUNDS):

@@ -19,6 +19,7 @@ import numpy as np
 from vibrident.errors import NotConverged
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.information import inverse_normal
+from vibrident.joint.decays import FreeDecays
 from vibrident.joint.moments import Moments
 from vibrident.joint.score import Score
 from vibrident.joint.sharing import Joint, Place, places
@@ -56,6 +57,8 @@ class Descent:
         alone: calibrations whose own estimate is used; the other fits are worse than the joint one on their own data,
             or too far from it.
         fitted: the separate fits, after repetition.
+        decays: calibrations of free decays alone.
+        beside: the places of these.
     """
 
     numbers: tuple[Joint, ...]
@@ -65,6 +68,8 @@ class Descent:
     trace: Trace
     alone: tuple[int, ...]
     fitted: tuple[Fitted, ...]
+    decays: tuple[FreeDecays, ...] = ()
+    beside: tuple[Place, ...] = ()
 
 
 def summed(parts: Sequence[Place], local: Sequence[Callable[[FloatArray], Local]]) -> Callable[[Any, Any], Local]:
@@ -85,6 +90,7 @@ def descend(
     numbers: tuple[Joint, ...],
     covariance: Callable[[Fitted], FloatArray],
     progress: Progress,
+    decays: Sequence[FreeDecays] = (),
 ) -> Descent:
     """Fit all calibrations together.
 
@@ -93,12 +99,13 @@ def descend(
         numbers: of :func:`vibrident.joint.sharing.joined`.
         covariance: the stated covariance of a separate fit from its data alone, shape (p, p).
         progress: called after each iteration of the optimiser.
+        decays: calibrations of free decays alone.
 
     Raises:
         NotConverged: no start leads to a finite joint fit.
     """
     fitted = list(fitted)
-    theta, near, trace = _found(fitted, numbers, progress)
+    theta, near, trace = _found(fitted, numbers, progress, decays)
     parts = places(numbers, [one.estimate.coordinates for one in fitted])
     repeated = [i for i, one in enumerate(fitted) if _bettered(one, near[i], parts[i].z(theta))]
     if repeated:
@@ -106,19 +113,28 @@ def descend(
             values = fitted[i].estimate.coordinates.values(parts[i].z(theta))
             with contextlib.suppress(NotConverged):  # then the first fit stays
                 fitted[i] = fitted[i].again(values, progress)
-        theta, near, trace = _found(fitted, numbers, progress)
+        theta, near, trace = _found(fitted, numbers, progress, decays)
         parts = places(numbers, [one.estimate.coordinates for one in fitted])
+    beside = _places_beside(decays, numbers, parts, fitted)
     there = [place.z(theta) for place in parts]
     lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i]) or _elsewhere(one, there[i])}
     while True:
-        balance = _balanced(_moments(fitted, near, parts, theta, lost, covariance), parts, theta, progress)
+        moments = _moments(fitted, near, parts, theta, lost, covariance)
+        balance = _balanced(moments, parts, theta, progress, decays, beside)
         left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], parts[i], theta, balance)}
         if not left:
             break
         lost |= left
     trace = _followed(trace, balance.theta, summed(parts, [score.local for score in near]))
     alone = tuple(i for i in range(len(fitted)) if i not in lost)
-    return Descent(numbers, parts, balance, tuple(near), trace, alone, tuple(fitted))
+    return Descent(numbers, parts, balance, tuple(near), trace, alone, tuple(fitted), tuple(decays), beside)
+
+
+def _places_beside(
+    decays: Sequence[FreeDecays], numbers: tuple[Joint, ...], parts: Sequence[Place], fitted: Sequence[Fitted]
+) -> tuple[Place, ...]:
+    coordinates = [one.estimate.coordinates for one in fitted]
+    return tuple(one.place(numbers, parts, coordinates) for one in decays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +174,22 @@ def _moments(
     return found
 
 
-def _balanced(moments: Sequence[Moments], parts: Sequence[Place], theta: FloatArray, progress: Progress) -> Balance:
+def _balanced(
+    moments: Sequence[Moments],
+    parts: Sequence[Place],
+    theta: FloatArray,
+    progress: Progress,
+    decays: Sequence[FreeDecays],
+    beside: Sequence[Place],
+) -> Balance:
     for _ in range(ROUNDS):
         weights = [m.weight(place.z(theta)) for m, place in zip(moments, parts, strict=True)]
         local = [_held(m, weight) for m, weight in zip(moments, weights, strict=True)]
-        way = levenberg_marquardt(summed(parts, local), theta, None, tolerance=1e-6, most=STEPS, progress=progress)
+        objective = summed([*parts, *beside], [*local, *(one.local for one in decays)])
+        way = levenberg_marquardt(objective, theta, None, tolerance=1e-6, most=STEPS, progress=progress)
         information = tuple(m.information(place.z(way.last)) for m, place in zip(moments, parts, strict=True))
-        whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(parts, information, strict=True))
+        known = [*information, *(one.information for one in decays)]
+        whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip([*parts, *beside], known, strict=True))
         joint = inverse_normal(np.asarray(whole))
         moved = np.abs(way.last - theta) / np.sqrt(np.maximum(np.diag(joint), np.finfo(float).tiny))
         theta = way.last
@@ -179,16 +204,18 @@ def _held(moments: Moments, weight: FloatArray) -> Callable[[FloatArray], Local]
 
 
 def _found(
-    fitted: Sequence[Fitted], numbers: tuple[Joint, ...], progress: Progress
+    fitted: Sequence[Fitted], numbers: tuple[Joint, ...], progress: Progress, decays: Sequence[FreeDecays]
 ) -> tuple[FloatArray, list[Score], Trace]:
     """The best optimum of the summed costs, the residuals weighted there, and the trace."""
     parts = places(numbers, [one.estimate.coordinates for one in fitted])
+    beside = _places_beside(decays, numbers, parts, fitted)
     best: tuple[float, FloatArray, list[Score], Trace] | None = None
     for theta in _starts(fitted, numbers, parts):
         scores = [Score.of(one).near(p.z(theta)) for one, p in zip(fitted, parts, strict=True)]
         try:
             for _ in range(ROUNDS):
-                objective = summed(parts, [score.local for score in scores])
+                local = [*(score.local for score in scores), *(one.local for one in decays)]
+                objective = summed([*parts, *beside], local)
                 trace = levenberg_marquardt(objective, theta, None, tolerance=1e-6, progress=progress)
                 settled = bool(np.allclose(trace.last, theta, rtol=0.0, atol=1e-6))
                 theta = trace.last
@@ -198,6 +225,7 @@ def _found(
         except NotConverged:
             continue
         deviance = sum(score.deviance(p.z(theta)) for score, p in zip(scores, parts, strict=True))
+        deviance += sum(one.local(p.z(theta)).cost for one, p in zip(decays, beside, strict=True))
         if np.isfinite(deviance) and (best is None or deviance < best[0]):
             best = (deviance, theta, scores, trace)
     if best is None:

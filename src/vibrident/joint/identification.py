@@ -14,9 +14,10 @@ from vibrident.decay import decays_alone
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import AUTO, Estimate, Estimator
 from vibrident.estimators.optimise import Progress, silent
-from vibrident.identification import fit
+from vibrident.identification import fit, identify
 from vibrident.information import inverse_normal
 from vibrident.joint.consistency import Consistency, compare
+from vibrident.joint.decays import FreeDecays, with_decays
 from vibrident.joint.descent import Descent, descend
 from vibrident.joint.sharing import joined
 from vibrident.judge import Fitted, Uncertainty, document, own_rows
@@ -43,7 +44,7 @@ def identify_together(
     """Identify one sensor from several of its calibrations: by sine and by shock, or by two of its outputs.
 
     Each calibration keeps its own model, units and estimator. What they share is estimated once, from all of them, each
-    weighted by its own covariance.
+    weighted by its own covariance. One of free decays alone shares natural frequency and damping ratio.
 
     Args:
         calibrations: of one sensor.
@@ -62,7 +63,8 @@ def identify_together(
         each result carries the warning ``estimators_disagree``.
 
     Raises:
-        InputError: the data cannot be used, a name is not a parameter, or nothing can be shared.
+        InputError: the data cannot be used, a name is not a parameter, nothing can be shared, or several calibrations
+            hold free decays alone and no other is there.
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
@@ -76,30 +78,34 @@ def identify_together(
             where="estimator",
             remedy="leave the residual out, or identify one calibration at a time",
         )
-    _require_references(calibrations)
-    fitted = [
-        fit(one, name, estimator, uncertainty=uncertainty, progress=progress)
-        for one, name in zip(calibrations, names, strict=True)
-    ]
-    numbers = joined(calibrations, [one.evidence.model for one in fitted], share)
-    descent = descend(fitted, numbers, lambda one: own_rows(one, uncertainty)[0].covariance, progress)
-    results = _documents(descent, uncertainty)
+    _require_a_reference(calibrations)
+    if len(calibrations) == 1 and decays_alone(calibrations[0]):
+        return (identify(calibrations[0], names[0], estimator, uncertainty=uncertainty, progress=progress),)
+    free = [i for i, one in enumerate(calibrations) if decays_alone(one)]
+    led = [i for i in range(len(calibrations)) if i not in free]
+    fitted = [fit(calibrations[i], names[i], estimator, uncertainty=uncertainty, progress=progress) for i in led]
+    decays = [FreeDecays.of(calibrations[i], names[i], inflate=uncertainty != "noise") for i in free]
+    numbers = joined([calibrations[i] for i in led], [one.evidence.model for one in fitted], share)
+    descent = descend(fitted, numbers, lambda one: own_rows(one, uncertainty)[0].covariance, progress, decays)
+    order = [*led, *free]
+    labels = _labels([calibrations[i] for i in order], order)
+    results = dict(zip(order, _documents(descent, uncertainty, labels, begin), strict=True))
     spent = time.perf_counter() - begin
-    return tuple(replace(result, settings={**result.settings, "time_s": spent}) for result in results)
+    return tuple(
+        replace(results[i], settings={**results[i].settings, "time_s": spent}) for i in range(len(calibrations))
+    )
 
 
-def _require_references(calibrations: Sequence[Calibration]) -> None:
-    """Free decays join other data as records of one calibration; alone they have no gain to share."""
-    for one in calibrations:
-        if decays_alone(one):
-            raise InputError(
-                "A file of free decays alone cannot take part in a joint fit.",
-                expected="calibrations that hold records with a reference, or a table",
-                found="excitation 'decay' in every record",
-                where=one.source or "calibrations",
-                remedy="list the decays under [[records]] of a calibration that has a reference (they need none "
-                "themselves and share its natural frequency and damping), or identify this file by itself",
-            )
+def _require_a_reference(calibrations: Sequence[Calibration]) -> None:
+    """Free decays join other data; alone they are identified as one calibration."""
+    if len(calibrations) > 1 and all(decays_alone(one) for one in calibrations):
+        raise InputError(
+            "A joint fit needs a calibration with a reference, or a table.",
+            expected="one file at least that is not of free decays alone",
+            found="excitation 'decay' in every record of every file",
+            where="calibrations",
+            remedy="list all decays under [[records]] of one file, and identify that",
+        )
 
 
 def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | None]:
@@ -127,24 +133,28 @@ class _Effect:
     theta: FloatArray
 
 
-def _documents(descent: Descent, uncertainty: Uncertainty) -> list[Result]:
-    count = len(descent.fitted)
+def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str], begin: float) -> list[Result]:
+    count = len(descent.fitted) + len(descent.decays)
     placed = [one.at(_estimate(descent, i)) for i, one in enumerate(descent.fitted)]
     alone = [own_rows(one, uncertainty)[0] for one in descent.fitted]
     data = [row if i in descent.alone else _left(descent, i) for i, row in enumerate(alone)]
+    data += [one.row for one in descent.decays]
     effects = _effects(descent, placed)
     consistency = _consistency(descent, data, effects)
-    labels = _labels([one.evidence.calibration for one in placed])
     told = [] if consistency is None or consistency.whole.consistent else [_disagreement(consistency, labels, descent)]
     results = []
-    for i, one in enumerate(placed):
+    for i, onto in enumerate(place.matrix for place in (*descent.places, *descent.beside)):
         rows = [_data_row(descent, i, j, data[j], labels[j] if count > 1 else "") for j in range(count)]
-        onto = descent.places[i].matrix
         rows += [row_of_effect(e.effect, np.outer(onto @ e.theta, onto @ e.theta)) for e in effects if np.any(e.theta)]
-        results.append(document(one, rows, told))
+        if i < len(placed):
+            results.append(document(placed[i], rows, told))
+        else:
+            free, z = descent.decays[i - len(placed)], descent.beside[i - len(placed)].z(descent.balance.theta)
+            results.append(free.result(z, rows, told, begin))
     if count == 1:
         return results
     separate = [_alone(one, uncertainty) if i in descent.alone else None for i, one in enumerate(descent.fitted)]
+    separate += [one.alone() for one in descent.decays]
     about = _about(descent, labels, results, separate, consistency)
     return [
         replace(result, settings={**result.settings, "joint": {"position": i, **about}})
@@ -185,9 +195,11 @@ def _left(descent: Descent, index: int) -> BudgetRow:
 
 def _data_row(descent: Descent, index: int, other: int, row: BudgetRow, label: str) -> BudgetRow:
     """Contribution of the data of calibration ``other`` to the covariance of calibration ``index``."""
-    gain = descent.balance.covariance @ descent.places[other].matrix.T
-    share = gain @ descent.balance.information[other] @ gain.T
-    onto = descent.places[index].matrix
+    places = (*descent.places, *descent.beside)
+    information = (*descent.balance.information, *(one.information for one in descent.decays))[other]
+    gain = descent.balance.covariance @ places[other].matrix.T
+    share = gain @ information @ gain.T
+    onto = places[index].matrix
     source = f"{label}: {row.source}" if label else row.source
     return replace(row, source=source, covariance=onto @ share @ onto.T)
 
@@ -200,9 +212,15 @@ def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
         for effect in all_effects(one.evidence, one.judgement):
             shift = shift_of_effect(effect, coordinates, z, quantity, one.linear)
             found.setdefault(effect, {})[index] = shift
+    for index, one in enumerate(descent.decays, len(placed)):
+        for effect in one.calibration.effects:
+            if effect.kind == "clock":  # all frequencies scale with it; no other effect reaches a decay
+                found.setdefault(effect, {})[index] = np.array([effect.standard_uncertainty, 0.0])
+    places = (*descent.places, *descent.beside)
+    information = (*descent.balance.information, *(one.information for one in descent.decays))
     effects = []
     for effect, shifts in found.items():
-        pull = sum(descent.places[i].matrix.T @ descent.balance.information[i] @ s for i, s in shifts.items())
+        pull = sum(places[i].matrix.T @ information[i] @ s for i, s in shifts.items())
         effects.append(_Effect(effect, shifts, descent.balance.covariance @ np.asarray(pull)))
     return effects
 
@@ -212,26 +230,36 @@ def _consistency(descent: Descent, data: Sequence[BudgetRow], effects: Sequence[
     for i, one in enumerate(descent.fitted):
         there = descent.places[i].z(descent.balance.theta) + descent.balance.steps[i]
         estimates.append(one.estimate.z if i in descent.alone else there)
+    for one, place in zip(descent.decays, descent.beside, strict=True):
+        estimates.append(one.estimate(float(place.z(descent.balance.theta)[1])))
     sizes = [len(z) for z in estimates]
     stacked = [np.concatenate([e.shifts.get(i, np.zeros(size)) for i, size in enumerate(sizes)]) for e in effects]
     fewest = min(row.degrees_of_freedom for row in data)
-    return compare(descent.numbers, descent.places, estimates, [row.covariance for row in data], stacked, fewest)
+    numbers = with_decays(descent.numbers, descent.decays, len(descent.fitted))
+    return compare(
+        numbers, (*descent.places, *descent.beside), estimates, [row.covariance for row in data], stacked, fewest
+    )
 
 
-def _labels(calibrations: Sequence[Calibration]) -> list[str]:
+def _labels(calibrations: Sequence[Calibration], numbers: Sequence[int]) -> list[str]:
     """A short name for each calibration: its file, with the folder where files share a name."""
-    names = [Path(one.source).name or f"calibration {i}" for i, one in enumerate(calibrations, 1)]
+    names = [Path(one.source).name or f"calibration {i + 1}" for i, one in zip(numbers, calibrations, strict=True)]
     return [
-        name if names.count(name) == 1 else one.source or f"calibration {i}"
-        for i, (name, one) in enumerate(zip(names, calibrations, strict=True), 1)
+        name if names.count(name) == 1 else one.source or f"calibration {i + 1}"
+        for i, name, one in zip(numbers, names, calibrations, strict=True)
     ]
 
 
 def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Descent) -> ResultWarning:
     name, whole = consistency.worst, consistency.whole
-    number = next(n for n in descent.numbers if n.name == name and len(n.members) > 1)
+    numbers = with_decays(descent.numbers, descent.decays, len(descent.fitted))
+    number = next(n for n in numbers if n.name == name and len(n.members) > 1)
     values = []
     for owner, _ in number.members:
+        if owner >= len(descent.fitted):
+            own = descent.decays[owner - len(descent.fitted)].alone()[name]
+            values.append(f"{amount(own.value, own.unit, 6)} ({labels[owner]})")
+            continue
         estimate = descent.fitted[owner].estimate
         unit = parameter_units(estimate.coordinates.model, descent.fitted[owner].evidence.calibration)[name]
         text = amount(estimate.coordinates.values(estimate.z)[name], unit, 6) if owner in descent.alone else "elsewhere"
@@ -254,7 +282,7 @@ def _about(
 ) -> dict[str, Any]:
     """The content of ``settings["joint"]``."""
     shared = []
-    for number in descent.numbers:
+    for number in with_decays(descent.numbers, descent.decays, len(descent.fitted)):
         if len(number.members) < 2:
             continue
         owners = [owner for owner, _ in number.members]
@@ -271,9 +299,10 @@ def _about(
             }
         )
     whole = None if consistency is None else consistency.whole
+    used = (*descent.alone, *range(len(descent.fitted), len(labels)))
     return {
         "calibrations": [
-            {"file": label, "model": r.model, "estimator": r.estimator, "own_fit_used": i in descent.alone}
+            {"file": label, "model": r.model, "estimator": r.estimator, "own_fit_used": i in used}
             for i, (label, r) in enumerate(zip(labels, results, strict=True))
         ],
         "shared": shared,
