@@ -16,7 +16,7 @@ from vibrident.records import FloatArray, Quantity, Record
 #: Lower limit of the noise, relative to a record's response: errors of rounding and interpolation are of this size.
 LEAST_NOISE = 1e-7
 #: Part of a sample by which a delay may leave that of the interpolated inputs.
-DELAY_SETTLED = 1e-3
+DELAY_SETTLED = 1e-5
 
 
 @dataclass(frozen=True)
