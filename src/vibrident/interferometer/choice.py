@@ -11,14 +11,12 @@ from scipy.special import chdtrc
 from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import FloatArray
 from vibrident.interferometer.summary import OpticalFinding
-from vibrident.interferometer.survey import SHAPE, Survey, shape, sound
+from vibrident.interferometer.survey import Survey, sound
 
 #: Records share one ellipse unless their differences are less probable than this.
 CHANCE = 1e-3
 #: A change of centre, ratio or quadrature by this part of the amplitude is reported.
 UNSTABLE = 0.02
-#: From p, q, b − a, e back to p, q, a, b, e.
-_BACK = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -0.5, 0], [0, 0, 0.5, 0], [0, 0, 0, 1.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,17 +87,15 @@ class _Common:
 
     def of(self, ellipse: Ellipse) -> Ellipse:
         """The ellipse with the common shape and its own size."""
-        off = self.mean - shape(self.first.difference(ellipse))
-        covariance = _BACK @ self.covariance @ _BACK.T
-        return replace(ellipse.changed(_BACK @ off), covariance=covariance)
+        return ellipse.reshaped(self.mean - self.first.shape_of(ellipse)).known_to(self.covariance)
 
 
 def _common(found: Sequence[Ellipse]) -> tuple[_Common | None, FloatArray]:
     """The common shape of consistent ellipses, and their scatter, shape (4,)."""
     if len(found) < 2:
         return None, np.zeros(4)
-    shapes = np.array([shape(found[0].difference(ellipse)) for ellipse in found])
-    weights = [np.linalg.inv(SHAPE @ ellipse.covariance @ SHAPE.T) for ellipse in found]
+    shapes = np.array([found[0].shape_of(ellipse) for ellipse in found])
+    weights = [np.linalg.inv(ellipse.shape_covariance) for ellipse in found]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
     mean = covariance @ np.sum([w @ s for w, s in zip(weights, shapes, strict=True)], axis=0)
     total = sum(float((s - mean) @ w @ (s - mean)) for w, s in zip(weights, shapes, strict=True))
@@ -114,7 +110,7 @@ def _own(found: Survey, common: _Common | None, index: int, count: int) -> Choic
 
 
 def _moving(found: Survey, name: str, index: int) -> Choice:
-    differences = np.array([shape(found.ellipse.difference(piece)) for _, piece in found.knots])
+    differences = np.array([found.ellipse.shape_of(piece) for _, piece in found.knots])
     change = float(np.max(np.ptp(differences, axis=0)))
     said: tuple[OpticalFinding, ...] = ()
     if change > UNSTABLE:
@@ -151,8 +147,7 @@ def _borrowed(
     group, origin = (source, "of a larger motion") if common is None else (-1, "of larger motions")
     said = []
     if common is None and len(steady) > 1:
-        shifted = _BACK @ np.diag(scatter**2) @ _BACK.T
-        ellipse, group = replace(ellipse, covariance=ellipse.covariance + shifted), index
+        ellipse, group = ellipse.known_to(ellipse.shape_covariance + np.diag(scatter**2)), index
         if float(np.max(scatter)) > UNSTABLE:
             text = (
                 f"{name}: its ellipse is that of larger motions, whose ellipses differ by "
@@ -167,6 +162,5 @@ def _borrowed(
             "from: offsets or amplitudes have changed between the records."
         )
         said.append(OpticalFinding("ellipse_unstable", text))
-        extra = _BACK @ np.diag(np.full(4, off**2)) @ _BACK.T
-        ellipse, group = replace(ellipse, covariance=ellipse.covariance + extra), index
+        ellipse, group = ellipse.known_to(ellipse.shape_covariance + off**2 * np.eye(4)), index
     return Choice(ellipse, (), origin, group, 0.0, tuple(said))

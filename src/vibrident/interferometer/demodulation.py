@@ -9,15 +9,13 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.interferometer import effects, phase
-from vibrident.interferometer.bridging import WHOLE, turns
 from vibrident.interferometer.choice import Choice
 from vibrident.interferometer.cyclic import Cyclic, cyclic_error
 from vibrident.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
 from vibrident.interferometer.noise import displacement_noise
-from vibrident.interferometer.phase import TURN, Gap, Path
+from vibrident.interferometer.phase import TURN, WHOLE, Gap, Path, turns
 from vibrident.interferometer.setting import BoolArray, FloatArray, Interferometer, Signals
-from vibrident.interferometer.sine import Sine, fit_sine
-from vibrident.interferometer.slow import without_slow_motion
+from vibrident.interferometer.sine import Sine, fit_sine, without_slow_motion
 from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.interferometer.survey import Survey
 
@@ -225,7 +223,7 @@ def _answer(
         frequency, harmonics = effects.of_motion(values, valid, rate)
         size = float(np.std(values[valid]))
         relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
-    covariance = effects.shape_covariance(choice.ellipse)
+    covariance = choice.ellipse.shape_covariance
     return effects.Answer(
         frequency, effects.of_shape(harmonics), harmonics, relative_noise, choice.group, covariance, around
     )

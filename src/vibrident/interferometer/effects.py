@@ -19,10 +19,8 @@ from scipy import fft
 from scipy.special import j1
 
 from vibrident.effects import SystematicEffect
-from vibrident.interferometer.cyclic import ORDERS, Cyclic, together
-from vibrident.interferometer.ellipse import Ellipse
+from vibrident.interferometer.cyclic import ORDERS, Cyclic, together, waves
 from vibrident.interferometer.setting import BoolArray, FloatArray
-from vibrident.interferometer.survey import SHAPE
 
 #: Bands of motion that is not a sine.
 BANDS = 16
@@ -78,28 +76,21 @@ def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[Floa
     reference = np.asarray(fft.rfft((phase - phase.mean()) * window))
     lines = np.arange(reference.shape[0]) * rate_hz / count
     edges = np.geomspace(max(lines[1], 1e-5 * rate_hz), 0.45 * rate_hz, BANDS + 1)
-    errors = []
-    for n in ORDERS:
-        for wave in (np.cos(n * phase), np.sin(n * phase)):
-            errors.append(np.asarray(fft.rfft((wave - wave.mean()) * window)))
+    found = waves(phase)
+    errors = np.asarray(fft.rfft((found - found.mean(axis=1, keepdims=True)) * window, axis=1))
     frequencies, columns = [], []
     for low, high in itertools.pairwise(edges):
         inside = (lines >= low) & (lines < high)
         power = float(np.sum(np.abs(reference[inside]) ** 2))
         if inside.any() and power > 0:
             frequencies.append(float(np.sqrt(low * high)))
-            columns.append([complex(np.sum(e[inside] * np.conj(reference[inside]))) / power for e in errors])
+            columns.append(errors[:, inside] @ np.conj(reference[inside]) / power)
     return np.array(frequencies), np.array(columns).T
 
 
 def of_shape(harmonics: np.ndarray) -> np.ndarray:
     """Change of the reference for one unit of p, q, b − a, e from those for cos nφ, sin nφ: (6, m) → (4, m)."""
     return np.stack([-harmonics[1], harmonics[0], 0.5 * harmonics[3], 0.5 * harmonics[2]])
-
-
-def shape_covariance(ellipse: Ellipse) -> FloatArray:
-    """Of p, q, b − a, e, shape (4, 4)."""
-    return SHAPE @ ellipse.covariance @ SHAPE.T
 
 
 def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
@@ -116,9 +107,9 @@ def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
             if value > NEGLIGIBLE**2:
                 parts = [(one.frequency_hz, -(root @ vector @ one.relative)) for one in members]
                 found.append((float(value), _pattern(SOURCE, "ellipse", parts, grid)))
-    waves = _cyclic(answers)
-    if np.any(waves):
-        parts = [(answer.frequency_hz, -(waves @ answer.harmonics)) for answer in answers]
+    error = _cyclic(answers)
+    if np.any(error):
+        parts = [(answer.frequency_hz, -(error @ answer.harmonics)) for answer in answers]
         found.append((np.inf, _pattern(CYCLIC, "cyclic", parts, grid)))
     found.sort(key=lambda item: -item[0])
     return tuple(effect for _, effect in found[:MOST_PATTERNS])

@@ -43,8 +43,9 @@ FEWEST_BLOCKS = 20
 #: Coefficients of |v|² − 1 and of c, s, c², s², s c in the six functions.
 _EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 _SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]
-#: Directions of the prior: b − a and e.
-_BEFOREHAND = np.array([[0.0, 0.0, -1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0]])
+#: From (p, q, a, b, e) to the shape, which changes the phase: p, q, b − a, e; and back.
+_SHAPE = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
+_BACK = _SHAPE.T / np.array([1.0, 1.0, 2.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,23 @@ class Ellipse:
         shift = inverse @ (other.centre - self.centre)
         change = inverse @ other.matrix - np.eye(2)
         return np.array([*shift, change[0, 0], change[1, 1], change[1, 0]])
+
+    def shape_of(self, other: Ellipse) -> FloatArray:
+        """Shape (p, q, b − a, e) of another ellipse seen in the coordinates of this one, shape (4,)."""
+        return _SHAPE @ self.difference(other)
+
+    @property
+    def shape_covariance(self) -> FloatArray:
+        """Covariance of the shape (p, q, b − a, e), shape (4, 4)."""
+        return _SHAPE @ self.covariance @ _SHAPE.T
+
+    def known_to(self, covariance: FloatArray) -> Ellipse:
+        """The ellipse with another covariance of its shape, shape (4, 4)."""
+        return replace(self, covariance=_BACK @ covariance @ _BACK.T)
+
+    def reshaped(self, by: FloatArray) -> Ellipse:
+        """The ellipse of the same size whose shape differs by (p, q, b − a, e)."""
+        return self.changed(_BACK @ by)
 
     def changed(self, by: FloatArray) -> Ellipse:
         """The ellipse that differs from this one by (p, q, a, b, e)."""
@@ -232,7 +250,7 @@ def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, 
     gradient = 0.5 * _SLOPES @ clean @ _EXCESS / variance
     known = np.zeros((5, 5))
     a, b = ellipse.amplitudes
-    for direction, value in zip(_BEFOREHAND, (float(np.log(b / a)), ellipse.quadrature_error_rad), strict=True):
+    for direction, value in zip(_SHAPE[2:], (float(np.log(b / a)), ellipse.quadrature_error_rad), strict=True):
         known += np.outer(direction, direction) / PRIOR**2
         gradient = gradient - direction * value / PRIOR**2
     raw = _SLOPES @ seen @ _SLOPES.T / variance

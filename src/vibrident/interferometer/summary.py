@@ -84,8 +84,7 @@ class OpticalSummary:
     def as_settings(self) -> dict[str, Any]:
         """As plain values, for a result."""
         first, second = self.ellipse.amplitudes
-        change = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
-        u = np.sqrt(np.diag(change @ self.ellipse.covariance @ change.T))
+        u = np.sqrt(np.diag(self.ellipse.shape_covariance))
         found: dict[str, Any] = {
             "kind": self.setting.kind,
             "rate_hz": self.rate_hz,

@@ -235,20 +235,10 @@ def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellips
             found.append((float(np.mean([middles[i] for i in part])), piece))
     if len(found) < 3:
         return []
-    differences = np.array([shape(whole.difference(piece)) for _, piece in found])
-    spread = [SHAPE @ piece.covariance @ SHAPE.T for _, piece in found]
-    mean = np.mean(differences, axis=0)
-    total = sum(float(d @ np.linalg.solve(c, d)) for d, c in zip(differences - mean, spread, strict=True))
+    differences = np.array([whole.shape_of(piece) for _, piece in found])
+    off = differences - np.mean(differences, axis=0)
+    total = sum(float(d @ np.linalg.solve(e.shape_covariance, d)) for d, (_, e) in zip(off, found, strict=True))
     return found if chdtrc(4 * (len(found) - 1), total) < CHANCE else []
-
-
-#: From (p, q, a, b, e) to the components that change the phase: p, q, b − a, e.
-SHAPE = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
-
-
-def shape(difference: FloatArray) -> FloatArray:
-    """The components of (p, q, a, b, e) that change the phase: p, q, b − a, e."""
-    return SHAPE @ difference
 
 
 def _covered(ellipse: Ellipse, points: FloatArray) -> float:
