@@ -30,6 +30,7 @@ class Choice:
         group: records of one group share the error of the ellipse.
         changes: change of the shape within the record.
         findings: doubts.
+        error: amplitudes of a cyclic error to be taken out, rad, shape (6,); None if there is none.
     """
 
     ellipse: Ellipse
@@ -38,6 +39,7 @@ class Choice:
     group: int
     changes: float = 0.0
     findings: tuple[OpticalFinding, ...] = ()
+    error: FloatArray | None = None
 
 
 def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:

@@ -8,15 +8,16 @@ polynomial, which gives a large uncertainty.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.interferometer.ellipse import Ellipse
-from vibrident.interferometer.phase import Path, unwrapped
+from vibrident.interferometer.phase import ORDERS, Path, unwrapped, waves
 from vibrident.interferometer.setting import FloatArray, Held, Signals
 
-ORDERS = (1, 2, 4)
+#: A harmonic is significant below this probability.
+CHANCE = 1e-4
 #: Most pieces of a record.
 PIECES = 64
 #: Shortest piece, samples.
@@ -71,11 +72,6 @@ class Cyclic:
         return float(np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom)))  # Hotelling's T² of two
 
 
-def waves(phase: FloatArray) -> FloatArray:
-    """Waves cos nφ and sin nφ for the orders, shape (6, …)."""
-    return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
-
-
 def cyclic_error(
     signals: Signals,
     ellipse: Ellipse,
@@ -126,11 +122,28 @@ def cyclic_error(
 
 
 def together(found: Sequence[Cyclic]) -> Cyclic | None:
-    """The mean of several records, weighted by their covariances; None without records."""
+    """The mean of several records, weighted by their covariances; None without records.
+
+    Its covariance is that of their scatter, if they scatter by more than theirs.
+    """
     if not found:
         return None
     weights = [np.linalg.inv(one.covariance) for one in found]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
     mean = covariance @ np.sum([w @ one.waves for w, one in zip(weights, found, strict=True)], axis=0)
+    apart = [one.waves - mean for one in found]
+    scatter = sum(float(d @ w @ d) for d, w in zip(apart, weights, strict=True)) / max(6 * (len(found) - 1), 1)
     best = min(found, key=lambda one: float(np.trace(one.covariance)))
-    return Cyclic(mean, covariance, best.freedom, np.mean([one.by_ellipse for one in found], axis=0))
+    by_ellipse = np.mean([one.by_ellipse for one in found], axis=0)
+    return Cyclic(mean, covariance * max(scatter, 1.0), best.freedom, by_ellipse)
+
+
+def significant(found: Sequence[Cyclic]) -> Cyclic | None:
+    """The cyclic error of a set-up in the orders that are significant over all its records; None without any."""
+    whole = together(found)
+    if whole is None:
+        return None
+    there = np.repeat([whole.rarity(i) < CHANCE for i in range(len(ORDERS))], 2)
+    if not there.any():
+        return None
+    return replace(whole, waves=np.where(there, whole.waves, 0.0), covariance=whole.covariance * np.outer(there, there))

@@ -137,7 +137,7 @@ def demodulate(
 
 def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> FloatArray:
     knots = [(at, piece.for_phase) for at, piece in choice.knots]
-    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path)
+    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
     return decimated(blocks, signals.samples, factor)
 
 

@@ -19,7 +19,8 @@ from scipy import fft
 from scipy.special import j1
 
 from vibrident.effects import SystematicEffect
-from vibrident.interferometer.cyclic import ORDERS, Cyclic, together, waves
+from vibrident.interferometer.cyclic import Cyclic
+from vibrident.interferometer.phase import ORDERS, waves
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
 #: Bands of motion that is not a sine.
@@ -30,8 +31,6 @@ MOST = 1 << 18
 MOST_PATTERNS = 24
 #: A pattern below this part of the noise of its points is dropped.
 NEGLIGIBLE = 0.05
-#: A harmonic of the cyclic error is significant below this probability.
-CHANCE = 1e-4
 SOURCE = "ellipse of the interferometer"
 CYCLIC = "cyclic error of the interferometer"
 
@@ -93,35 +92,46 @@ def of_shape(harmonics: np.ndarray) -> np.ndarray:
     return np.stack([-harmonics[1], harmonics[0], 0.5 * harmonics[3], 0.5 * harmonics[2]])
 
 
-def effects(answers: Sequence[Answer]) -> tuple[SystematicEffect, ...]:
-    """The systematic effects of ellipses and measured cyclic errors on a calibration."""
-    found: list[tuple[float, SystematicEffect]] = []
+def effects(answers: Sequence[Answer], corrected: Cyclic | None = None) -> tuple[SystematicEffect, ...]:
+    """The systematic effects of ellipses, and of a cyclic error that was taken out, on a calibration.
+
+    Args:
+        answers: of its records.
+        corrected: the cyclic error: the uncertainty of its amplitudes remains.
+    """
     grid = np.unique(np.concatenate([answer.frequency_hz for answer in answers]))
+    found = []
     for group in dict.fromkeys(answer.group for answer in answers):
-        members = [answer for answer in answers if answer.group == group]
-        stacked = np.concatenate([answer.relative for answer in members], axis=1)
-        noise = np.concatenate([answer.noise for answer in members])
-        values, vectors = np.linalg.eigh(_weighed(stacked, noise, members[0].covariance))
-        root = _root(members[0].covariance)
-        for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
-            if value > NEGLIGIBLE**2:
-                parts = [(one.frequency_hz, -(root @ vector @ one.relative)) for one in members]
-                found.append((float(value), _pattern(SOURCE, "ellipse", parts, grid)))
-    error = _cyclic(answers)
-    if np.any(error):
-        parts = [(answer.frequency_hz, -(error @ answer.harmonics)) for answer in answers]
-        found.append((np.inf, _pattern(CYCLIC, "cyclic", parts, grid)))
+        members = [(answer, answer.relative) for answer in answers if answer.group == group]
+        found += _patterns(SOURCE, "ellipse", members, members[0][0].covariance, grid)
+    if corrected is not None:
+        everywhere = [(answer, answer.harmonics) for answer in answers]
+        found += _patterns(CYCLIC, "cyclic", everywhere, corrected.covariance, grid)
     found.sort(key=lambda item: -item[0])
     return tuple(effect for _, effect in found[:MOST_PATTERNS])
 
 
-def _cyclic(answers: Sequence[Answer]) -> FloatArray:
-    """Amplitudes of the set-up's cyclic error, rad, shape (6,): of the orders significant over all records."""
-    whole = together([answer.cyclic for answer in answers if answer.cyclic is not None])
-    if whole is None:
-        return np.zeros(6)
-    there = np.array([whole.rarity(i) < CHANCE for i in range(len(ORDERS))])
-    return np.where(np.repeat(there, 2), whole.waves, 0.0)
+def _patterns(
+    source: str, kind: str, members: Sequence[tuple[Answer, np.ndarray]], covariance: FloatArray, grid: FloatArray
+) -> list[tuple[float, SystematicEffect]]:
+    """Independent effects of amplitudes with a covariance, with their size over the noise; not negligible ones.
+
+    Args:
+        source: of the effects, for the budget.
+        kind: of them.
+        members: records, with the change of the reference by a unit of each amplitude, shape (amplitudes, m).
+        covariance: of the amplitudes.
+        grid: frequencies, Hz.
+    """
+    stacked = np.concatenate([change for _, change in members], axis=1)
+    noise = np.concatenate([answer.noise for answer, _ in members])
+    values, vectors = np.linalg.eigh(_weighed(stacked, noise, covariance))
+    turned = _root(covariance) @ vectors
+    return [
+        (float(value), _pattern(source, kind, [(one.frequency_hz, -(along @ change)) for one, change in members], grid))
+        for value, along in zip(values, turned.T, strict=True)
+        if value > NEGLIGIBLE**2
+    ]
 
 
 def _root(covariance: FloatArray) -> FloatArray:

@@ -47,6 +47,15 @@ ROUGH = 2.0
 TURN = 2.0 * np.pi
 
 
+#: Orders of the cyclic error: harmonics of the phase.
+ORDERS = (1, 2, 4)
+
+
+def waves(phase: FloatArray) -> FloatArray:
+    """Waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
+    return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
+
+
 @dataclass(frozen=True)
 class Gap:
     """Samples from ``start`` up to ``stop`` that are left out; ``jump`` for a jump of the phase at sufficient
@@ -72,15 +81,29 @@ class Path:
 
 
 def unwrapped(
-    signals: Signals, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], path: Path
+    signals: Signals,
+    ellipse: Ellipse,
+    knots: Sequence[tuple[float, Ellipse]],
+    path: Path,
+    error: FloatArray | None = None,
 ) -> Iterator[FloatArray]:
-    """The unwrapped phase, rad, block by block; fills ``path``."""
+    """The unwrapped phase, rad, block by block; fills ``path``.
+
+    Args:
+        signals: two in quadrature.
+        ellipse: that the phase is from.
+        knots: sample index and ellipse, where it changes; else empty.
+        path: what is found on the way.
+        error: amplitudes of a cyclic error to be taken out, rad, shape (6,).
+    """
     last, before = 0.0, None
     carried: tuple[float, int] | None = None
     for start in range(0, signals.samples, BLOCK):
         stop = min(start + BLOCK, signals.samples)
         v = _round(signals.block(start, stop), ellipse, knots, start)
         angle = np.arctan2(v[1], v[0])
+        if error is not None:
+            angle -= error @ waves(angle)
         good = _good(v, ellipse)
         phase, last, before = _followed(angle, good, last, before, start, path)
         carried = _counted(v[0], phase, good, carried, path)

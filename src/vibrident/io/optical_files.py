@@ -14,6 +14,7 @@ from vibrident.errors import InputError
 from vibrident.interferometer import alignment
 from vibrident.interferometer.carrier import Baseband
 from vibrident.interferometer.choice import Choice, choose, of_carrier
+from vibrident.interferometer.cyclic import significant
 from vibrident.interferometer.decimation import Decimated
 from vibrident.interferometer.demodulation import Demodulated, demodulate
 from vibrident.interferometer.effects import effects
@@ -99,20 +100,26 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     """
     section = calibration.interferometer
     assert section is not None
-    setting, made = section.setting, []
+    setting = section.setting
     parts = named_parts(calibration, folder, where)
     opened = [
         _open(part, name, calibration, section, folder) for part, name in parts if part.entry.excitation != "decay"
     ]
     opened, seen, choices = _looked_at(opened, setting)
-    records: dict[str, Record] = {}
     moving = any(one.part.entry.excitation != "sine" for one in opened)
-    for one, look, choice in zip(opened, seen, choices, strict=True):
-        found, record = _record(one, look, choice, setting, calibration, folder, moving=moving)
-        made.append(found)
-        records[one.name] = record
+    made = [
+        _record(one, look, choice, setting, calibration, folder, moving=moving)
+        for one, look, choice in zip(opened, seen, choices, strict=True)
+    ]
+    cyclic = significant([found.answer.cyclic for found, _ in made if found.answer.cyclic is not None])
+    if cyclic is not None:
+        made = [
+            _record(one, look, replace(choice, error=cyclic.waves), setting, calibration, folder, moving=moving)
+            for one, look, choice in zip(opened, seen, choices, strict=True)
+        ]
+    records = {one.name: record for one, (_, record) in zip(opened, made, strict=True)}
     ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
-    found = (*_stated_effects(setting), *(effects([one.answer for one in made]) if made else ()))
+    found = (*_stated_effects(setting), *(effects([found.answer for found, _ in made], cyclic) if made else ()))
     kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
     return Optical(tuple(ordered), *kind, found)
 
