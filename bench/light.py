@@ -165,7 +165,10 @@ def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
         except InputError as error:
             return {"outcome": "refused", "codes": [str(error).splitlines()[0]], "off": None}
     found = [result.parameters[name] for name in PARAMETERS]
-    off = [(p.value - truth[name]) / p.standard_uncertainty for name, p in zip(PARAMETERS, found, strict=True)]
+    off = [
+        (p.value - truth[name]) / p.standard_uncertainty if p.standard_uncertainty else 0.0
+        for name, p in zip(PARAMETERS, found, strict=True)
+    ]
     right = "right" if max(map(abs, off)) < 3.0 else "wrong"
     codes = list(result.warning_codes)
     return {"outcome": f"{right}, named" if codes else right, "codes": codes, "off": off}

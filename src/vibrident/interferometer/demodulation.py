@@ -90,11 +90,12 @@ def demodulate(
     _require_slow(path, name)
     if near_hz is not None:
         values, piece = _joined(values, piece, ~spoilt, rate, near_hz)
-    valid = ~spoilt & (piece == _longest(piece, ~spoilt))
+    main = ~spoilt & (piece == _longest(piece, ~spoilt))
+    valid = ~spoilt if near_hz is None else main  # an acceleration needs no number of turns
     left_out = 1.0 - float(np.mean(valid)) if valid.size else 1.0
     _require_enough(left_out, name)
     if carrier_hz is not None:
-        values, off_hz = _without_carrier(values, valid, rate, near_hz)
+        values, off_hz = _without_carrier(values, main, rate, near_hz)
         carrier_hz += off_hz
     found = None
     if near_hz is not None:
@@ -104,7 +105,7 @@ def demodulate(
     noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
     excerpt = slice(0, EXCERPT)
     around = cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
-    answer = _answer(values, valid, rate, found, choice, signals, around)
+    answer = _answer(values, main, rate, found, choice, signals, around)
     summary = OpticalSummary(
         setting,
         signals.rate_hz,

@@ -94,6 +94,8 @@ class Hdf5File(ArrayFile):
 
     _file: Any = None
     _arrays: Mapping[str, Any] = MappingProxyType({})
+    #: Most values of a block for which there was room.
+    _roomy = 0
 
     def __init__(self, path: Path) -> None:
         """List the datasets."""
@@ -133,7 +135,9 @@ class Hdf5File(ArrayFile):
         """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED):
-            require_room(self._path, len(columns) * (stop - start))
+            if len(columns) * (stop - start) > self._roomy:
+                require_room(self._path, len(columns) * (stop - start))
+                self._roomy = len(columns) * (stop - start)
             part = {name: _slice(self._array(name), start, stop) for name in {column.array for column in columns}}
             found = np.empty((len(columns), stop - start))
             for row, column in zip(found, columns, strict=True):
