@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.adversary import motions
 from bench.adversary.clean import readable
-from bench.adversary.defects import Defect, Raw, recordings
+from bench.adversary.defects import Defect, Raw, acquisition, recordings
 from bench.adversary.noise import Noise
 from bench.adversary.physics import Sensor
 from bench.adversary.recording import SHAPES, Setting, excite, recorded, records, setting, switched, twin
@@ -56,6 +56,9 @@ def cases() -> Cases:
         yield f"{name}/{motion}/{sensor}/{noise.name}", _mistaken(name, quantities, sensor, motion, noise)
     for rest, noise in itertools.product((0.3, 0.6), NOISES):
         yield f"rest in sines:{rest:g}/sine/in-light/{noise.name}", _resting(rest, noise)
+    for defect, motion in itertools.product(acquisition(), MOTIONS):
+        sensor, noise = next(turn)
+        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", _maker(sensor, motion, noise, defect)
 
 
 MISTAKEN = (

@@ -143,6 +143,39 @@ def gap(length: int) -> Change:
     return jumped
 
 
+def twice(length: int, inserted: bool) -> Callable[[Real], Real]:
+    """A block that was written twice: over what followed it, or before it."""
+
+    def written(values: Real) -> Real:
+        at = values.size // 3 + 7
+        block, rest = values[at : at + length], values[at + (0 if inserted else length) :]
+        return np.concatenate([values[: at + length], block, rest[length:]])[: values.size]
+
+    return written
+
+
+def slipped(samples: int) -> Change:
+    """The response lags by so many samples more from about the middle on: the reference lost them."""
+
+    def slip(raw: Raw, rng: np.random.Generator) -> Raw:
+        at = int(raw.response.size * rng.uniform(0.4, 0.6))
+        lost = np.delete(raw.reference, slice(at, at + samples))
+        return replace(raw, reference=lost, response=raw.response[: lost.size])
+
+    return slip
+
+
+def cuts(count: int, length: int) -> Change:
+    """A few samples of both channels are lost here and there."""
+
+    def cut(raw: Raw, rng: np.random.Generator) -> Raw:
+        places = (np.linspace(0.15, 0.85, count) + rng.uniform(-0.05, 0.05, count)) * raw.response.size
+        gone = [int(place) + i for place in places for i in range(length)]
+        return raw.both(lambda values: np.delete(values, gone))
+
+    return cut
+
+
 def compressed(part: float) -> Callable[[Real, np.random.Generator], Real]:
     """The response falls short by this part at its peak, as the cube of it."""
     return lambda values, rng: values * (1.0 - part * (values / np.max(np.abs(values))) ** 2)
@@ -277,4 +310,21 @@ def recordings() -> tuple[Defect, ...]:
         Defect("dead reference", one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size)))),
         Defect("constant response", respond_once(lambda v, g: np.full(v.size, v[0]))),
     ]
+    return tuple(found)
+
+
+def acquisition() -> tuple[Defect, ...]:
+    """Defects between converter and file: samples written twice, or lost."""
+    found: list[Defect] = []
+    for length in (40, 128):
+        found += [
+            Defect(f"buffer twice response:{length}", respond(lambda v, g, n=length: twice(n, False)(v))),
+            Defect(f"buffer twice reference:{length}", refer(lambda v, g, n=length: twice(n, False)(v))),
+            Defect(f"buffer twice both:{length}", each(lambda r, g, n=length: r.both(twice(n, False)))),
+            Defect(f"buffer inserted response:{length}", respond(lambda v, g, n=length: twice(n, True)(v))),
+            Defect(f"buffer inserted both:{length}", each(lambda r, g, n=length: r.both(twice(n, True)))),
+        ]
+    found += _sizes("slip between channels", (1, 10, 100), lambda s: each(slipped(int(s))))
+    found += _sizes("slip between channels of one record", (1, 10), lambda s: one(slipped(int(s))))
+    found += _sizes("cuts of both channels", (1, 2, 3), lambda s: each(cuts(3, int(s))))
     return tuple(found)

@@ -15,6 +15,7 @@ from vibrident.errors import InputError
 from vibrident.estimators import Estimate
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.measure import MeasuredResponse
+from vibrident.measure.explained import unexplained
 from vibrident.measure.overtones import Overtone, audible, overtones
 from vibrident.measure.response import ComplexArray
 from vibrident.problem import Evidence, network_of
@@ -115,6 +116,13 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     if added and adequacy.adequate:
         adequacy = replace(adequacy, adequate=False)
         text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
+    rest = unexplained([evidence.records[i] for i in others], [predicted[i] for i in others])
+    if rest is not None and adequacy.adequate:
+        adequacy = replace(adequacy, adequate=False)
+        text = (
+            f"The model does not explain the data: it leaves {100.0 * rest.left:.2g} % of the response's power, of "
+            f"which only {100.0 * rest.incoherent:.2g} % has nothing in common with the reference."
+        )
     signals = _excerpts(evidence, predicted)
     found = tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else ()
     return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), added, found)

@@ -149,7 +149,7 @@ def _measure(index: int, whole: Record, late: int) -> MeasuredResponse | None:
     assert record.reference is not None
     window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
     window *= mask
-    spectrum = (_spectrum(record.reference, mask, window), _spectrum(record.response, mask, window))
+    spectrum = (windowed_spectrum(record.reference, mask, window), windowed_spectrum(record.response, mask, window))
     edges = band_edges(n, rate).astype(int)
     power, coherence = _power_and_coherence(*spectrum, edges)
     excited = power > LEAST_POWER * power.max()
@@ -195,7 +195,7 @@ def _differenced(record: Record, times: int) -> Record:
     return replace(record, reference=reference, response=response, valid=used, reference_valid=None)
 
 
-def _spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> ComplexArray:
+def windowed_spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> ComplexArray:
     """Amplitudes of a windowed channel without its mean, shape (samples // 2 + 1,)."""
     series = values - values[mask].mean()
     series *= window

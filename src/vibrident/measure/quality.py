@@ -12,6 +12,7 @@ from vibrident.errors import InputError
 from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
 from vibrident.measure.motion import kind_of_motion, stray_motion
+from vibrident.measure.repeats import repeated_block
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.spikes import Channel, breaks
 from vibrident.measure.tones import hann
@@ -122,6 +123,8 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
             )
             findings.append(Finding("dead_channel", text))
             record = _without(record, label, bad, f"{label} stands still")
+    record, copied = _without_copied(record)
+    findings += copied
     channels = {label: Channel.of(values, record.mask) for label, values, _ in _channels(record)}
     for label, bad in _wild(channels).items():
         first = float(np.argmax(bad)) / record.sampling_rate_hz
@@ -133,6 +136,33 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
         record = _without(record, label, bad, f"{label} wild in single samples")
     record, broken = _longest_part(record, channels)
     return record, findings + broken
+
+
+def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
+    """Without the copy of a block that was written twice."""
+    found = {label: repeated_block(values, record.mask) for label, values, _ in _channels(record)}
+    found = {label: block for label, block in found.items() if block is not None}
+    if not found:
+        return record, []
+    findings = []
+    times = len(set(found.values())) == 1 and len(found) == len(_channels(record))
+    for label, block in list(found.items())[: 1 if times else None]:
+        bad = np.zeros(record.samples, dtype=bool)
+        bad[block.second : block.second + block.length] = True
+        what = "both channels" if times else f"the {label} channel"
+        if times and record.excitation in STEADY:
+            before = block.second >= record.samples - block.second - block.length
+            bad[block.second :] |= before
+            bad[: block.second] |= not before
+        text = (
+            f"{record.name}: {block.length} samples of {what} at {block.first / record.sampling_rate_hz:.6g} s return "
+            f"at {block.second / record.sampling_rate_hz:.6g} s, as where a recorder writes a buffer twice; "
+            f"{_left_out(bad, record)}"
+        )
+        findings.append(Finding("clock_suspect" if times else "dead_channel", text))
+        reason = f"{what} repeated"
+        record = record.without(bad, reason) if times else _without(record, label, bad, reason)
+    return record, findings
 
 
 def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:

@@ -1,0 +1,98 @@
+"""Blocks that a recorder wrote twice: a stretch of a channel that returns, sample by sample, later in the record.
+
+Measured samples never return for long, as noise is not the same twice. A generator's may, as may those of a converter
+with coarse steps: then they return elsewhere, too, or what is beside them returns nearly, and nothing is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.records import BoolArray, FloatArray
+
+#: Samples in a row that are looked for, and how many of them at least differ from the one before.
+WINDOW, CHANGING = 16, 8
+#: Chance that noise repeats itself so somewhere in a record.
+CHANCE = 1e-8
+#: Distances at which most windows return that are looked at.
+DISTANCES = 4
+#: Elsewhere at most this part of the samples returns at that distance.
+ELSEWHERE = 0.2
+#: Samples on either side of a block that must be unlike those beside its copy …
+BESIDE = 8
+#: … by this part of the channel's standard deviation in the block, as a median.
+UNLIKE = 0.05
+#: Weights of a window's samples in its key; any odd numbers.
+_WEIGHTS = np.random.default_rng(9).integers(1, 2**63, WINDOW, dtype=np.uint64) | np.uint64(1)
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A block and its copy, by their first samples; both have ``length`` samples."""
+
+    first: int
+    second: int
+    length: int
+
+
+def repeated_block(values: FloatArray, valid: BoolArray) -> Repeat | None:
+    """The longest block of a channel that was written twice; None without one.
+
+    Args:
+        values: shape (samples,).
+        valid: samples to look at, shape (samples,).
+    """
+    if values.size < 4 * WINDOW:
+        return None
+    change = np.diff(values, prepend=values[0])
+    found = [_longest(values, valid, change, distance) for distance in _distances(values, valid, change)]
+    return max((one for one in found if one is not None), key=lambda one: one.length, default=None)
+
+
+def _distances(values: FloatArray, valid: BoolArray, change: FloatArray) -> list[int]:
+    """Distances at which windows of samples return, the most frequent first."""
+    codes = np.ascontiguousarray(values + 0.0, dtype=float).view(np.uint64)
+    codes = (codes ^ (codes >> np.uint64(32))) * _WEIGHTS[0]  # coarse values differ in their upper bits only
+    codes ^= codes >> np.uint64(29)
+    count = values.size - WINDOW + 1
+    keys = np.zeros(count, dtype=np.uint64)
+    for shift, weight in enumerate(_WEIGHTS):
+        keys += weight * codes[shift : shift + count]
+    sums = [np.cumsum(np.concatenate([[0], flags])) for flags in (~valid, change != 0.0)]
+    unused, moving = (total[WINDOW:] - total[:-WINDOW] for total in sums)
+    places = np.flatnonzero((unused == 0) & (moving >= CHANGING))
+    order = places[np.argsort(keys[places], kind="stable")]
+    same = keys[order[1:]] == keys[order[:-1]]
+    distance, often = np.unique(np.diff(order)[same], return_counts=True)
+    return distance[np.argsort(-often, kind="stable")][:DISTANCES].tolist()
+
+
+def _longest(values: FloatArray, valid: BoolArray, change: FloatArray, distance: int) -> Repeat | None:
+    """The longest block that returns at this distance, and nowhere else does anything."""
+    equal = (values[distance:] == values[:-distance]) & valid[distance:] & valid[:-distance]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(np.int8)))
+    begins, ends = edges[::2], edges[1::2]
+    if begins.size == 0:
+        return None  # two windows had one key by chance
+    longest = int(np.argmax(ends - begins))
+    first, end = int(begins[longest]), int(ends[longest])
+    moving = change[distance:] != 0.0
+    moving[first:end] = False
+    elsewhere = float(np.mean(equal[moving])) if moving.any() else 1.0
+    if elsewhere > ELSEWHERE or not _by_chance(change, first, end, elsewhere) < CHANCE:
+        return None
+    unlike = UNLIKE * float(np.std(values[first:end]))
+    for side in (slice(max(first - BESIDE, 0), first), slice(end, end + BESIDE)):
+        apart = np.abs(values[distance:][side] - values[:-distance][side])
+        if apart.size and float(np.median(apart)) <= unlike:
+            return None
+    return Repeat(first, first + distance, end - first)
+
+
+def _by_chance(change: FloatArray, first: int, end: int, elsewhere: float) -> float:
+    """Expected number of such repeats in a record, by how often each of the block's changes occurs in it."""
+    _, which, often = np.unique(change, return_inverse=True, return_counts=True)
+    part = np.maximum(often[which[first + 1 : end]] / change.size, elsewhere)
+    return float(np.exp(2.0 * np.log(change.size) + np.sum(np.log(part))))
