@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from tests.support.real_data import real_data
@@ -262,3 +263,9 @@ def test_the_real_coil_over_critical_pulses():
     result = vibrident.identify(decays(data[3200:, 3], rate=130.2083, model="velocity-pickup"))
     assert result.parameters["natural_frequency"].value == pytest.approx(0.476, abs=0.02)
     assert result.parameters["damping_ratio"].value == pytest.approx(0.7145, abs=0.03)
+
+
+def test_noise_of_1_over_f_is_no_drift():
+    """Of 0.5 % of the motion: a line may be fitted along, but nothing is said."""
+    trial = BY_NAME["decay/alone 4/in-sharp/1/f 0.5 %"].trial()
+    assert vibrident.identify(trial.calibration(), model=trial.model).warnings == ()

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from vibrident import __version__
-from vibrident.decay.examine import Change, Decays, examine, motion_of
+from vibrident.decay.examine import Change, Decays, drifts, examine, motion_of
 from vibrident.errors import InputError, ModelError
 from vibrident.measure.quality import Finding, screen
 from vibrident.models import CORES, SensorModel, parse
@@ -238,7 +238,8 @@ def _warnings(
     findings: Sequence[Finding], decays: Decays, covariance: FloatArray, covers: str
 ) -> tuple[ResultWarning, ...]:
     warnings = [ResultWarning(f.code, f.message) for f in findings]
-    warnings += [ResultWarning("drift", _drifts(s.name)) for s in decays.fit.stretches if s.drift]
+    drifting = [s for index, s in enumerate(decays.fit.stretches) if s.drift and drifts(decays.fit, index)]
+    warnings += [ResultWarning("drift", _drifts(s.name)) for s in drifting]
     if not decays.adequate:
         text = (
             "One linear oscillator does not explain the free decays: the motion in stretches of time is "

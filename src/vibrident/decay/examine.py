@@ -17,6 +17,7 @@ from vibrident.decay.fit import DecayFit, Local, Stretch, fit, local, shortened
 from vibrident.decay.motion import free_motion
 from vibrident.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.decay.release import free_stretch, trimmed, without_first
+from vibrident.measure.drift import significant_rise
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
 from vibrident.tails import chi2_tail
@@ -352,6 +353,18 @@ def _free(found: DecayFit) -> FloatArray:
     """The motion of a fit's first part, without offset, drift and tones."""
     motion = free_motion(found.natural_frequency_hz, found.damping_ratio, found.stretches[0].time_s)
     return motion @ found.locals[0].linear[:2]
+
+
+def drifts(found: DecayFit, index: int) -> bool:
+    """Whether a stretch rises by more than its slow noise allows.
+
+    A line is among the unknowns even if it may be 1/f noise, which an autoregression of few terms does not whiten.
+    """
+    stretch = found.stretches[index]
+    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
+    left = (stretch.response - motion @ found.locals[index].linear[:2])[stretch.valid]
+    size = float(np.std(stretch.response[stretch.valid]))
+    return significant_rise(left, stretch.time_s[stretch.valid], size) != 0.0
 
 
 def motion_of(found: DecayFit, index: int) -> FloatArray:

@@ -41,11 +41,10 @@ def without_drift(
         size = float(np.std(record.response[used]))
         times = record.time_s[used]
         middle, duration = float(np.mean(times)), float(np.ptp(times))
-        times -= middle
         residual = record.response[used]
         residual -= series[used]
-        rise, deviation = _trend(residual, times)
-        if abs(rise) * duration <= max(SIGNIFICANT * deviation * duration, LEAST * size):
+        rise = significant_rise(residual, times, size)
+        if rise == 0.0:
             kept.append(record)
             continue
         drift = rise * (record.time_s - middle)
@@ -57,6 +56,20 @@ def without_drift(
         )
         findings.append(Finding("drift", text))
     return tuple(kept), tuple(findings)
+
+
+def significant_rise(residual: FloatArray, times_s: FloatArray, size: float) -> float:
+    """Slope of a residual, 1/s, beyond what its slow noise allows; zero where it is not.
+
+    Args:
+        residual: shape (used,); overwritten.
+        times_s: shape (used,); overwritten.
+        size: standard deviation of the response.
+    """
+    duration = float(np.ptp(times_s))
+    times_s -= float(np.mean(times_s))
+    rise, deviation = _trend(residual, times_s)
+    return rise if abs(rise) * duration > max(SIGNIFICANT * deviation * duration, LEAST * size) else 0.0
 
 
 def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
