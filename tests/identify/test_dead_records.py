@@ -3,15 +3,26 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from vibrident import identify, simulate
-from vibrident.measure import measure_bands
+from vibrident.measure import find_tones, measure_bands
 from vibrident.measure.bands import uncorrelated_records
-from vibrident.records import Calibration
+from vibrident.measure.quality import silent_records
+from vibrident.records import Calibration, Record
 
 #: A resonance rings for some 1600 samples after the motion that it answers.
 SHARP = {"sensitivity": 0.01, "natural_frequency": 2000.0, "damping_ratio": 0.0005}
 PIECES, SAMPLES = 8, 400
+LIGHT = {"sensitivity": 0.01, "natural_frequency": 500.0, "damping_ratio": 0.1}
+SINES = {"samples": 1000, "sampling_rate_hz": 10e3, "seed": 3}
+
+
+def sines(noise: float) -> tuple[Record, ...]:
+    """Eight sines from below resonance to far above; noise over the response at 100 Hz."""
+    made = simulate(("accelerometer", LIGHT), "sine", frequencies_hz=np.geomspace(60.0, 4000.0, 8), **SINES).records
+    size, rng = noise * float(np.std(made[0].response)), np.random.default_rng(5)
+    return tuple(r.with_response(r.response + size * rng.standard_normal(r.samples), "") for r in made)
 
 
 def pieces_of_one_record(seed: int) -> list:
@@ -57,3 +68,27 @@ def test_a_dead_record_is_named_though_it_would_outweigh_all_others():
         assert f"piece-{dead}" in said[0]
         off = result.parameters["sensitivity"]
         assert abs(off.value - SHARP["sensitivity"]) < 4.0 * off.standard_uncertainty
+
+
+@pytest.mark.parametrize("level", [1e-6, 0.1])
+def test_a_dead_record_among_sines_is_left_out(level):
+    """An unconnected channel shows no tone; fitted along, its little noise would outweigh all other records."""
+    rng = np.random.default_rng(4)
+    records = list(sines(1e-3))
+    size = level * float(np.std(records[2].response))
+    records[2] = records[2].with_response(size * rng.standard_normal(1000), "")
+    result = identify(Calibration(records=tuple(records), model="accelerometer"))
+    (said,) = [w.message for w in result.warnings if w.code == "dead_channel"]
+    assert records[2].name in said
+    assert result.fit.adequate
+    for name, truth in LIGHT.items():
+        found = result.parameters[name]
+        assert abs(found.value - truth) < 4.0 * found.standard_uncertainty
+
+
+def test_a_tone_below_its_noise_is_no_dead_channel():
+    """Far above resonance the response is small: half of its tones are lost in noise, and the model explains all."""
+    records = sines(1.0)
+    assert silent_records(find_tones(records))
+    result = identify(Calibration(records=tuple(records), model="accelerometer"))
+    assert "dead_channel" not in result.warning_codes

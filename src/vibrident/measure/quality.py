@@ -284,14 +284,21 @@ def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
 def silent_channels(tones: MeasuredResponse) -> list[Finding]:
     """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
     findings = []
-    for label, amplitude, lines in (
-        ("reference", tones.reference, tones.line_reference),
-        ("response", tones.response, tones.line_response),
-    ):
-        noise = np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1))
-        heard = np.abs(amplitude) > SILENT_SIGMA * noise
+    for label, heard in zip(("reference", "response"), _heard(tones), strict=True):
         if not heard.any():
             findings.append(
                 Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
             )
     return findings
+
+
+def silent_records(tones: MeasuredResponse) -> list[int]:
+    """Sine records of which one channel does not show the tone above its noise: what ``tones.record`` calls them."""
+    return tones.record[~np.all(_heard(tones), axis=0)].tolist()
+
+
+def _heard(tones: MeasuredResponse) -> BoolArray:
+    """Whether reference and response show the tone of each record above their noise, shape (2, tones)."""
+    channels = (tones.reference, tones.line_reference), (tones.response, tones.line_response)
+    noise = [np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1)) for _, lines in channels]
+    return np.array([np.abs(tone) > SILENT_SIGMA * own for (tone, _), own in zip(channels, noise, strict=True)])

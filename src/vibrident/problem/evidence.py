@@ -14,7 +14,13 @@ from vibrident.measure import Finding, MeasuredResponse, find_tones, measure_ban
 from vibrident.measure.bands import uncorrelated_records
 from vibrident.measure.clock import judge_clocks
 from vibrident.measure.copies import without_copies
-from vibrident.measure.quality import nothing_in_common, refuse_other_motion, short_records, silent_channels
+from vibrident.measure.quality import (
+    nothing_in_common,
+    refuse_other_motion,
+    short_records,
+    silent_channels,
+    silent_records,
+)
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
@@ -84,10 +90,12 @@ class Evidence:
 
         A suspicion only: what a sharp resonance kept from the motion before the record hides the answer to it, too.
         """
-        if self.bands is None:
-            return None
-        dead = uncorrelated_records(self.bands)
-        if not dead or len(dead) == len(np.unique(self.bands.record)):
+        dead: list[int] = []
+        for measured, suspects in ((self.bands, uncorrelated_records), (self.tones, silent_records)):
+            found = [] if measured is None else suspects(measured)
+            if measured is not None and len(found) < len(np.unique(measured.record)):
+                dead += found
+        if not dead:
             return None
         kept = tuple(r for i, r in enumerate(self.records) if i not in dead)
         left = self.with_records(kept)
