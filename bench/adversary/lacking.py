@@ -11,7 +11,7 @@ from bench.adversary.bent import bent
 from bench.adversary.defects import Raw
 from bench.adversary.noise import Noise
 from bench.adversary.physics import Motion, Sensor
-from bench.adversary.recording import SHAPES, recorded, records, setting
+from bench.adversary.recording import SHAPES, Setting, recorded, records, setting
 from bench.adversary.trial import Cases, Trial, calibration, truth
 
 LACKS = {
@@ -48,11 +48,23 @@ def _lacking(lacked: str, sensor: str, motion: str, noise: Noise):
         given = setting(sensor, rng)
         made = records(motion, given, noise, rng)
         model = "+".join(part for part in given.sensor.parts if part != lacked)
-        return Trial(
-            calibration(made, model, given.quantity), model, truth(given.sensor), cause=f"model lacks {lacked}"
-        )
+        true = seen_without_mode2(given) if lacked == "mode2" else truth(given.sensor)
+        return Trial(calibration(made, model, given.quantity), model, true, cause=f"model lacks {lacked}")
 
     return make
+
+
+def seen_without_mode2(given: Setting) -> dict[str, float]:
+    """What is true of a sensor of two modes as one of one mode.
+
+    Its static sensitivity has both modes' shares. Where both resonate above the band, the band tells neither.
+    """
+    parameters = given.sensor.parameters
+    static = parameters["sensitivity"] * (1.0 + parameters["mode2_gain"])
+    if min(parameters["natural_frequency"], parameters["mode2_frequency"]) > given.band_hz[1]:
+        return {"sensitivity": static}
+    found = truth(given.sensor) | {"sensitivity": static}
+    return {name: value for name, value in found.items() if name != "conversion_coefficient"}
 
 
 def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str):
