@@ -13,17 +13,19 @@ import numpy as np
 from vibrident.records import BoolArray, FloatArray
 
 #: Samples in a row that are looked for, and how many of them at least differ from the one before.
-WINDOW, CHANGING = 16, 8
+WINDOW, CHANGING = 32, 12
 #: Chance that noise repeats itself so somewhere in a record.
 CHANCE = 1e-8
 #: Distances at which most windows return that are looked at.
 DISTANCES = 4
+#: A block is at most so many times as long as the way to its copy: longer, it is a periodic motion.
+LONGER = 1.25
 #: Elsewhere at most this part of the samples returns at that distance.
 ELSEWHERE = 0.2
 #: Samples on either side of a block that must be unlike those beside its copy …
 BESIDE = 8
-#: … by this part of the channel's standard deviation in the block, as a median.
-UNLIKE = 0.05
+#: … by so many steps of the converter and this part of the block's standard deviation, as a median.
+STEPS, UNLIKE = 4.0, 0.01
 #: Weights of a window's samples in its key; any odd numbers.
 _WEIGHTS = np.random.default_rng(9).integers(1, 2**63, WINDOW, dtype=np.uint64) | np.uint64(1)
 
@@ -78,12 +80,15 @@ def _longest(values: FloatArray, valid: BoolArray, change: FloatArray, distance:
         return None  # two windows had one key by chance
     longest = int(np.argmax(ends - begins))
     first, end = int(begins[longest]), int(ends[longest])
+    if end - first > LONGER * distance:
+        return None
     moving = change[distance:] != 0.0
     moving[first:end] = False
     elsewhere = float(np.mean(equal[moving])) if moving.any() else 1.0
     if elsewhere > ELSEWHERE or not _by_chance(change, first, end, elsewhere) < CHANCE:
         return None
-    unlike = UNLIKE * float(np.std(values[first:end]))
+    step = float(np.min(np.abs(change[change != 0.0])))
+    unlike = max(STEPS * step, UNLIKE * float(np.std(values[first:end])))
     for side in (slice(max(first - BESIDE, 0), first), slice(end, end + BESIDE)):
         apart = np.abs(values[distance:][side] - values[:-distance][side])
         if apart.size and float(np.median(apart)) <= unlike:
