@@ -15,7 +15,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.alignment import prediction_error
-from vibrident.measure.blocks import Blocks, best
+from vibrident.measure.blocks import Blocks, Fit, best
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.odd_records import OddRecord
@@ -27,6 +27,10 @@ from vibrident.tails import chi2_tail
 
 #: Largest change of a natural frequency, relative to it, that its slope describes.
 FARTHEST = 1.0
+#: A delayed motion differs from the motion by (e^{−jφ} − 1): at most twice its size against it, and
+#: once its size across it. What a step adds beyond these is no change of the channel.
+MOST_AGAINST = 2.1
+MOST_ACROSS = 1.1
 #: Probability of a finding in a calibration without a change.
 CHANCE = 1e-4
 #: Probability that all records together show one, by chances that are known to a few times …
@@ -148,11 +152,20 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     time_s = float(parts[found.place][0]) / rate
     if not steady and (found.slow or not found.explains):
         return None  # under other motion a misfit over frequency looks like one over time
+    if not _of_a_channel(found, columns):
+        return None
     first, second = change.tolist()
     if found.pair.start and abs(first) > FARTHEST:
         return None  # no natural frequency changes so: one far beyond the band, in noise of the reference
     amounts = (0.0, 0.0, first, second) if found.pair.start else (first, -second, 0.0, 0.0)
     return Change(record.name, time_s, *amounts, found.slow, steady, found.chance())
+
+
+def _of_a_channel(found: Fit, columns: FloatArray) -> bool:
+    """Whether any gain and delay of the channel add what was found: initial states that follow a misfit add more."""
+    amounts = (found.amounts / found.blocks.scale)[found.blocks.moving, :2]
+    across = np.abs(amounts[:, 1]) * float(np.std(columns[1]) / np.std(columns[0]))
+    return bool(np.min(amounts[:, 0]) > -MOST_AGAINST and np.max(across) < MOST_ACROSS)
 
 
 def _without_memory(

@@ -19,8 +19,11 @@ from vibrident.uncertainty.linearised import Linearised
 SIGNIFICANT = 4.5
 #: … above this relative size …
 LEAST = 1e-3
-#: … where it explains this part of χ².
-EXPLAINED = 0.5
+#: … where it leaves of χ² no more than this part of what it explains, or than noise does. A model that lacks something
+#: else misses tones near a resonance, which are the large ones.
+UNEXPLAINED = 0.1
+#: … in standard deviations of χ².
+OF_NOISE = 4.0
 #: The part of the effect's shape that the parameters cannot follow must be so many times, in squares, the part that
 #: noise of the amplitudes makes. For a sensor that is flat over the tones only the latter is left.
 CLEAR = 10.0
@@ -66,6 +69,10 @@ def amplitude_dependence(
     amount = float(free @ rest) / power
     explained = amount**2 * power
     sigma = np.sqrt(explained)
-    if sigma < SIGNIFICANT or abs(amount) < LEAST or explained < EXPLAINED * float(rest @ rest):
+    freedom = 2.0 * count - parameters - 1.0
+    noise_left = freedom + OF_NOISE * np.sqrt(2.0 * freedom)
+    if sigma < SIGNIFICANT or abs(amount) < LEAST:
+        return None
+    if float(rest @ rest) - explained > max(UNEXPLAINED * explained, noise_left):
         return None
     return AmplitudeDependence(abs(amount), float(sigma))
