@@ -13,6 +13,8 @@ from vibrident.errors import VibridentError
 from vibrident.records import Calibration
 from vibrident.result import Result
 
+#: A calibration, or the path of its file.
+Given = Calibration | str | os.PathLike[str]
 #: Calibrations in work or waiting, for each worker.
 WINDOW = 2
 #: Calibrations that are fitted together on a device; they are in memory at the same time.
@@ -23,7 +25,7 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @overload
 def identify_many(
-    calibrations: Iterable[Calibration],
+    calibrations: Iterable[Given],
     model: str | None = ...,
     estimator: Any = ...,
     *,
@@ -36,7 +38,7 @@ def identify_many(
 
 @overload
 def identify_many(
-    calibrations: Iterable[Calibration],
+    calibrations: Iterable[Given],
     model: str | None = ...,
     estimator: Any = ...,
     *,
@@ -48,7 +50,7 @@ def identify_many(
 
 
 def identify_many(
-    calibrations: Iterable[Calibration],
+    calibrations: Iterable[Given],
     model: str | None = None,
     estimator: Any = "auto",
     *,
@@ -60,8 +62,8 @@ def identify_many(
     """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
 
     Args:
-        calibrations: taken one by one as results are asked for, so that a generator that reads files keeps only a few
-            in memory.
+        calibrations: calibrations, or paths of calibration files, taken one by one as results are asked for, so that
+            only a few are in memory.
         model: as for :func:`vibrident.identify`, the same for all.
         estimator: as for :func:`vibrident.identify`, the same for all.
         uncertainty: as for :func:`vibrident.identify`, the same for all.
@@ -95,7 +97,7 @@ def _told(found: Iterable[Result | VibridentError], refused: str) -> Iterator[Re
         yield one
 
 
-def _identified(calibration: Calibration, given: dict[str, Any]) -> Result | VibridentError:
+def _identified(calibration: Given, given: dict[str, Any]) -> Result | VibridentError:
     from vibrident.identification import identify
 
     try:
@@ -104,25 +106,25 @@ def _identified(calibration: Calibration, given: dict[str, Any]) -> Result | Vib
         return error
 
 
-def _together(calibrations: Iterable[Calibration], given: dict[str, Any]) -> Iterator[Result | VibridentError]:
+def _together(calibrations: Iterable[Given], given: dict[str, Any]) -> Iterator[Result | VibridentError]:
     """Some at a time, fitted on the GPU, which is looked for at once."""
     from vibrident.batched import identified_together
     from vibrident.batched.program import descend, gpu
     from vibrident.identification import identify
+    from vibrident.io import read
 
     on_device = functools.partial(descend, device=gpu())
 
     def identified() -> Iterator[Result | VibridentError]:
         waiting = iter(calibrations)
         while some := list(itertools.islice(waiting, TOGETHER)):
-            yield from identified_together(some, lambda one: identify(one, **given), on_device)
+            read_in = [one if isinstance(one, Calibration) else read(one) for one in some]
+            yield from identified_together(read_in, lambda one: identify(one, **given), on_device)
 
     return identified()
 
 
-def _beside(
-    calibrations: Iterable[Calibration], given: dict[str, Any], workers: int
-) -> Iterator[Result | VibridentError]:
+def _beside(calibrations: Iterable[Given], given: dict[str, Any], workers: int) -> Iterator[Result | VibridentError]:
     """In worker processes, a few calibrations ahead of the caller."""
     import multiprocessing
     from concurrent.futures import Future, ProcessPoolExecutor

@@ -64,6 +64,10 @@ def test_a_path_is_identified_as_the_calibration_that_it_holds(calibration, resu
     assert vibrident.identify(str(path)).parameters["delay"].value == pytest.approx(
         result.parameters["delay"].value, rel=1e-6
     )
+    missing = tmp_path / "missing.toml"
+    one, refused = vibrident.identify_many([path, missing], refused="return")
+    assert one.parameters["delay"].value == pytest.approx(result.parameters["delay"].value, rel=1e-6)
+    assert isinstance(refused, InputError)
 
 
 def test_the_summary_is_what_the_terminal_shows(result):
