@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vibrident.decay import decays_alone
+from vibrident.discretize import method
 from vibrident.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.judge import (
@@ -23,16 +25,18 @@ from vibrident.judge import (
     without_dead_records,
 )
 from vibrident.measure.drift import without_drift
-from vibrident.measure.hum import without_hum
+from vibrident.measure.hum import Tones, hum_tones, without_tones
 from vibrident.models import parse
-from vibrident.problem import Evidence
-from vibrident.records import Calibration
+from vibrident.problem import Evidence, LineProblem, network_of
+from vibrident.records import Calibration, FloatArray, Record
 from vibrident.registry import ESTIMATORS
 from vibrident.result import Result
 from vibrident.uncertainty.budget import BudgetRow
 
 #: Rounds in which hum is told from what the fit before took of it.
-HUM_ROUNDS = 3
+HUM_ROUNDS = 5
+#: Change of a tone's place, in lines, that needs no further round.
+HUM_SETTLED = 0.01
 
 if TYPE_CHECKING:
     from vibrident.uncertainty.posterior import Sampling
@@ -117,7 +121,7 @@ def fit(
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = fitted_and_judged(evidence, chosen, progress)
-    hum_seen = any(estimate.settings.get("hum_hz", ()))
+    hum_seen = estimate.tones is not None or any(estimate.settings.get("hum_hz", ()))
     if evidence.records and sensor_model.is_linear and (hum_seen or not judgement.adequacy.adequate):
         found = _without_hum(evidence, estimate, judgement, chosen, progress)
         evidence, estimate, judgement = found or (evidence, estimate, judgement)
@@ -128,21 +132,53 @@ def fit(
 def _without_hum(
     evidence: Evidence, estimate: Estimate, judgement: Judgement, chosen: Estimator, progress: Progress
 ) -> tuple[Evidence, Estimate, Judgement] | None:
-    """The fit without hum, where that explains the data.
+    """The fit with hum as unknowns of every record, where that explains the data.
 
-    What initial states and parameters took of it is in all lines, so that only a fit without it tells how much it is.
+    What initial states and parameters took of it is in all lines, so that only a fit beside it tells its frequency.
     """
-    best = None
+    plain = _without_knowing_hum(evidence, estimate)
+    if plain is not None and not any(hum_tones(evidence.records, plain)):  # what the start values left may be no hum
+        values = estimate.coordinates.values(estimate.z)
+        again = fitted_and_judged(replace(evidence, start=values), chosen, progress)
+        if again[1].adequacy.adequate:
+            return evidence, *again
+    best, known = None, tuple[tuple[float, ...], ...]()
     for _ in range(HUM_ROUNDS):
-        records, hum = without_hum(evidence.records, judgement.predicted)
-        if not hum:
+        tones = hum_tones(evidence.records, judgement.predicted, known)
+        if not any(tones) or _alike(tones, known, evidence.records):
             break
-        cleaned = evidence.with_records(records)
+        known = tones
+        cleaned = evidence.with_records(without_tones(evidence.records, judgement.predicted, tones))
         estimate, judgement = fitted_and_judged(cleaned, chosen, progress)
         if not judgement.adequacy.adequate:
             break
         best = cleaned, estimate, judgement
     return best
+
+
+def _without_knowing_hum(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, ...] | None:
+    """Prediction of records with hum in them, where the estimate was made beside it; None where it was not.
+
+    What initial states can imitate is left to them: it is no hum.
+    """
+    problem = estimate.problem
+    if problem is None or not any(record.hum_hz for record in problem.records):
+        return None
+    values = estimate.coordinates.values(estimate.z)
+    same = problem.trained.method if isinstance(problem, LineProblem) else method("bandlimited")
+    plain = network_of(evidence.records, evidence.model, same, evidence.quantity, values)
+    return tuple(plain.predict(estimate.coordinates, estimate.z))
+
+
+def _alike(tones: Tones, known: Tones, records: Sequence[Record]) -> bool:
+    """Whether two sets of tones are the same within a hundredth of a line."""
+    if [len(own) for own in tones] != [len(own) for own in known]:
+        return False
+    return all(
+        abs(one - other) * record.duration_s < HUM_SETTLED
+        for record, own, before in zip(records, tones, known, strict=True)
+        for one, other in zip(own, before, strict=True)
+    )
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

@@ -152,3 +152,33 @@ def test_records_too_short_and_models_without_network_are_refused():
     values = values_of("accelerometer") | {"boxcar_length": 1e-3}
     with pytest.raises(ModelError, match="no network"):
         LineProblem.build(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)
+
+
+@pytest.mark.parametrize("place", [12.34, 12.0])
+def test_a_tone_of_known_frequency_says_nothing_whatever_its_size(place, rng):
+    """Cost, gradient and matrix are those without it; between lines and on one, in whole records and in parts."""
+    plain = random_motion("accelerometer")
+    gap = np.isin(np.arange(SAMPLES), range(600, 640))
+    for record in (plain, plain.without_response(gap, "a gap")):
+        hum_hz = place * RATE / SAMPLES
+        size = 0.3 * np.std(record.response)
+        loud = record.with_response(record.response + size * np.cos(2 * np.pi * hum_hz * record.time_s + 1.0), "")
+        start = {key: value * 1.01 for key, value in values_of("accelerometer").items()}
+        coordinates = Coordinates.at(parse("accelerometer"), start, (20.0, 2000.0))
+        quiet, noisy = (
+            LineProblem.build([r], parse("accelerometer"), method("bandlimited"), "acceleration", start).with_hum(
+                [(hum_hz,)]
+            )
+            for r in (record, loud)
+        )
+        found, other = (problem.normal(coordinates.first, coordinates, np.ones(1)) for problem in (quiet, noisy))
+        noise = np.sqrt(found.cost)
+        assert other.cost == pytest.approx(found.cost, rel=1e-3)
+        np.testing.assert_allclose(
+            other.gradient / np.sqrt(np.diag(found.matrix)), found.gradient / np.sqrt(np.diag(found.matrix)),
+            atol=0.02 * noise,
+        )  # fmt: skip
+        np.testing.assert_allclose(noisy.predict(coordinates, coordinates.first)[0],
+                                   quiet.predict(coordinates, coordinates.first)[0], atol=2e-3 * size)  # fmt: skip
+        least, others = (problem.lines(coordinates.first, coordinates, np.ones(1))[0] for problem in (quiet, noisy))
+        np.testing.assert_allclose(others.residual, least.residual, atol=2e-3 * size * np.sqrt(SAMPLES))

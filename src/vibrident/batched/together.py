@@ -125,6 +125,8 @@ def _problem_of(
         return "the discretisation is not always stable"
     if any(run.used is not None for run in problem.runs):
         return "samples are missing"
+    if any(run.hum for run in problem.runs):
+        return "hum is fitted beside the motion"
     return problem, coordinates, noise
 
 

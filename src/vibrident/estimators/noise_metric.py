@@ -197,7 +197,14 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
     """Lines of what is unknown beside the parameters, shape (m, lines)."""
     steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
     driven = record.response is not None  # a free decay has nothing but initial states
-    return record.unknowns(edges=driven and (steep or spectrum.passed > 0), tones=spectrum.tones)
+    edges = driven and (steep or spectrum.passed > 0 or record.rings_unseen)
+    return record.unknowns(edges=edges, tones=spectrum.tones)
+
+
+def beside_hum(record: RecordLines) -> NoiseSpectrum:
+    """The spectrum of a record's residual, with the tones that are known beside those that were found."""
+    spectrum = spectrum_of(record, record.residual)
+    return replace(spectrum, tones=(record.hum + spectrum.tones)[:TONES])
 
 
 def _motion(record: RecordLines) -> Motion | None:

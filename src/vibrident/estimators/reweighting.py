@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.estimators.coloured import sandwich
-from vibrident.estimators.noise_metric import LONG, Place, equal, equal_cost, place_at, products, spectrum_of, width
+from vibrident.estimators.noise_metric import LONG, Place, beside_hum, equal, equal_cost, place_at, products, width
 from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, NoiseSpectrum
 from vibrident.estimators.optimise import Bent
 from vibrident.lines import RecordLines
@@ -97,11 +97,11 @@ def reweighted(
         bent: where a damped step leads to if not straight on.
     """
     lines = problem.lines(z, coordinates, noise)
-    cost, spectra = equal_cost(lines), [spectrum_of(record, record.residual) for record in lines]
+    cost, spectra = equal_cost(lines), [beside_hum(record) for record in lines]
     spread, information = _spread(lines, spectra), _equal_information(lines)
     if start is not None:
         lines = problem.lines(start, coordinates, noise)
-        spectra = [spectrum_of(record, record.residual) for record in lines]
+        spectra = [beside_hum(record) for record in lines]
     here = place_at(lines, spectra, z if start is None else start)
     if here is None:
         return None

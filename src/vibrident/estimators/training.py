@@ -23,6 +23,7 @@ from vibrident.estimators.reweighting import reweighted
 from vibrident.estimators.start import Start, find_start
 from vibrident.estimators.valley import ValleySteps
 from vibrident.lines import RecordLines
+from vibrident.measure.hum import hum_tones
 from vibrident.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective, network_of
 from vibrident.problem.framing import response_size
 from vibrident.records import FloatArray
@@ -65,6 +66,7 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     problem = _problem(network, evidence, start)
     coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, response_size(evidence.records))
     z = coordinates.first
+    problem = _beside_hum(problem, coordinates)
     noise, trace = np.ones(len(evidence.records)), None
     for _ in range(ROUNDS):
         normal = problem.normal(z, coordinates, noise)
@@ -89,6 +91,8 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
         "inputs_per_step": problem.frame.terms,
         "noise": noise.tolist(),
     }
+    if any(record.hum_hz for record in problem.records):
+        settings["hum_hz"] = [list(record.hum_hz) for record in problem.records]
     if not evidence.model.is_linear:
         settings["response_curve"] = SMALL_SIGNAL
     return _Trained(evidence, problem, coordinates, z, noise, trace, begin, settings)
@@ -102,6 +106,18 @@ def _problem(network: NetworkSettings, evidence: Evidence, start: dict[str, floa
     from vibrident.problem.time_domain import TimeProblem
 
     return TimeProblem.build(*at)
+
+
+def _beside_hum(problem: NetworkProblem, coordinates: Coordinates) -> NetworkProblem:
+    """The problem with the hum that the start values leave as unknowns.
+
+    A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
+    from a start near the truth, training would leave it for that.
+    """
+    if not isinstance(problem, LineProblem) or any(record.hum_hz for record in problem.records):
+        return problem
+    tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first))
+    return problem.with_hum(tones) if any(tones) else problem
 
 
 def _freed(network: NetworkSettings, trained: _Trained, progress: Progress) -> Estimate:

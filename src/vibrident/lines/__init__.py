@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from vibrident.lines.normal import Batch, LineNormal, RunNormals, add_batch, columns_of
 from vibrident.lines.record import RecordLines
-from vibrident.lines.runs import Run, run_of, seen_by_network, transformable, unbroken
+from vibrident.lines.runs import Run, hum_of, run_of, seen_by_network, transformable, unbroken
 from vibrident.lines.series import RunSeries, add_series, series_of
 from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
 
@@ -30,6 +30,7 @@ __all__ = [
     "add_batch",
     "add_series",
     "columns_of",
+    "hum_of",
     "run_of",
     "seen_by_network",
     "series_of",

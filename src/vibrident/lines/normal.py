@@ -2,7 +2,8 @@
 
 The residual of a run is R = Y − (Σ_k b_k w^k · U + z Σ_{k<n} d_k w^k) / a(w): what initial state and leakage add is
 spanned by z w^k / a, so their n numbers d are solved for exactly, and the slopes are freed of what they could imitate
-(variable projection; Kaufman 1975), as in :mod:`vibrident.network.sensitivity`.
+(variable projection; Kaufman 1975), as in :mod:`vibrident.network.sensitivity`. Hum is the free motion of an undamped
+oscillator, and taken out in the same way.
 """
 
 from __future__ import annotations
@@ -23,6 +24,10 @@ from vibrident.records import FloatArray
 AT_ONCE = 1 << 14
 #: Directions of the initial states that the data show less than this, relative to the best, get no correction.
 LEAST_SHOWN = 1e-12
+#: A tone is kept this part of a line off the lines, where its transform has poles; its slopes make up for that.
+OFF_LINES = 0.01
+#: Columns of a tone: cosine, sine, and both growing with time.
+TONE_COLUMNS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,21 +88,35 @@ class Batch:
         inputs: shape (R, q, L).
         response: shape (R, L).
         runs: number of each run in the whole list, shape (R,).
+        hum: c of the denominator w² + c w + c of each tone of hum, shape (tones,).
     """
 
     shifted: ComplexArray
     inputs: ComplexArray
     response: ComplexArray
     runs: NDArray[np.int_]
+    hum: FloatArray
 
     @classmethod
     def of(cls, runs: Sequence[Run], numbers: Sequence[int]) -> Batch:
-        """Runs of the same number of samples; ``numbers``: of each in the whole list."""
+        """Runs of the same number of samples and tones of hum; ``numbers``: of each in the whole list."""
         inputs, response = (run.inputs for run in runs), (run.response for run in runs)
         joined = np.stack if len(runs) > 1 else _alone  # of a long run a copy counts
         return cls(
-            shifted_lines(runs[0].samples)[None], joined(list(inputs)), joined(list(response)), np.asarray(numbers)
+            shifted_lines(runs[0].samples)[None],
+            joined(list(inputs)),
+            joined(list(response)),
+            np.asarray(numbers),
+            _hum(runs[0]),
         )
+
+
+def _hum(run: Run) -> FloatArray:
+    places = np.array(run.hum)
+    beside = np.round(places)
+    near = np.abs(places - beside) < OFF_LINES
+    places = np.where(near, beside + np.copysign(OFF_LINES, places - beside), places)
+    return 4.0 * np.sin(np.pi * places / run.samples) ** 2
 
 
 def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:
@@ -128,7 +147,7 @@ class _Block(NamedTuple):
     Attributes:
         lines: which.
         over: 1/a, shape (1 or R, l).
-        free: free responses T, shape (R, n, l).
+        free: free responses T, then those of hum, shape (R, n, l).
         residual: shape (R, l).
     """
 
@@ -150,7 +169,7 @@ def _of_batch(
     sums = np.zeros((runs, p + n + 1, p + 1))
     for block in blocks:
         block.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], block.free)
-        columns = _slopes(batch, slope, block, root)
+        columns = _slopes(batch, slope, block, root, _hum_in(block, states[..., 0], batch))
         sums += _products(np.concatenate([columns, block.free], axis=1), columns[:, : p + 1])
     # The part that initial states could imitate is removed from the slopes; the residual holds only rounding of it.
     shared = sums[:, p + 1 :]
@@ -158,15 +177,25 @@ def _of_batch(
     return freed[:, :p, :p], freed[:, :p, p], freed[:, p, p]
 
 
-def columns_of(
-    batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Residual, (R, L), and slopes, (R, P, L), not weighted, with the best states by ``root``.
+class Columns(NamedTuple):
+    """Lines of runs, not weighted.
 
-    What other states could imitate is taken out of the slopes.
+    Attributes:
+        residual: shape (R, L).
+        slopes: without what other states and hum could imitate, shape (R, P, L).
+        hum: what of the response is hum, shape (R, L).
     """
+
+    residual: ComplexArray
+    slopes: ComplexArray
+    hum: ComplexArray
+
+
+def columns_of(batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray) -> Columns:
+    """Residual, slopes and hum of runs, with the best states by ``root``."""
     runs, lines = batch.response.shape
-    n, p, one = len(transfer.denominator) - 1, len(slope.denominator), np.ones_like(root)
+    p, one = len(slope.denominator), np.ones_like(root)
+    n = len(transfer.denominator) - 1 + TONE_COLUMNS * len(batch.hum)
     parts = [slice(i, i + AT_ONCE) for i in range(0, lines, AT_ONCE)]
     # The blocks of a long run are computed again each time, because together they need much memory.
     kept = [_forced(batch, transfer, one, part) for part in parts[:1]]
@@ -183,17 +212,20 @@ def columns_of(
     inverse = _inverse(gram)
     states = (inverse @ right)[..., 0]
     residual, slopes = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex)
+    hum = np.zeros((runs, lines if len(batch.hum) else 0), complex)
     for number, part in enumerate(parts):
         block = block_of(number)
         block.residual[:] -= np.einsum("rn,rnl->rl", states, block.free)
-        residual[:, part] = block.residual
+        residual[:, part], own = block.residual, _hum_in(block, states, batch)
+        if len(batch.hum):
+            hum[:, part] = own
         if p:
-            slopes[:, :, part] = _slopes(batch, slope, block, one)[:, :-1]
+            slopes[:, :, part] = _slopes(batch, slope, block, one, own)[:, :-1]
             shared += _products(block.free * root[:, None, part] ** 2, slopes[:, :, part])
     share = inverse @ shared
     for number, part in enumerate(parts if p else ()):
         slopes[:, :, part] -= np.einsum("rnp,rnl->rpl", share, block_of(number).free)
-    return residual, slopes
+    return Columns(residual, slopes, hum)
 
 
 def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
@@ -204,19 +236,36 @@ def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice
     residual *= -over
     residual += batch.response[:, lines]
     residual *= root
-    free = np.empty((len(root), len(transfer.denominator) - 1, w.shape[-1]), dtype=complex)
+    order = len(transfer.denominator) - 1
+    free = np.empty((len(root), order + TONE_COLUMNS * len(batch.hum), w.shape[-1]), dtype=complex)
     np.multiply((1.0 + w) * over, root, out=free[:, 0])
-    for k in range(1, free.shape[1]):
+    for k in range(1, order):
         np.multiply(free[:, k - 1], w, out=free[:, k])
+    for tone, c in enumerate(batch.hum):  # z w^k / q and z w^k / q², k = 0, 1
+        own = free[:, order + TONE_COLUMNS * tone :]
+        tone_over = c / (w * w + c * w + c)
+        np.multiply((1.0 + w) * tone_over, root, out=own[:, 0])
+        np.multiply(own[:, 0], tone_over, out=own[:, 2])
+        np.multiply(own[:, 0:4:2], w[:, None], out=own[:, 1:4:2])
     return _Block(lines, over, free, residual)
 
 
-def _slopes(batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray) -> ComplexArray:
+def _hum_in(block: _Block, states: FloatArray, batch: Batch) -> ComplexArray | float:
+    """What of a block's response is hum, by the coefficients ``states`` of its free responses; zero without hum."""
+    if not len(batch.hum):
+        return 0.0
+    count = TONE_COLUMNS * len(batch.hum)
+    return np.einsum("rn,rnl->rl", states[:, -count:], block.free[:, -count:])
+
+
+def _slopes(
+    batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray, hum: ComplexArray | float
+) -> ComplexArray:
     """Weighted slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ, then the residual; shape (R, P + 1, l)."""
     w, root = batch.shifted[:, block.lines], root[:, block.lines]
     columns = np.empty((len(root), len(slope.denominator) + 1, w.shape[-1]), dtype=complex)
     columns[:, -1] = block.residual
-    modelled = (root * batch.response[:, block.lines] - block.residual) * block.over
+    modelled = (root * batch.response[:, block.lines] - block.residual - hum) * block.over
     driven = _horner_of_inputs(slope.numerator, batch.inputs[..., block.lines], w)
     driven *= (root * block.over)[:, None]
     columns[:, :-1] = driven

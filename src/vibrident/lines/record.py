@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy import fft
 from vibrident.lines.normal import horner
 from vibrident.lines.runs import shifted_lines
 from vibrident.lines.series import RunSeries
-from vibrident.measure.lines import line_counts
+from vibrident.measure.lines import line_counts, waves
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
@@ -44,6 +44,9 @@ class RecordLines:
         response: the model's, H, at the lines for given z; None without a reference.
         z: where the network was evaluated, shape (p,).
         floor: lower limit of the residual's variance.
+        hum: places, in lines, of tones that no motion causes; they are taken out of residual and slopes.
+        rings_unseen: whether the sensor's free motion is all above half the sampling rate: what a record shows at the
+            aliases of it tells nothing.
     """
 
     residual: ComplexArray
@@ -55,6 +58,8 @@ class RecordLines:
     response: Callable[[FloatArray], ComplexArray] | None
     z: FloatArray
     floor: float
+    hum: tuple[float, ...] = ()
+    rings_unseen: bool = False
 
     @property
     def samples(self) -> int:
@@ -90,9 +95,16 @@ class RecordLines:
         return found
 
     def _tone(self, place: float) -> ComplexArray:
-        turn = np.arange(self.samples) / max(self.samples, 1)
-        waves = np.stack([wave(2.0 * np.pi * place * turn) * self.used for wave in (np.cos, np.sin)])
-        return np.asarray(fft.rfft(np.concatenate([waves, (turn - 0.5) * waves]), axis=1))
+        return np.asarray(fft.rfft(waves([place], self.samples) * self.used, axis=1))
+
+    def without_ringing(self) -> RecordLines:
+        """The slopes less what slopes of the initial states could imitate.
+
+        The states at the optimum hold noise, and their change with z would count as information.
+        """
+        columns, root = self.unknowns(edges=True, tones=self.hum), np.sqrt(self.twice)
+        share, *_ = np.linalg.lstsq(*(((rows * root).view(float)).T for rows in (columns, self.slopes)), rcond=1e-9)
+        return replace(self, slopes=self.slopes - share.T @ columns)
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""

@@ -39,6 +39,7 @@ class Run:
         inputs: transforms of the inputs of the steps, shape (q, L).
         response: transform of the response, zero where it is not used, shape (L,).
         used: which samples of the response are used, shape (N,); None: all of them.
+        hum: places of tones that no motion causes, in lines.
     """
 
     record: int
@@ -46,6 +47,7 @@ class Run:
     inputs: ComplexArray
     response: ComplexArray
     used: BoolArray | None = None
+    hum: tuple[float, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -80,7 +82,12 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
     inputs = input_lines(reference, span, step)
     used = record.mask[span]
     response = np.asarray(fft.rfft(np.where(used, record.response[span], 0.0)))
-    return Run(number, span, inputs, response, None if used.all() else used)
+    return Run(number, span, inputs, response, None if used.all() else used, hum_of(record, len(used)))
+
+
+def hum_of(record: Record, samples: int) -> tuple[float, ...]:
+    """Places of the record's tones of hum, in lines of so many samples."""
+    return tuple(hz * samples / record.sampling_rate_hz for hz in record.hum_hz)
 
 
 def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:

@@ -14,6 +14,7 @@ from numpy import fft
 from vibrident.lines.normal import RunNormals, horner, modelled_slopes
 from vibrident.lines.runs import Run, shifted_lines
 from vibrident.lines.transfer import StepTransfer
+from vibrident.measure.lines import waves
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
@@ -30,17 +31,20 @@ class RunSeries:
         residual: measured less predicted, zero where the response is not used, shape (N,).
         slopes: of the response with P parameters, initial state held, zero where it is not used, shape (P, N).
         free: what initial states and an offset add, zero where not used, shape (n + 1, N).
+        hum: tones that no motion causes, each also growing with time, zero where not used, shape (m, N).
     """
 
     predicted: FloatArray
     residual: FloatArray
     slopes: FloatArray
     free: FloatArray
+    hum: FloatArray
 
     def freed_slopes(self) -> FloatArray:
-        """The slopes less what initial states and offset could imitate (Kaufman 1975), shape (P, N)."""
-        share = _least_squares(self.free, self.slopes.T)
-        return self.slopes - share.T @ self.free
+        """The slopes less what initial states, offset and hum could imitate (Kaufman 1975), shape (P, N)."""
+        unknown = np.concatenate([self.free, self.hum])
+        share = _least_squares(unknown, self.slopes.T)
+        return self.slopes - share.T @ unknown
 
 
 def add_series(normals: RunNormals, number: int, series: RunSeries) -> None:
@@ -68,12 +72,13 @@ def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSerie
     shapes = np.stack([(1.0 + w) * over * w**k for k in range(len(transfer.denominator) - 1)])
     whole = np.concatenate([_in_time(shapes, run.samples), np.ones((1, run.samples))])
     response, driven = _in_time(np.stack([run.response, forced]), run.samples)
-    free = whole * used
-    states = _least_squares(free, ((response - driven) * used)[:, None])[:, 0]
-    predicted = driven + states @ whole
-    lines = forced + states[:-1] @ shapes
+    free, hum, n = whole * used, waves(run.hum, run.samples) * used, len(whole)
+    found = _least_squares(np.concatenate([free, hum]), ((response - driven) * used)[:, None])[:, 0]
+    predicted = driven + found[:n] @ whole
+    lines = forced + found[: n - 1] @ shapes
     slopes = modelled_slopes(slope, run.inputs, lines, w, over)
-    return RunSeries(predicted, (response - predicted) * used, _in_time(slopes, run.samples) * used, free)
+    residual = (response - predicted) * used - found[n:] @ hum
+    return RunSeries(predicted, residual, _in_time(slopes, run.samples) * used, free, hum)
 
 
 def _in_time(lines: ComplexArray, samples: int) -> FloatArray:

@@ -1,14 +1,21 @@
-"""Tones of the response that no motion explains: mains hum."""
+"""Tones of the response that no motion explains: mains hum.
+
+Hum is found in the residual of a prediction. It is not measured there: what initial states and parameters took of it is
+in all lines, and near a resonance or a line of the motion it cannot be told from either. So a fit is given the
+frequencies alone (:attr:`vibrident.records.Record.hum_hz`), and amplitude, phase and their slow change are unknowns of
+it. Mains have one frequency: a tone of two records is looked for in all.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
 
-from vibrident.measure.response import ComplexArray
-from vibrident.measure.tones import hann
+from vibrident.measure.lines import waves
+from vibrident.measure.tones import hann, own_sine
 from vibrident.records import BoolArray, FloatArray, Record
 
 #: A line this many times above the median of the lines around is a tone, and none of the motion where the prediction
@@ -20,84 +27,213 @@ AROUND = 40
 NEAREST = 4
 #: So many lines from a line of the motion it is another.
 APART = 0.4
+#: A sensor adds harmonics of a sine up to this order; they are no hum.
+HIGHEST_HARMONIC = 20
+#: Tones that differ by less than so many lines are one: within a resonance no record tells its place better.
+SAME = 2.0
+#: A tone is a harmonic's fundamental where it is nearer than so many times what it differs by among the records.
+HARMONIC = 15.0
 #: Largest number of hum tones; more significant tones are a misfit.
 MOST_TONES = 6
+#: What is left beside a tone once it is taken out is below this part of it; of a resonance's ringing it is not.
+REMAINS = 0.01
 #: Fewest samples.
 SHORTEST = 256
 #: Rounds in which all frequencies are refined.
 ROUNDS = 3
 
+Tones = tuple[tuple[float, ...], ...]
 
-def without_hum(records: Sequence[Record], predicted: Sequence[FloatArray]) -> tuple[tuple[Record, ...], int]:
-    """The records with hum taken out of their response, and how many had any.
+
+def hum_tones(records: Sequence[Record], predicted: Sequence[FloatArray], known: Tones = ()) -> Tones:
+    """Frequencies of hum in each record's response, Hz.
 
     Args:
-        records: the records; sines are not changed, their tones differ from hum in frequency.
+        records: the records.
         predicted: response that a model predicts for each, shape (samples,), NaN where it is not defined.
+        known: tones that were seen before; those that are not seen again stay.
     """
-    kept, count = [], 0
-    for record, series in zip(records, predicted, strict=True):
+    seen = [
+        tone
+        for index, (record, series) in enumerate(zip(records, predicted, strict=True))
+        for tone in _seen(index, record, series)
+    ]
+    together, alone = _together(seen, records)
+    common = _as_harmonics(together)
+    found = []
+    for index, record in enumerate(records):
+        line = record.sampling_rate_hz / record.samples
+        tones = [hz for hz in common if record.reference is not None and record.samples >= SHORTEST]
+        tones += [t.hz for t in alone if t.record == index and _apart(t.hz, tones, SAME * line)]
+        tones += [hz for hz in (known[index] if known else ()) if _apart(hz, tones, SAME * line)]
+        found.append(tuple(sorted(hz for hz in tones if hz < 0.5 * record.sampling_rate_hz)))
+    return tuple(found)
+
+
+def _apart(hz: float, tones: Sequence[float], least: float) -> bool:
+    return all(abs(hz - other) > least for other in tones)
+
+
+def without_tones(records: Sequence[Record], predicted: Sequence[FloatArray], tones: Tones) -> tuple[Record, ...]:
+    """The records with these tones as unknowns, and without what of them stands beside the prediction.
+
+    The latter is for a search in the response and for pictures: a fit finds the same with it and without it.
+    """
+    kept = []
+    for record, given, hum_hz in zip(records, predicted, tones, strict=True):
+        series = _expected(record, given)
         used = record.mask & np.isfinite(series)
-        if record.excitation == "sine" or record.reference is None or used.sum() < SHORTEST:
+        if not hum_hz or not used.any():
             kept.append(record)
             continue
-        residual = np.where(used, record.response - series, 0.0)
-        tones = _tones(residual, np.where(used, series - np.mean(series[used]), 0.0), used)
-        if tones.size:
-            amounts, *_ = np.linalg.lstsq(_waves(tones, used)[used], residual[used], rcond=None)
-            hum = _waves(tones, np.ones_like(used)) @ amounts
-            found = ", ".join(f"{hz:.4g}" for hz in tones * record.sampling_rate_hz / record.samples)
-            kept.append(record.with_response(record.response - hum, f"hum at {found} Hz removed"))
-            count += 1
+        places = np.array(hum_hz) * record.samples / record.sampling_rate_hz
+        columns = waves(places, record.samples)[: 2 * places.size].T
+        amounts, *_ = np.linalg.lstsq(columns[used], (record.response - series)[used], rcond=None)
+        said = ", ".join(f"{hz:.4g}" for hz in hum_hz)
+        cleaned = record.with_response(record.response - columns @ amounts, f"hum at {said} Hz removed")
+        kept.append(replace(cleaned, hum_hz=hum_hz))
+    return tuple(kept)
+
+
+@dataclass(frozen=True)
+class _Tone:
+    """A tone of a record's residual; ``weight``: how well its frequency is known."""
+
+    record: int
+    hz: float
+    weight: float
+
+
+def _expected(record: Record, predicted: FloatArray) -> FloatArray:
+    """The prediction; of a sine that the model's network does not reach, its own sine."""
+    if record.excitation == "sine" and not np.any(np.isfinite(predicted)):
+        return own_sine(record)
+    return predicted
+
+
+def _seen(index: int, record: Record, given: FloatArray) -> list[_Tone]:
+    predicted = _expected(record, given)
+    used = record.mask & np.isfinite(predicted)
+    if record.reference is None or used.sum() < SHORTEST:
+        return []
+    residual = np.where(used, record.response - predicted, 0.0)
+    motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
+    tones = _tones(residual, motion, used, harmonics=record.excitation == "sine")
+    span = record.duration_s
+    return [_Tone(index, place / span, strength * span**2) for place, strength in tones]
+
+
+def _together(seen: Sequence[_Tone], records: Sequence[Record]) -> tuple[list[tuple[float, float]], list[_Tone]]:
+    """Frequencies of tones that two records have, and how far these are from each other, Hz; and the other tones."""
+    left, alone = sorted(seen, key=lambda tone: -tone.weight), list[_Tone]()
+    found: list[tuple[float, float]] = []
+    while left:
+        first = left[0]
+        near = [
+            tone for tone in left if abs(tone.hz - first.hz) * min(_span(tone, records), _span(first, records)) < SAME
+        ]
+        left = [tone for tone in left if tone not in near]
+        if len({tone.record for tone in near}) > 1:
+            found.append(_middle(near))
         else:
-            kept.append(record)
-    return tuple(kept), count
+            alone += near
+    return found[:MOST_TONES], alone
 
 
-def _tones(residual: FloatArray, motion: FloatArray, used: BoolArray) -> FloatArray:
-    """Places of the tones, in lines and parts of one; empty if there are more than hum has."""
-    moving = np.abs(np.asarray(fft.rfft(motion * hann(motion.size)))) ** 2
-    places = np.zeros(0)
-    left = residual
+def _middle(tones: Sequence[_Tone]) -> tuple[float, float]:
+    """Weighted median of their frequencies, and the median of the distances from it, Hz."""
+    hz, weight = (np.array([getattr(tone, name) for tone in tones]) for name in ("hz", "weight"))
+    order = np.argsort(hz)
+    middle = float(hz[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * np.sum(weight))])
+    return middle, float(np.median(np.abs(hz - middle)))
+
+
+def _as_harmonics(tones: Sequence[tuple[float, float]]) -> list[float]:
+    """The tones; one whose frequency is little known, as within a resonance, by a harmonic that is known better."""
+    found = []
+    for hz, scatter in tones:
+        by_others = [other / k for other, own in tones for k in (2, 3) if own < scatter]
+        near = [other for other in by_others if abs(other - hz) < HARMONIC * scatter]
+        found.append(min(near, key=lambda other: abs(other - hz)) if near else hz)
+    return found
+
+
+def _span(tone: _Tone, records: Sequence[Record]) -> float:
+    return records[tone.record].duration_s
+
+
+def _tones(residual: FloatArray, motion: FloatArray, used: BoolArray, *, harmonics: bool) -> list[tuple[float, float]]:
+    """Places of the tones, in lines and parts of one, and how far each stands out.
+
+    Empty if there are more than hum has, or if as much is left beside one as of a resonance's ringing.
+    """
+    window = hann(used.size)
+    moving: FloatArray | None = None
+    places, strengths, sizes, left = np.zeros(0), list[float](), list[float](), residual
     while True:
-        place = _strongest(np.asarray(fft.rfft(left * hann(left.size))), moving)
+        power = np.abs(np.asarray(fft.rfft(left * window))) ** 2
+        peaks = _peaks(power)
+        if peaks and moving is None:
+            moving = np.abs(np.asarray(fft.rfft(motion * window))) ** 2
+        place = None if moving is None else _strongest(peaks, power, moving, harmonics=harmonics)
         if place is None:
-            return places
-        if places.size == MOST_TONES:
-            return np.zeros(0)
-        places = np.append(places, place)
+            return list(zip(places.tolist(), strengths, strict=True))
+        size, near = float(power[round(place)]), np.abs(places - place) < NEAREST
+        if places.size == MOST_TONES or any(size > REMAINS * s for s, n in zip(sizes, near, strict=True) if n):
+            return []
+        if near.any():
+            return list(zip(places.tolist(), strengths, strict=True))
+        places, strengths, sizes = np.append(places, place), [*strengths, _above(power, round(place))], [*sizes, size]
         for _ in range(ROUNDS):
-            waves = _waves(places, used)[used]
-            sloped = (np.flatnonzero(used)[:, None] / used.size) * waves
-            amounts, *_ = np.linalg.lstsq(np.concatenate([waves, sloped], axis=1), residual[used], rcond=1e-9)
-            cosine, sine, late_cosine, late_sine = np.split(amounts, 4)
+            cosine, sine, late_cosine, late_sine = np.split(_amounts(places, used, residual, 4), 4)
             # a cos φ + b sin φ of a tone whose place is off by d lines changes with time as 2π d (b cos φ − a sin φ).
             size = np.maximum(cosine**2 + sine**2, np.finfo(float).tiny)
             places = places + np.clip((late_cosine * sine - late_sine * cosine) / size / (2.0 * np.pi), -0.5, 0.5)
         left = residual.copy()
-        waves = _waves(places, used)[used]
-        left[used] -= waves @ np.linalg.lstsq(waves, residual[used], rcond=None)[0]
+        left[used] -= (_amounts(places, used, residual, 2) @ waves(places, used.size)[: 2 * places.size])[used]
 
 
-def _strongest(lines: ComplexArray, moving: FloatArray) -> float | None:
-    """Place of the strongest significant line that is not of the motion."""
-    power = np.abs(lines) ** 2
-    for peak in (np.argsort(-power[2:-2])[: 4 * MOST_TONES] + 2).tolist():
-        if power[peak] < max(power[peak - 1], power[peak + 1]) or not _stands_out(power, peak):
-            continue
+def _amounts(places: FloatArray, used: BoolArray, residual: FloatArray, columns: int) -> FloatArray:
+    """Least-squares coefficients of the first so many columns a tone."""
+    design = waves(places, used.size)[: columns * places.size, used].T
+    return np.asarray(np.linalg.lstsq(design, residual[used], rcond=1e-9)[0], dtype=float)
+
+
+def _peaks(power: FloatArray) -> list[int]:
+    """Significant lines, the strongest first."""
+    inner, most = power[2:-2], 4 * MOST_TONES
+    largest = np.argpartition(-inner, most)[:most] if inner.size > most else np.arange(inner.size)
+    largest = (largest[np.argsort(-inner[largest])] + 2).tolist()
+    return [m for m in largest if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > STANDS_OUT]
+
+
+def _strongest(peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, harmonics: bool) -> float | None:
+    """Place of the first peak that is not of the motion."""
+    own = _summit(moving, int(np.argmax(moving[2:-2])) + 2) if harmonics else 0.0
+    for peak in peaks:
         place = _summit(power, peak)
+        if harmonics and _harmonic(place, own, power.size - 1):
+            continue
         tops = [m for m in (peak - 1, peak, peak + 1) if 1 < m < power.size - 2]
-        tops = [m for m in tops if moving[m] >= max(moving[m - 1], moving[m + 1]) and _stands_out(moving, m)]
+        tops = [m for m in tops if moving[m] >= max(moving[m - 1], moving[m + 1]) and _above(moving, m) > STANDS_OUT]
         if all(abs(_summit(moving, m) - place) > APART for m in tops):
             return place
     return None
 
 
-def _stands_out(power: FloatArray, peak: int) -> bool:
+def _harmonic(place: float, own: float, half: int) -> bool:
+    """Whether a place is that of a harmonic of the motion's one line, mirrored at half the sampling rate."""
+    order = np.arange(2, HIGHEST_HARMONIC + 1) * own
+    folded = np.abs((order + half) % (2 * half) - half)
+    return bool(np.any(np.abs(folded - place) < 1.0))
+
+
+def _above(power: FloatArray, peak: int) -> float:
+    """How many times a line is above the median of those around."""
     around = np.concatenate(
         [power[max(peak - AROUND, 1) : max(peak - NEAREST, 1)], power[peak + NEAREST + 1 : peak + AROUND]]
     )
-    return bool(around.size and power[peak] > STANDS_OUT * np.median(around))
+    return float(power[peak] / max(float(np.median(around)), np.finfo(float).tiny)) if around.size else 0.0
 
 
 def _summit(power: FloatArray, peak: int) -> float:
@@ -105,9 +241,3 @@ def _summit(power: FloatArray, peak: int) -> float:
     low, middle, high = np.log(np.maximum(power[peak - 1 : peak + 2], np.finfo(float).tiny))
     curved = low - 2.0 * middle + high
     return peak + float(np.clip(0.5 * (low - high) / curved, -0.5, 0.5)) if curved < 0.0 else float(peak)
-
-
-def _waves(places: FloatArray, used: BoolArray) -> FloatArray:
-    """Cosines, then sines, shape (samples, 2 tones); zero where not used."""
-    angle = 2.0 * np.pi / used.size * np.outer(np.arange(used.size), places)
-    return np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * used[:, None]

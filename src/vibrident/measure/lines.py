@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vibrident.records import FloatArray
@@ -22,6 +24,14 @@ def line_counts(samples: int) -> FloatArray:
     if samples % 2 == 0:
         counts[-1] = 1.0
     return counts
+
+
+def waves(places: Sequence[float] | FloatArray, samples: int) -> FloatArray:
+    """Cosines and sines of these places, in lines, and both growing with time; shape (4 tones, samples)."""
+    turn = np.arange(samples) / max(samples, 1)
+    angle = 2.0 * np.pi * np.outer(np.asarray(places, dtype=float), turn)
+    found = np.concatenate([np.cos(angle), np.sin(angle)])
+    return np.concatenate([found, (turn - 0.5) * found])
 
 
 def fast_length(least: int) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.measure.lines import fast_length
+from vibrident.measure.lines import fast_length, waves
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
@@ -34,6 +34,8 @@ BAND_FACTOR = 1.5
 #: or where they take more from the residual than so many times what as many numbers take from noise.
 MOST_COST, HEARD = 1.3, 10.0
 FEWEST_LINES, MOST_LINES = 48, 400
+#: Hum is fitted at least this part of a line from the tone.
+NEAREST_HUM = 0.05
 #: In records of at most so many samples a line that keeps less than this part of its noise beside the fit says nothing.
 SHORT, KEPT = 4096, 0.5
 
@@ -143,6 +145,13 @@ def _sine_fit_from(record: Record, start: float) -> _SineFit:
     return float(omega) / (2.0 * np.pi), amplitude, variance
 
 
+def own_sine(record: Record) -> FloatArray:
+    """The response's sine and mean alone, shape (samples,)."""
+    frequency, amplitude, _ = _sine_fit(record)
+    wave = turning(record.samples, 2.0 * np.pi * frequency / record.sampling_rate_hz)
+    return np.asarray(np.real(amplitude[1] * wave) + record.response[record.mask].mean(), dtype=float)
+
+
 def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n = signal.shape[0]
@@ -168,6 +177,9 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
     mask, rate = record.mask, record.sampling_rate_hz
     times, place = record.time_s, _span(mask)
     tone, extra = _design(times, frequency, rate), _free_response(times, poles, rate)
+    if record.hum_hz:
+        hum = waves(_beside(record, frequency), record.samples)
+        extra = hum if extra is None else np.concatenate([extra, hum])
     channels = np.stack([np.asarray(record.reference)[place], record.response[place]])
     whole = np.concatenate([rows[:, place] for rows in (tone, extra) if rows is not None])
     if not mask[place].all():
@@ -203,6 +215,12 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         np.array([index]),
         overtones[None, :],
     )
+
+
+def _beside(record: Record, frequency: float) -> FloatArray:
+    """Places of hum in lines, a little off the tone: what is at the same frequency is then uncertain, not halved."""
+    places, own = np.array(record.hum_hz) * record.duration_s, frequency * record.duration_s
+    return np.where(np.abs(places - own) < NEAREST_HUM, own + NEAREST_HUM, places)
 
 
 def _span(mask: NDArray[np.bool_]) -> slice:

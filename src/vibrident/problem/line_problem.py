@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,12 +29,14 @@ from vibrident.lines import (
     add_batch,
     add_series,
     columns_of,
+    hum_of,
     run_of,
     seen_by_network,
     series_of,
     transformable,
     unbroken,
 )
+from vibrident.lines.normal import TONE_COLUMNS
 from vibrident.lines.record import counted, free_of_pieces, free_of_run
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray
@@ -130,17 +132,24 @@ class LineProblem:
                 found[run.record] += counted(run.samples, self.highest).sum() - self.frame.order
             else:
                 found[run.record] += run.used.sum() - (self.frame.order + 1.0)
+            found[run.record] -= TONE_COLUMNS * len(run.hum)
         return found
+
+    def with_hum(self, hum_hz: Sequence[tuple[float, ...]]) -> LineProblem:
+        """The same with these tones of each record as unknowns, beside its initial states."""
+        records = tuple(replace(record, hum_hz=tones) for record, tones in zip(self.records, hum_hz, strict=True))
+        runs = tuple(replace(run, hum=hum_of(records[run.record], run.samples)) for run in self.runs)
+        return replace(self, records=records, runs=runs)
 
     @functools.cached_property
     def _batches(self) -> tuple[tuple[Batch, FloatArray, float, float], ...]:
         """Whole runs of one rate and length side by side, how their lines count, sampling interval and fraction."""
-        groups: dict[tuple[float, float, int], list[int]] = {}
+        groups: dict[tuple[float, float, int, tuple[float, ...]], list[int]] = {}
         for number, run in enumerate(self.runs):
             if run.used is None:
-                groups.setdefault((*self._step_of(run), run.samples), []).append(number)
+                groups.setdefault((*self._step_of(run), run.samples, run.hum), []).append(number)
         found = []
-        for (interval, fraction, samples), numbers in groups.items():
+        for (interval, fraction, samples, _), numbers in groups.items():
             width, counts = max(AT_ONCE // samples, 1), (counted(samples, self.highest) / samples)[None, :]
             for first in range(0, len(numbers), width):
                 some = numbers[first : first + width]
@@ -217,7 +226,10 @@ class LineProblem:
         return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
-        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
+        """Response of every record with the best initial states and offsets, NaN where the network gives no value.
+
+        Hum is no part of it.
+        """
         values = coordinates.values(z)
         found = [np.full(record.samples, np.nan) for record in self.records]
         made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
@@ -228,16 +240,18 @@ class LineProblem:
                 found[run.record][run.span] = series_of(run, transfer, nothing).predicted
                 continue
             every = counted(run.samples, 0.5)  # all lines: line 0 holds the offset
-            residual, _ = columns_of(Batch.of([run], [0]), transfer, nothing, np.sqrt(every)[None, :])
-            residual[:, 0] = 0.0
+            left, _, hum = columns_of(Batch.of([run], [0]), transfer, nothing, np.sqrt(every)[None, :])
+            left[:, 0] = 0.0
+            left[:, : hum.shape[1]] += hum  # no columns where there is none
             own = self.records[run.record].response[run.span]
-            found[run.record][run.span] = own - np.asarray(fft.irfft(residual[0], run.samples))
+            found[run.record][run.span] = own - np.asarray(fft.irfft(left[0], run.samples))
         return found
 
     def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
         """Every record at the lines of its transform, in order; one that no run reaches has no samples."""
         steps = self._all_steps(coordinates.values(z))
         turn = coordinates.slopes(z)[:, None]
+        lowest = self._lowest_ringing_hz(coordinates.values(z))
         found = []
         for number, record in enumerate(self.records):
             runs = [run for run in self.runs if run.record == number]
@@ -248,21 +262,36 @@ class LineProblem:
                 pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
                 own = _in_pieces(pieces, turn, noise[number], self.highest)
             samples = len(own["used"])
-            found.append(RecordLines(**own, response=self._response(coordinates, record, samples), z=z, floor=floor))
+            response, hum = self._response(coordinates, record, samples), hum_of(record, samples)
+            unseen = lowest > 0.5 * record.sampling_rate_hz
+            made = RecordLines(**own, response=response, z=z, floor=floor, hum=hum, rings_unseen=unseen)
+            found.append(made.without_ringing() if unseen and made.free is not None else made)
         return found
+
+    def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
+        """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
+        poles = np.roots(np.array(self.trained.model.rational(values).denominator[::-1], dtype=float))
+        ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
+        return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0
 
     def _whole(
         self, run: Run, step: tuple[StepTransfer, StepTransfer], turn: FloatArray, noise: float
     ) -> dict[str, Any]:
         """What the lines of a record say that is one whole run."""
         batch, twice = Batch.of([run], [0]), counted(run.samples, self.highest)
-        residual, slopes = columns_of(batch, *step, np.sqrt(twice)[None, :])
-        left, own = residual[0], slopes[0]
+        found = columns_of(batch, *step, np.sqrt(twice)[None, :])
+        left, own = found.residual[0], found.slopes[0]
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
         left /= noise
+
+        def predicted() -> ComplexArray:
+            explained = run.response / noise - left
+            explained[: found.hum.shape[1]] -= found.hum[0] / noise
+            return explained
+
         return {
             "residual": left,
-            "predicted": lambda: run.response / noise - left,
+            "predicted": predicted,
             "used": np.broadcast_to(True, run.samples),
             "twice": twice,
             "slopes": np.multiply(own, turn / noise, out=own),

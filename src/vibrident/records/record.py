@@ -34,6 +34,7 @@ class Record:
         contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
         provenance: file, hash and history.
         optical: what the signals of an interferometer said, from which the reference was made; None for others.
+        hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
 
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
@@ -54,6 +55,7 @@ class Record:
     contradicting_rate_hz: float | None = None
     reference_valid: BoolArray | None = None
     optical: OpticalSummary | None = field(default=None, repr=False)
+    hum_hz: tuple[float, ...] = ()
 
     __repr__ = brief
 
