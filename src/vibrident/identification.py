@@ -143,9 +143,10 @@ def _without_hum(
         if again[1].adequacy.adequate:
             return evidence, *again
     best, known = None, tuple[tuple[float, ...], ...]()
-    for _ in range(HUM_ROUNDS):
+    for number in range(HUM_ROUNDS):
         tones = hum_tones(evidence.records, judgement.predicted, known)
-        if not any(tones) or _alike(tones, known, evidence.records):
+        # The first fit beside hum is of records from which what the fit before took for hum was removed.
+        if not any(tones) or (number > 1 and _alike(tones, known, evidence.records)):
             break
         known = tones
         cleaned = evidence.with_records(without_tones(evidence.records, judgement.predicted, tones))

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 import vibrident
+from vibrident.discretize import method
 from vibrident.estimators import training
 from vibrident.estimators.noise_spectrum import Motion, noise_spectrum
+from vibrident.estimators.reweighting import reweighted
+from vibrident.models import parse
+from vibrident.problem import Coordinates, LineProblem
 from vibrident.records import Calibration
 from vibrident.simulation import ChannelNoise, HalfSineShock, sensor_named, simulate, with_noise
 
@@ -170,3 +174,20 @@ def test_a_level_response_lets_lines_without_motion_tell_the_noise_of_the_refere
         known = [result.parameters[name] for name in STIFF[1]]
         found.append([(p.value - t) / p.standard_uncertainty for p, t in zip(known, STIFF[1].values(), strict=True)])
     assert np.all(np.sqrt(np.mean(np.square(found), axis=0)) < 1.0 + 3.0 / np.sqrt(2 * runs))
+
+
+def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
+    """It was not recorded; of the states, which hold noise then, each alias made an optimum of its own, 5 u apart."""
+    true = {"sensitivity": 0.1, "natural_frequency": 8390.0, "damping_ratio": 0.0117}
+    shape = {"frequencies_hz": [10.0, 400.0], "sampling_rate_hz": 2000.0, "samples": 600, "repeats": 8}
+    made = simulate(("accelerometer", true), "random", response_noise=1e-3, start="steady", seed=0, **shape)  # type: ignore[arg-type]
+    model, noise = parse("accelerometer"), np.array([1e-3 * np.std(r.response) for r in made.records])
+    problem = LineProblem.build(made.records, model, method("bandlimited"), "acceleration", true)
+    coordinates = Coordinates.at(model, true, (10.0, 400.0), 0.1)
+    ends = []
+    for begin in (0.0, 0.03):
+        end = reweighted(problem, coordinates, coordinates.first + [0.0, begin, 0.0], noise)
+        assert end is not None
+        ends.append((end.z - coordinates.first) / np.sqrt(np.diag(end.covariance)))
+    assert np.all(np.abs(ends[0]) < 4.0)
+    np.testing.assert_allclose(ends[1], ends[0], atol=0.1)
