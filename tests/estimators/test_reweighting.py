@@ -186,7 +186,7 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
     coordinates = Coordinates.at(model, true, (10.0, 400.0), 0.1)
     ends = []
     for begin in (0.0, 0.03):
-        end = reweighted(problem, coordinates, coordinates.first + [0.0, begin, 0.0], noise)
+        end = reweighted(problem, coordinates, coordinates.first + np.array([0.0, begin, 0.0]), noise)
         assert end is not None
         ends.append((end.z - coordinates.first) / np.sqrt(np.diag(end.covariance)))
     assert np.all(np.abs(ends[0]) < 4.0)
