@@ -187,8 +187,8 @@ def _tones(residual: FloatArray, motion: FloatArray, used: BoolArray, *, harmoni
         for _ in range(ROUNDS):
             cosine, sine, late_cosine, late_sine = np.split(_amounts(places, used, residual, 4), 4)
             # a cos φ + b sin φ of a tone whose place is off by d lines changes with time as 2π d (b cos φ − a sin φ).
-            size = np.maximum(cosine**2 + sine**2, np.finfo(float).tiny)
-            places = places + np.clip((late_cosine * sine - late_sine * cosine) / size / (2.0 * np.pi), -0.5, 0.5)
+            squares = np.maximum(cosine**2 + sine**2, np.finfo(float).tiny)
+            places = places + np.clip((late_cosine * sine - late_sine * cosine) / squares / (2.0 * np.pi), -0.5, 0.5)
         left = residual.copy()
         left[used] -= (_amounts(places, used, residual, 2) @ waves(places, used.size)[: 2 * places.size])[used]
 
