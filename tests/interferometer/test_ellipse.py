@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,23 @@ def test_a_sine_is_off_by_the_tangential_noise_alone():
     for part in (np.real(added), np.imag(added)):
         assert abs(part.mean()) < 4.0 * part.std() / np.sqrt(len(part)) + 0.01 * scatter
         assert part.std() < 1.0 * scatter
+
+
+def test_effect_of_an_ellipse_s_error_on_a_sine_is_as_stated():
+    """By the middle of the phase as well: it was taken for zero, so that effects of one ellipse on several records were
+    of the wrong sign to each other."""
+    setting, rate, hertz = Interferometer("quadrature", 632.991e-9, direction=1), 4e5, 1000.0
+    time = np.arange(20_000) / rate
+    for swing, middle in ((5.0, 0.9), (2.0, -2.2)):
+        phase = swing * np.cos(2.0 * np.pi * hertz * time) + middle
+        random = np.random.default_rng(3)
+        u = CENTRE[:, None] + TRUE.matrix @ np.stack([np.cos(phase), np.sin(phase)])
+        signals = Held(u + 1e-4 * random.standard_normal(u.shape), rate)
+        seen = survey(signals)
+        choice = choose([seen], ["a"])[0]
+        exact = demodulate(signals, setting, seen, choice, 1, "a", hertz, hertz)
+        for error in 1e-3 * np.eye(4):
+            off = replace(choice, ellipse=choice.ellipse.reshaped(error))
+            changed = demodulate(signals, setting, seen, off, 1, "a", hertz, hertz)
+            change = np.std(changed.displacement_m) / np.std(exact.displacement_m) - 1.0
+            assert abs(change + np.real(error @ exact.answer.relative)[0]) < 2e-5

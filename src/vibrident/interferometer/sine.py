@@ -7,7 +7,7 @@ removed in a few rounds with the fitted sine, which is the joint fit of both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -153,4 +153,5 @@ def without_slow_motion(
         found = again
         if done:
             break
-    return values - slow + np.mean(slow[valid]), found
+    middle = float(np.mean(slow[valid]))
+    return values - slow + middle, replace(found, mean=found.mean + middle)

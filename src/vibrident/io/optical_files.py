@@ -111,7 +111,9 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         _record(one, look, choice, setting, calibration, folder, moving=moving)
         for one, look, choice in zip(opened, seen, choices, strict=True)
     ]
-    cyclic = significant([found.answer.cyclic for found, _ in made if found.answer.cyclic is not None])
+    cyclic = None
+    if setting.kind == "quadrature":  # of a carrier, the phase begins and turns differently in every record
+        cyclic = significant([found.answer.cyclic for found, _ in made if found.answer.cyclic is not None])
     if cyclic is not None:
         made = [
             _record(one, look, replace(choice, error=cyclic.waves), setting, calibration, folder, moving=moving)
