@@ -78,6 +78,7 @@ def test_euler_costs_what_the_project_found() -> None:
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
 @pytest.mark.parametrize("sensor", ["paper", "geophone"])
+@pytest.mark.quick("paper-ml-velocity", "paper-ipnn-displacement", "geophone-ml-displacement", "geophone-ipnn-velocity")
 def test_reference_in_velocity_or_displacement(sensor: str, estimator: str, quantity: str) -> None:
     calibration = simulate(sensor, "sine", quantity=quantity, response_noise=0.01, start="steady", samples=8000, seed=4)
     result = vibrident.identify(calibration, estimator=estimator)
@@ -86,6 +87,7 @@ def test_reference_in_velocity_or_displacement(sensor: str, estimator: str, quan
 
 @pytest.mark.parametrize("excitation", ["sine", "random", "shock"])
 @pytest.mark.parametrize("delay", [3.7e-5, -2e-4, 2.3e-3])
+@pytest.mark.quick("3.7e-05-random", "-0.0002-shock", "0.0023-sine", "0.0023-random")
 def test_delay_of_either_sign(delay: float, excitation: str) -> None:
     truth = {**PAPER, "delay": delay}
     calibration = simulate(

@@ -75,8 +75,7 @@ def relative(found, expected):
     return np.max(np.abs(found - expected)) / np.max(np.abs(expected))
 
 
-@pytest.mark.parametrize("name", MOTIONS)
-@pytest.mark.parametrize("stiffness", [0.04, -0.02])
+@pytest.mark.parametrize(("name", "stiffness"), [*zip(MOTIONS, itertools.cycle((0.04, -0.02)))])
 def test_the_truth_is_what_an_ode_solver_gives(name, stiffness):
     p = TRUTH | {"cubic_stiffness": stiffness}
     expected = ode(MOTIONS[name], np.arange(SAMPLES) / RATE, p)
