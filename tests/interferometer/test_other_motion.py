@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import vibrident
 from vibrident.interferometer.acceleration import LOST, accelerated
+from vibrident.measure.quality import screen
 from vibrident.simulation import sensor_named
 from vibrident.simulation.interferometer import write_optical_calibration
 from vibrident.simulation.optics import Optics
@@ -51,6 +54,10 @@ def test_what_happens_to_the_light_of_other_motion_is_said_and_does_no_harm(tmp_
     write_optical_calibration(tmp_path, "paper", kind, optics, seed=0, **settings)
     calibration = vibrident.read(tmp_path / "calibration.toml")
     assert calibration.records[0].optical.left_out < 0.06
+    record = calibration.records[0]
+    noise = np.random.default_rng(1).standard_normal(record.samples)
+    named = [finding.code for finding in screen([replace(record, reference=noise)])[1]]
+    assert "aliasing" not in named  # noise of light at high frequencies: its decimation lets nothing fold
     result = vibrident.identify(calibration)
     assert result.warning_codes == said
     for name, true in sensor_named("paper").parameters.items():
