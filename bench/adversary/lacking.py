@@ -55,15 +55,9 @@ def _lacking(lacked: str, sensor: str, motion: str, noise: Noise):
 
 
 def seen_without_mode2(given: Setting) -> dict[str, float]:
-    """What is true of a sensor of two modes as one of one mode.
-
-    Its static sensitivity has both modes' shares. Where both resonate above the band, the band tells neither.
-    """
+    """What is true of a sensor of two modes as one of one mode: its static sensitivity has both modes' shares."""
     parameters = given.sensor.parameters
-    static = parameters["sensitivity"] * (1.0 + parameters["mode2_gain"])
-    if min(parameters["natural_frequency"], parameters["mode2_frequency"]) > given.band_hz[1]:
-        return {"sensitivity": static}
-    found = truth(given.sensor) | {"sensitivity": static}
+    found = truth(given.sensor) | {"sensitivity": parameters["sensitivity"] * (1.0 + parameters["mode2_gain"])}
     return {name: value for name, value in found.items() if name != "conversion_coefficient"}
 
 

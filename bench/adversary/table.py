@@ -27,8 +27,8 @@ bent springs by harmonic balance; `tests/bench/test_adversary.py` holds it again
 case draws the sensor's place against the band (below, in, at the end of, above, far above), its damping (0.001 to 3),
 sign and gain (1e-9 to 1e9), the sampling rate (100 Hz to 1 MHz) and the quantity of the reference from its own seed.
 `clean`: nothing is wrong, noise of fourteen kinds. `defect`: one thing is wrong with the recordings, or with one of
-them. `lacking`: the sensor has what the model asked for lacks, or its spring bends; without its second mode, a sensor's
-static sensitivity is that of both, and is all that a band below both tells. `table`: tabulated responses.
+them. `lacking`: the sensor has what the model asked for lacks, or its spring bends; a sensor of two
+modes has the static sensitivity of both. `table`: tabulated responses.
 `decay`: free decays. `extreme`: scales from 1e-150 to 1e150, one to sixty records of 100 to 100 000 samples, records of
 few periods, declared systematic effects. `file`: time columns in many units, and rates that contradict them.
 
