@@ -104,6 +104,7 @@ def test_delay_of_either_sign(delay: float, excitation: str) -> None:
 
 
 @pytest.mark.parametrize("damping", [0.72, 1.0, 2.5])
+@pytest.mark.quick("1.0", "2.5")
 def test_heavy_damping_is_normal(damping: float) -> None:
     truth = {**PAPER, "damping_ratio": damping}
     calibration = simulate(

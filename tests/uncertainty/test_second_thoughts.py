@@ -85,23 +85,25 @@ def test_a_response_that_depends_on_the_amplitude_is_nonlinear():
     assert "amplitude" in next(w.message for w in result.warnings if w.code == "nonlinear")
 
 
+@pytest.mark.draws(1, 3)
 @pytest.mark.parametrize("excitation", ["random", "sweep"])
-def test_a_bent_spring_shows_in_motion_without_harmonics(excitation):
+def test_a_bent_spring_shows_in_motion_without_harmonics(excitation, draws):
     """1 % of third harmonic under 1 % of noise, where hardly a band shows a misfit."""
     shape = {"frequencies_hz": [30.0, 1000.0], "samples": 4000, "sampling_rate_hz": 25_600.0, "repeats": 2}
-    for seed in range(3):
+    for seed in range(draws):
         bent = simulate("cubic", excitation, response_noise=0.01, seed=seed, **shape)
         assert "nonlinear" in vibrident.identify(bent, model="accelerometer").warning_codes
         straight = simulate("paper", excitation, response_noise=0.01, seed=seed, **shape)
         assert vibrident.identify(straight).warning_codes == ()
 
 
+@pytest.mark.draws(1, 3)
 @pytest.mark.parametrize("excitation", ["random", "sweep", "shock"])
-def test_what_is_linear_is_never_taken_for_a_bent_spring(excitation):
+def test_what_is_linear_is_never_taken_for_a_bent_spring(excitation, draws):
     """A second mode of 3 % and a delay left out, at hardly any noise: the model is wrong, and linear."""
     values = dict(TRUTH) | {"mode2_frequency": 300.0, "mode2_damping": 0.02, "mode2_gain": 0.03, "delay": 2e-5}
     band = {} if excitation == "shock" else {"frequencies_hz": [30.0, 1000.0]}
-    for seed in range(3):
+    for seed in range(draws):
         late = simulate(
             ("accelerometer+mode2+delay", values), excitation, **band, amplitude=9.8, samples=4000, repeats=2,
             sampling_rate_hz=25_600.0, response_noise=3e-4, seed=seed,
