@@ -14,7 +14,7 @@ from vibrident.errors import InputError
 from vibrident.io.certificate_section import CertificateSection
 from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
-from vibrident.io.section import Column, NotNegative, Number, Positive, Section, Text
+from vibrident.io.section import Column, FileSection, NotNegative, Number, Positive, Text
 from vibrident.io.toml_text import read_toml
 from vibrident.records import USUAL_MODEL, Excitation, Quantity
 
@@ -31,14 +31,14 @@ _Scale = Annotated[
 _File = Annotated[str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")]
 
 
-class SensorSection(Section):
+class SensorSection(FileSection):
     """[sensor]: the model, and free text for reports."""
 
     model_config = ConfigDict(extra="allow")
     model: Text = USUAL_MODEL
 
 
-class ReferenceSection(Section):
+class ReferenceSection(FileSection):
     """[reference]: the channel of the interferometer, reference transducer or drive."""
 
     column: Column | None = None
@@ -49,7 +49,7 @@ class ReferenceSection(Section):
     full_scale: Positive | None = None
 
 
-class ResponseSection(Section):
+class ResponseSection(FileSection):
     """[response]: the channel of the sensor under test."""
 
     column: Column | None = None
@@ -58,14 +58,14 @@ class ResponseSection(Section):
     full_scale: Positive | None = None
 
 
-class SamplingSection(Section):
+class SamplingSection(FileSection):
     """[sampling]: a rate, or the column that holds the times."""
 
     rate_hz: Positive | None = None
     time_column: Column | None = None
 
 
-class RecordsEntry(Section):
+class RecordsEntry(FileSection):
     """One [[records]] entry: a file or a glob, and its excitation."""
 
     file: _File
@@ -79,7 +79,7 @@ class RecordsEntry(Section):
     start_time_s: Number | None = None
 
 
-class TableSection(Section):
+class TableSection(FileSection):
     """[table]: a tabulated response instead of records."""
 
     file: _File
@@ -91,7 +91,7 @@ class TableSection(Section):
     phase_unit: Literal["deg", "rad"] = "deg"
 
 
-class UncertaintyEntry(Section):
+class UncertaintyEntry(FileSection):
     """One [[uncertainty]] entry: a systematic contribution, common to all points."""
 
     source: Text
@@ -107,7 +107,7 @@ class UncertaintyEntry(Section):
         return SystematicEffect(self.source, self.kind, self.standard_uncertainty, self.frequency_hz, freedom)
 
 
-class CalibrationFile(Section):
+class CalibrationFile(FileSection):
     """A calibration file, checked; see the documentation for each key."""
 
     sensor: SensorSection = SensorSection()

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from vibrident.io.section import NotNegative, Number, Positive, Section
+from vibrident.io.section import FileSection, NotNegative, Number, Positive
 
 
 def _text(value: Any) -> Any:
@@ -44,7 +44,7 @@ _Lines = Annotated[
 _Percent = Annotated[float, Field(ge=0, le=100, description="a number from 0 to 100")]
 
 
-class InstrumentSection(Section):
+class InstrumentSection(FileSection):
     """One of the instruments used, and where its own traceability is stated."""
 
     name: _Text
@@ -58,7 +58,7 @@ class InstrumentSection(Section):
 _Instrument = Annotated[InstrumentSection, BeforeValidator(_named)]
 
 
-class CertificateSection(Section):
+class CertificateSection(FileSection):
     """[certificate]; see docs/report.md for the meaning of each key."""
 
     number: _Text | None = None

@@ -9,13 +9,13 @@ from pydantic import Field
 
 from vibrident.errors import InputError
 from vibrident.interferometer.setting import Interferometer
-from vibrident.io.section import Column, NotNegative, Number, Positive, Section
+from vibrident.io.section import Column, FileSection, NotNegative, Number, Positive
 
 #: Keys of [reference] that are not allowed beside [interferometer].
 _TAKEN = ("column", "quantity", "scale", "unit", "full_scale")
 
 
-class InterferometerSection(Section):
+class InterferometerSection(FileSection):
     """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
     kind: Literal["quadrature", "heterodyne"]

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
-class Section(BaseModel):
+class FileSection(BaseModel):
     """A section: no other keys than its own, no conversion of types."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)

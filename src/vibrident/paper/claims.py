@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from vibrident.paper import methods, published
 from vibrident.paper.reproduction import Reproduction
-from vibrident.paper.sections import Section
+from vibrident.paper.sections import PaperSection
 
 #: Own target without channel noise: mean deviation of the curve, %.
 MEAN_PERCENT = 0.005
@@ -43,7 +43,7 @@ def of_the_paper(run: Reproduction) -> list[Claim]:
     return claims
 
 
-def _of_section(section: Section, where: str) -> list[Claim]:
+def _of_section(section: PaperSection, where: str) -> list[Claim]:
     gru, lstm = _rmse(section, "GRU"), _rmse(section, "LSTM")
     claims = []
     for name, why in (
@@ -68,12 +68,12 @@ def _of_section(section: Section, where: str) -> list[Claim]:
     return claims
 
 
-def _rmse(section: Section, name: str) -> float:
+def _rmse(section: PaperSection, name: str) -> float:
     metrics = section.row(name).metrics
     return float("inf") if metrics is None else metrics.rmse
 
 
-def _rpd(section: Section) -> Claim:
+def _rpd(section: PaperSection) -> Claim:
     names = ("GRU", "LSTM", methods.PUBLISHED)
     found = {name: metrics.rpd for name in names if (metrics := section.row(name).metrics) is not None}
     return Claim(
@@ -84,7 +84,7 @@ def _rpd(section: Section) -> Claim:
     )
 
 
-def _lstm_worst(section: Section) -> Claim:
+def _lstm_worst(section: PaperSection) -> Claim:
     gru, lstm, ipnn = (_rmse(section, name) for name in ("GRU", "LSTM", methods.PUBLISHED))
     return Claim(
         "LSTM is the poorest of the three (simulation)",
@@ -123,7 +123,7 @@ def _curve_claims(run: Reproduction) -> list[Claim]:
     ]
 
 
-def _experiment_claims(section: Section) -> list[Claim]:
+def _experiment_claims(section: PaperSection) -> list[Claim]:
     where = "simulated" if section.simulated else "measured"
     said = published.EXPERIMENT["IPNN"]
     euler, exact = section.deviations[methods.PUBLISHED], section.deviations[methods.EXACT]

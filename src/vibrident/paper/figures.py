@@ -16,7 +16,7 @@ from vibrident.network.readback import network_response
 from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR
 from vibrident.paper.reproduction import Reproduction
-from vibrident.paper.sections import BAND_HZ, Section
+from vibrident.paper.sections import BAND_HZ, PaperSection
 from vibrident.paper.studies import NOISE_METHODS, PARAMETERS
 from vibrident.paper.unrolled import plain_model
 from vibrident.present import axes, drawing
@@ -103,7 +103,7 @@ def discrete_response(name: str, parameters: dict[str, float], frequency_hz: Flo
     return network_response(weights, frequency_hz, interval, name)
 
 
-def curves(section: Section) -> Stacks:
+def curves(section: PaperSection) -> Stacks:
     """Figures 7 and 9: (a) sensitivity curves, (b) their relative deviation from the reference."""
     model = plain_model(section.published.calibration.model)
     frequency = np.geomspace(*section.band_hz, 401)
@@ -130,7 +130,7 @@ def curves(section: Section) -> Stacks:
     )
 
 
-def _unit(section: Section) -> str:
+def _unit(section: PaperSection) -> str:
     calibration = section.published.calibration
     below = calibration.reference_unit.replace("m/s^2", "m/s²")
     return f"{calibration.response_unit}/({below})" if "/" in below else f"{calibration.response_unit}/{below}"

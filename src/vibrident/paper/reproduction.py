@@ -15,7 +15,7 @@ from vibrident.paper.experiment import interferometer, seismometer
 from vibrident.paper.learned_residual import Residual, learned_residuals
 from vibrident.paper.methods import Judge, MethodResult, recurrent
 from vibrident.paper.sections import (
-    Section,
+    PaperSection,
     experiment,
     full_range,
     simulated,
@@ -45,17 +45,17 @@ class Reproduction:
     """
 
     settings: Settings
-    simulation: Section
-    interferometer: Section
-    seismometer: Section | None
-    full_range: Section | None
+    simulation: PaperSection
+    interferometer: PaperSection
+    seismometer: PaperSection | None
+    full_range: PaperSection | None
     rates: tuple[RatePoint, ...]
     noise: NoiseStudy
     residuals: tuple[Residual, ...]
     seconds: float = field(compare=False)
 
     @property
-    def sections(self) -> tuple[Section, ...]:
+    def sections(self) -> tuple[PaperSection, ...]:
         """All sections that were run, section 4 first."""
         every = (self.simulation, self.full_range, self.interferometer, self.seismometer)
         return tuple(section for section in every if section is not None)
@@ -149,7 +149,7 @@ def _apart(judge: Judge, kind: Kind) -> MethodResult:
         return process.call(recurrent, judge, kind)
 
 
-def _section(section: Section) -> dict[str, Any]:
+def _section(section: PaperSection) -> dict[str, Any]:
     data = section.published
     return {
         "title": section.title,

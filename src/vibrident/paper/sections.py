@@ -35,7 +35,7 @@ IN_EXPERIMENT = (methods.EXACT, methods.PLAIN, methods.WEIGHTED, methods.LIKELIH
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PaperSection:
     """All methods on one set of data.
 
     Attributes:
@@ -72,7 +72,7 @@ def simulated(settings: Settings, *, full_range: bool = False) -> Judge:
     return Judge(data, data, settings.schedule, settings.seed)
 
 
-def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
+def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> PaperSection:
     """Section 4: every method on the paper's simulated records."""
     near = _first_look(judge)
     rows = list(recurrent)
@@ -87,7 +87,7 @@ def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) 
     return _against_truth("simulation of section 4", judge.published, rows, BAND_HZ)
 
 
-def full_range(settings: Settings, stages: Stages) -> Section:
+def full_range(settings: Settings, stages: Stages) -> PaperSection:
     """The 41 records from 0.1 Hz on, by the methods that accept records of different sampling rates."""
     with stages("Simulating 0.1 to 1000 Hz"):
         judge = simulated(settings, full_range=True)
@@ -96,7 +96,7 @@ def full_range(settings: Settings, stages: Stages) -> Section:
     return _against_truth("full range of section 4", judge.published, rows, FULL_BAND_HZ)
 
 
-def experiment(data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> Section:
+def experiment(data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> PaperSection:
     """Section 5: the same protocol, the interferometer's points as reference."""
     near = _first_look(judge)
     kind = "simulated" if data.simulated else "measured"
@@ -111,7 +111,7 @@ def experiment(data: Experiment, judge: Judge, recurrent: Sequence[MethodResult]
         row.name: deviation_at_points(core, row.parameters, *points) for row in rows if row.parameters is not None
     }
     band = (float(points[0].min()), float(points[0].max()))
-    return Section(data.title, data.simulated, data.published, tuple(rows), deviations, points, data.truth, band)
+    return PaperSection(data.title, data.simulated, data.published, tuple(rows), deviations, points, data.truth, band)
 
 
 def _first_look(judge: Judge) -> dict[str, float]:
@@ -121,10 +121,12 @@ def _first_look(judge: Judge) -> dict[str, float]:
     return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
 
 
-def _against_truth(title: str, data: Dataset, rows: Sequence[MethodResult], band_hz: tuple[float, float]) -> Section:
+def _against_truth(
+    title: str, data: Dataset, rows: Sequence[MethodResult], band_hz: tuple[float, float]
+) -> PaperSection:
     model, truth, none = parse(SENSOR.model), dict(SENSOR.parameters), np.empty(0)
     deviations = {row.name: curve_deviation(model, row.parameters, truth, band_hz) for row in rows if row.parameters}
-    return Section(title, True, data, tuple(rows), deviations, (none, none), truth, band_hz)
+    return PaperSection(title, True, data, tuple(rows), deviations, (none, none), truth, band_hz)
 
 
 def _interferometer(data: Experiment) -> tuple[FloatArray, FloatArray]:

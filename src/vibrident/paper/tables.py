@@ -18,7 +18,7 @@ from vibrident.paper.dataset import SENSOR
 from vibrident.paper.learned_residual import Residual
 from vibrident.paper.metrics import CurveDeviation, Metrics
 from vibrident.paper.reproduction import Reproduction
-from vibrident.paper.sections import Section
+from vibrident.paper.sections import PaperSection
 from vibrident.paper.studies import PARAMETERS
 from vibrident.present.views import Column, Table
 from vibrident.records import STANDARD_GRAVITY
@@ -162,7 +162,7 @@ def hyper_parameters(run: Reproduction) -> Table:
     return _table("table3", "Table 3. Hyper-parameters", head, rows, note)
 
 
-def prediction(name: str, title: str, section: Section, printed: dict[str, Metrics]) -> Table:
+def prediction(name: str, title: str, section: PaperSection, printed: dict[str, Metrics]) -> Table:
     """Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
     rows = []
     for label, row in printed.items():
@@ -185,7 +185,7 @@ def _metrics(m: Metrics) -> tuple[str, ...]:
     return (f"{m.rmse:.6g}", f"{m.mae:.6g}", f"{m.mse:.6g}", f"{m.r2:.12g}", f"{m.rpd:.6g}")
 
 
-def identified(name: str, title: str, section: Section) -> Table:
+def identified(name: str, title: str, section: PaperSection) -> Table:
     """Parameters of every method that has them, and the deviation of its curve from the reference."""
     rows = []
     for row in section.rows:
@@ -217,11 +217,11 @@ def _percent(value: float) -> str:
     return f"{value:+.3g}"
 
 
-def _band(section: Section) -> str:
+def _band(section: PaperSection) -> str:
     return f"{section.band_hz[0]:.4g} to {section.band_hz[1]:.4g} Hz"
 
 
-def _printed(section: Section) -> str:
+def _printed(section: PaperSection) -> str:
     said = published.EXPERIMENT if section.points[0].size else published.SIMULATION
     words = [f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items()]
     return "Paper: " + "; ".join(words) + "."
