@@ -43,6 +43,8 @@ _LAST_BYTES = 20_000
 _ENDING_S = 5.0
 #: SIGXCPU of Linux and macOS.
 _OUT_OF_TIME = -24
+#: How an answer fails that was not written by :func:`parcel.send`.
+_UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
 
 
@@ -153,41 +155,27 @@ class Process:
             InputError, NotConverged: as the function raises them.
             OSError: no process can be started.
         """
+        call = {"name": _name(function), "args": args, "limits": limits, "progress": progress is not None}
         with self._lock:
             try:
                 self.start()
                 assert self._child is not None
-                return self._called(self._child, _name(function), args, limits, progress)
+                said = self._child.answer(call, limits, progress or (lambda *_: None))
+                if "memory" in said:
+                    raise Died("memory", "a process that asked for more")
+            except Exception as error:
+                self.close()
+                if self._ended:
+                    raise Ended from None
+                if isinstance(error, _UNREADABLE):
+                    raise WorkerError(f"the answer cannot be read: {error}") from error
+                raise
             finally:
                 if self._ended:
                     self.close()
-
-    def _called(
-        self,
-        child: _Child,
-        name: str,
-        args: tuple[Any, ...],
-        limits: Limits,
-        progress: Callable[..., object] | None,
-    ) -> Any:
-        overdue = threading.Event()
-        alarm = threading.Timer(limits.seconds or 0.0, lambda: (overdue.set(), child.kill()))
-        alarm.daemon = True
-        if limits.seconds is not None:
-            alarm.start()
-        try:
-            said = child.exchange(name, args, limits, progress)
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
-            self.close()
-            raise WorkerError(f"the answer cannot be read: {error}") from error
-        finally:
-            alarm.cancel()
         if "done" in said:
             return said["done"]
-        _raise(said)
-        death = child.death(said, overdue=overdue.is_set())
-        self.close()
-        raise Ended if self._ended else death
+        raise _error(said)
 
     def end(self) -> None:
         """End it for good, from any thread; a call that is under way raises Ended."""
@@ -232,31 +220,36 @@ class _Child:
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
-    def exchange(
-        self, name: str, args: tuple[Any, ...], limits: Limits, progress: Callable[..., object] | None
-    ) -> dict[str, Any]:
-        """Send a call; return the last message about it, empty if there is none."""
+    def answer(self, call: Mapping[str, Any], limits: Limits, progress: Callable[..., object]) -> dict[str, Any]:
+        """Send a call; return the last message about it.
+
+        Raises:
+            Died: there is none.
+        """
+        overdue = threading.Event()
+        alarm = threading.Timer(limits.seconds or 0.0, lambda: (overdue.set(), self.kill()))
+        alarm.daemon = True
+        if limits.seconds is not None:
+            alarm.start()
         try:
-            parcel.send(self._calls, {"name": name, "args": args, "limits": limits, "progress": progress is not None})
+            parcel.send(self._calls, call)
             while "progress" in (said := parcel.receive(self._answers, limits.answer_bytes)):
-                if progress is not None:
-                    progress(*said["progress"])
+                progress(*said["progress"])
+            return said
         except parcel.TooLong:
             return {"memory": True}
         except (EOFError, OSError):
-            return {}
-        return said
+            raise self._death(overdue) from None
+        finally:
+            alarm.cancel()
 
-    def death(self, said: Mapping[str, Any], *, overdue: bool) -> Died:
-        """Why the call has no answer; the process is ended if it has not."""
-        if "memory" in said:
-            return Died("memory", "a process that asked for more")
+    def _death(self, overdue: threading.Event) -> Died:
         try:
             code = self.popen.wait(_ENDING_S)
-        except subprocess.TimeoutExpired:
+        except subprocess.TimeoutExpired:  # it has closed its output, and goes on
             self.kill()
             code = self.popen.wait()
-        if overdue or code == _OUT_OF_TIME:
+        if overdue.is_set() or code == _OUT_OF_TIME:
             return Died("time", "a process that was still at work")
         self._listener.join(_ENDING_S)
         ending = f"a process that ended with {f'signal {-code}' if code < 0 else f'status {code}'}"
@@ -383,11 +376,10 @@ def _told(error: Exception) -> dict[str, Any]:
     return {"unexpected": "".join(traceback.format_exception(error))[-_LONGEST_TRACE:]}
 
 
-def _raise(said: Mapping[str, Any]) -> None:
-    """Raise the error that the process told; nothing if it told none."""
+def _error(said: Mapping[str, Any]) -> Exception:
+    """The error that a process told."""
     if "input" in said:
-        raise InputError(**said["input"])
+        return InputError(**said["input"])
     if "error" in said:
-        raise NotConverged(said["error"])
-    if "unexpected" in said:
-        raise WorkerError(said["unexpected"])
+        return NotConverged(said["error"])
+    return WorkerError(said.get("unexpected", "an answer without an outcome"))

@@ -161,15 +161,15 @@ def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly
 
 def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch):
     fleet(tmp_path / "data", 4)
-    victims, exchange = ["s001", "s003"], _Child.exchange
+    victims, answer = ["s001", "s003"], _Child.answer
 
-    def killed_once(child, name, args, *rest):
-        if name.endswith(":identified") and (folder := Path(args[0][0][0]).parent.name) in victims:
+    def killed_once(child, call, *rest):
+        if call["name"].endswith(":identified") and (folder := Path(call["args"][0][0][0]).parent.name) in victims:
             victims.remove(folder)
             child.popen.kill()
-        return exchange(child, name, args, *rest)
+        return answer(child, call, *rest)
 
-    monkeypatch.setattr(_Child, "exchange", killed_once)
+    monkeypatch.setattr(_Child, "answer", killed_once)
     outcome = run_fleet([tmp_path / "data"], tmp_path / "out")
     assert not victims
     assert outcome.tally.statuses == {"identified": 4}
