@@ -68,7 +68,7 @@ def test_every_query_of_ten_thousand_calibrations_takes_less_than_100_ms(large):
             "events of all": partial(query.events, store),
             "quantities": partial(query.quantities, store, sensor.id),
             "result": partial(query.result, store, 500),
-            "show": partial(document.shown, store, sensor, document.Question(tolerance=Tolerance(0.01))),
+            "show": partial(document.of_sensor, store, sensor, document.Question(tolerance=Tolerance(0.01))),
         }
         assert len(asked["list"]()) == 1000
         assert sum(len(found) for found in asked["calibrations of all"]().values()) == 10_000
@@ -177,7 +177,7 @@ def test_postgresql_keeps_the_same_as_sqlite(database, tmp_path):
     for url in (database, str(tmp_path / "h.db")):
         history.add(url, results)
         with Store(url) as store:
-            told = document.shown(store, query.find(store, "4711"))
+            told = document.of_sensor(store, query.find(store, "4711"))
             shown.append(
                 {key: told[key] for key in ("sensor", "quantity", "calibrations", "series", "drift", "control")}
             )

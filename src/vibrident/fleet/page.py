@@ -59,12 +59,12 @@ def write_page(path: Path, table: Path, tally: Tally, specification: Specificati
         specification: limits by type.
         began_at: beginning of this run, in seconds since 1970.
     """
-    made = shown(table, tally, specification, began_at, results=(path.parent / "results").is_dir())
+    made = content(table, tally, specification, began_at, results=(path.parent / "results").is_dir())
     write_whole(path, html.printed(made).encode("utf-8", "replace"))
     return path
 
 
-def shown(table: Path, tally: Tally, specification: Specification, began_at: float, *, results: bool) -> Document:
+def content(table: Path, tally: Tally, specification: Specification, began_at: float, *, results: bool) -> Document:
     """The content of the page; ``results``: whole results stand beside it, to be linked."""
     found = statistics(table, tally, specification)
     memory.give_back()

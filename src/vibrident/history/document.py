@@ -54,7 +54,7 @@ def _of(sensor: StoredSensor, question: Question) -> Question:
     return question if question.tolerances is None else replace(question, tolerance=question.tolerances(sensor))
 
 
-def shown(store: Store, sensor: StoredSensor, question: Question = Question()) -> dict[str, Any]:
+def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question()) -> dict[str, Any]:
     """The whole document of one sensor.
 
     Raises:
@@ -84,7 +84,7 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
     if store.revision() is None:
         return None
     sensor = query.known(store, result.sensor)
-    return None if sensor is None else shown(store, sensor)
+    return None if sensor is None else of_sensor(store, sensor)
 
 
 def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:

@@ -35,13 +35,13 @@ def chosen(given: str | None) -> str:
     if not separator:
         if Path(text).suffix.lower() in _FILE_ENDINGS:
             return sqlite_url(Path(text))
-        raise _unusable("The store's URL cannot be read.", shown(text) or "nothing", where)
+        raise _unusable("The store's URL cannot be read.", printable(text) or "nothing", where)
     if scheme in _POSTGRESQL:
         return f"{_DRIVER}://{rest}"
     if scheme in ("sqlite", "sqlite+pysqlite"):
         if rest in ("", "/", "/:memory:") or not rest.startswith("/"):
             raise _unusable(
-                "This URL names no file, and a store in memory would be lost at the end.", shown(text), where
+                "This URL names no file, and a store in memory would be lost at the end.", printable(text), where
             )
         return text
     raise _unusable("The store is of a kind that this package does not know.", f"{scheme}://…", where)
@@ -67,7 +67,7 @@ def data_folder() -> Path:
     return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "vibrident"
 
 
-def shown(url: str) -> str:
+def printable(url: str) -> str:
     """The URL without any password, for messages."""
     text = _ACCOUNT.sub(_without_password, url)
     return _SECRET_KEYS.sub(r"\1***", text)

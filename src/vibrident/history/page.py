@@ -11,7 +11,7 @@ from vibrident.present.numbers import sensor_name
 from vibrident.present.views import Block, Document, Section, document, section
 
 
-def shown(life: Mapping[str, Any]) -> Document:
+def report(life: Mapping[str, Any]) -> Document:
     """The content of the page."""
     return document(f"History of {sensor_name(life['sensor'])}", (), sections(life))
 

@@ -14,7 +14,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from vibrident.errors import InputError
 from vibrident.history import schema
-from vibrident.history.location import FORMS, chosen, shown, sqlite_file, without_secrets
+from vibrident.history.location import FORMS, chosen, printable, sqlite_file, without_secrets
 
 #: How long a writer waits for another one.
 PATIENCE_S = 60
@@ -65,7 +65,7 @@ class Store:
     @property
     def shown(self) -> str:
         """The URL for print, without a password."""
-        return shown(self.url)
+        return printable(self.url)
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sa.Connection]:

@@ -27,7 +27,7 @@ _SOURCE = (
 def write(run: Reproduction, folder: Path) -> list[Table]:
     """Write ``paper.md``, ``paper.html``, ``paper.json`` and the pictures; return the tables."""
     tables, pictures = all_tables(run), draw_all(run, folder)
-    page = shown(tables, pictures)
+    page = content(tables, pictures)
     links = {picture.name: f"{picture.name}.png" for picture in pictures}
     (folder / "paper.md").write_text(markdown.render(page, links), encoding="utf-8")
     (folder / "paper.html").write_text(html.render(page), encoding="utf-8")
@@ -36,7 +36,7 @@ def write(run: Reproduction, folder: Path) -> list[Table]:
     return tables
 
 
-def shown(tables: Sequence[Table], pictures: Sequence[Figure]) -> Document:
+def content(tables: Sequence[Table], pictures: Sequence[Figure]) -> Document:
     """The page: a section a table, and the figures."""
     sections = [section(table.name, table.title, replace(table, title="")) for table in tables]
     return document(TITLE, (Sentence(_SOURCE),), [*sections, section("figures", "Figures", *pictures)])

@@ -203,7 +203,7 @@ def _history(result: Result, store: str, before: str) -> dict[str, Any]:
         life = of_result(opened, result)
     if life is None:
         return {"words": f"{before}The history holds no calibration of this sensor.", "charts": [], "tables": ""}
-    blocks = [block for part in page.shown(life).sections for block in part.blocks]
+    blocks = [block for part in page.report(life).sections for block in part.blocks]
     drawn = [(one.title, chart) for one in blocks if isinstance(one, Figure) for _, chart in _charts(one)]
     rest = html.fragment(*(block for block in blocks if not isinstance(block, Figure)))
     words = f"{before}The history holds {count(len(life['calibrations']), 'calibration')} of this sensor."

@@ -117,13 +117,13 @@ def show(
 ) -> None:
     """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
     from vibrident.history import page, query
-    from vibrident.history.document import shown
+    from vibrident.history.document import of_sensor
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
     asked = question(quantity, frequency, read_tolerance(tolerance, nominal), limits, interval, read_date(at, "--at"))
     with _opened(store) as opened:
-        document = shown(opened, query.find(opened, serial, type_name, axis), asked)
+        document = of_sensor(opened, query.find(opened, serial, type_name, axis), asked)
     _print(form, document, lambda: page.printed(document))
     if target is not None:
         _write(document, target)
@@ -154,7 +154,7 @@ def due(
             remedy="give one of the two",
         )
     from vibrident.history import query, tables
-    from vibrident.history.document import all_due, shown
+    from vibrident.history.document import all_due, of_sensor
     from vibrident.present.views import count
 
     asked = question(quantity, frequency, given, limits, interval)
@@ -163,7 +163,7 @@ def due(
             rows = all_due(opened, asked, type_name)
         else:
             found = query.find(opened, serial, type_name, axis)
-            document = shown(opened, found, asked)
+            document = of_sensor(opened, found, asked)
             rows = all_due(opened, asked, type_name, found.id)
     if serial is not None:
         _print(form, rows, lambda: [tables.due(document)])
@@ -282,7 +282,7 @@ def _write(document: Mapping[str, Any], target: Path) -> None:
             from vibrident.history import page
             from vibrident.present import html
 
-            file.write_text(html.render(page.shown(document)), encoding="utf-8")
+            file.write_text(html.render(page.report(document)), encoding="utf-8")
         else:
             write_json(file, document)
     wrote(output.files)
