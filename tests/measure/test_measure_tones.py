@@ -177,7 +177,7 @@ def test_degrees_of_freedom_of_the_variance(rng, draws):
     assert observed / expected == pytest.approx(1.0, abs=3 * np.sqrt(2 / draws) * 1.5)
 
 
-def test_felt_noise_cancels_and_reference_noise_does_not():
+def test_excitation_noise_cancels_and_reference_noise_does_not():
     """Noise that the sensor feels at 20 dB leaves a deviation below a tenth of its own size; the same noise on the
     reference alone counts in full, |H| σ √(2/N).
     """

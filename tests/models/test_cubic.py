@@ -27,7 +27,7 @@ from vibrident.simulation import (
     Superposition,
     Sweep,
     exact_response,
-    felt_noise,
+    excitation_noise,
     simulate,
     with_noise,
 )
@@ -36,7 +36,7 @@ from vibrident.simulation import cubic as cubic_truth
 TRUTH = dict(SENSORS["cubic"].parameters)
 MODEL = parse("accelerometer+cubic")
 RATE, SAMPLES = 12800.0, 400
-FELT = felt_noise(0.7, sampling_rate_hz=RATE, samples=SAMPLES, rng=np.random.default_rng(5))
+FELT = excitation_noise(0.7, sampling_rate_hz=RATE, samples=SAMPLES, rng=np.random.default_rng(5))
 MOTIONS = {
     "sine": Sine(630.0, 9.8, 0.4),
     "multisine": Multisine((10.0, 333.3, 1000.0), (4.0, 3.0, 3.0), (0.1, 0.2, 0.3)),

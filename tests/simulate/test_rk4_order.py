@@ -12,14 +12,16 @@ from vibrident.simulation import (
     Superposition,
     Sweep,
     exact_response,
-    felt_noise,
+    excitation_noise,
     rk4_response,
 )
 from vibrident.simulation.rk4 import classical_rk4
 
 MODEL = parse("accelerometer+delay")
 RATE, SAMPLES = 16000.0, 200
-FELT = felt_noise(1.0, sampling_rate_hz=RATE, samples=SAMPLES, rng=np.random.default_rng(1), band_hz=(0.0, 2000.0))
+FELT = excitation_noise(
+    1.0, sampling_rate_hz=RATE, samples=SAMPLES, rng=np.random.default_rng(1), band_hz=(0.0, 2000.0)
+)
 MOTIONS = [
     Sine(1000.0, 9.8, -np.pi / 2),
     Superposition((Sine(630.0, 9.8), FELT)),

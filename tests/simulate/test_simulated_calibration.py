@@ -95,7 +95,7 @@ def test_snr_is_as_asked():
     assert "felt by the sensor" in noisy.records[0].provenance.history[1]
 
 
-def test_absolute_level_and_band_of_felt_noise():
+def test_absolute_level_and_band_of_excitation_noise():
     clean = simulate(samples=4000)
     noisy = simulate(samples=4000, excitation_noise_rms=0.5, excitation_noise_band_hz=(0.0, 2000.0))
     extra = np.array([b.reference - a.reference for a, b in zip(clean.records, noisy.records, strict=True)])
@@ -245,7 +245,7 @@ def test_other_reference_quantities(quantity):
     assert calibration.reference_unit == {"velocity": "m/s", "displacement": "m"}[quantity]
 
 
-def test_felt_noise_is_seen_by_a_velocity_reference():
+def test_excitation_noise_is_seen_by_a_velocity_reference():
     settings = {"frequencies_hz": [100.0], "samples": 5120, "excitation_noise_band_hz": (50.0, 5000.0), "seed": 2}
     plain = simulate(quantity="velocity", **(settings | {"excitation_noise_band_hz": None}))
     noisy = simulate(quantity="velocity", excitation_snr_db=20.0, **settings)

@@ -19,13 +19,13 @@ from vibrident.simulation import (
     Sweep,
     exact_reference,
     exact_response,
-    felt_noise,
+    excitation_noise,
 )
 
 RATE, SAMPLES = 16000.0, 320
 ACCELEROMETER = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 PICKUP = {"generator_constant": -28.8, "natural_frequency": 120.0, "damping_ratio": 0.7}
-FELT = felt_noise(0.7, sampling_rate_hz=RATE, samples=SAMPLES, rng=np.random.default_rng(5))
+FELT = excitation_noise(0.7, sampling_rate_hz=RATE, samples=SAMPLES, rng=np.random.default_rng(5))
 MOTIONS = {
     "sine": Sine(1000.0, 9.8, 0.4),
     "multisine": Multisine((10.0, 333.3, 2500.0), (1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),
@@ -216,7 +216,7 @@ def test_a_stiff_sensor_sampled_slowly():
 #: Eighth-order central differences (Fornberg 1988).
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-QUIET = felt_noise(0.7, sampling_rate_hz=RATE, samples=4000, rng=np.random.default_rng(6), band_hz=(5.0, 300.0))
+QUIET = excitation_noise(0.7, sampling_rate_hz=RATE, samples=4000, rng=np.random.default_rng(6), band_hz=(5.0, 300.0))
 SMOOTH = {
     "sine": Sine(160.0, 9.8, 0.3),
     "random": BandLimitedRandom(10.0, 300.0, 2.0, 4, 0.3),

@@ -23,7 +23,7 @@ from vibrident.simulation import (
     Sine,
     Superposition,
     exact_reference,
-    felt_noise,
+    excitation_noise,
     nominal_frequency_name,
     one_third_octave,
     rk4_response,
@@ -161,7 +161,7 @@ def sines(
 
 def _motion(frequency_hz: float, rate_hz: float, samples: int, rng: np.random.Generator) -> Superposition:
     rms = STANDARD_GRAVITY / np.sqrt(2.0) * 10.0 ** (-SNR_DB / 20.0)
-    noise = felt_noise(rms, sampling_rate_hz=rate_hz, samples=samples, rng=rng)
+    noise = excitation_noise(rms, sampling_rate_hz=rate_hz, samples=samples, rng=rng)
     return Superposition((Sine(frequency_hz, STANDARD_GRAVITY, -0.5 * np.pi), noise))
 
 

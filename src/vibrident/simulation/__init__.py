@@ -18,10 +18,10 @@ from vibrident.simulation.excitation import (
     random_phases,
     schroeder_phases,
 )
-from vibrident.simulation.felt import FeltNoise, felt_noise
 from vibrident.simulation.frequencies import nominal_frequency_name, one_third_octave
 from vibrident.simulation.motion import Motion, Superposition
 from vibrident.simulation.noise import ChannelNoise
+from vibrident.simulation.noise_motion import ExcitationNoise, excitation_noise
 from vibrident.simulation.rk4 import rk4_response
 from vibrident.simulation.sensors import SENSORS, Sensor, sensor_named
 from vibrident.simulation.truth import exact_reference, exact_response
@@ -31,7 +31,7 @@ __all__ = [
     "BandLimitedRandom",
     "ChannelNoise",
     "Decay",
-    "FeltNoise",
+    "ExcitationNoise",
     "HalfSineShock",
     "Motion",
     "Multisine",
@@ -41,7 +41,7 @@ __all__ = [
     "Sweep",
     "exact_reference",
     "exact_response",
-    "felt_noise",
+    "excitation_noise",
     "nominal_frequency_name",
     "one_third_octave",
     "random_phases",

@@ -18,7 +18,7 @@ from vibrident.simulation.frequencies import one_third_octave
 from vibrident.simulation.motion import Motion
 from vibrident.simulation.noise import ChannelNoise
 from vibrident.simulation.rk4 import rk4_response
-from vibrident.simulation.scheme import FeltLevel, Plan, Seed, Take
+from vibrident.simulation.scheme import ExcitationNoiseLevel, Plan, Seed, Take
 from vibrident.simulation.sensors import Sensor, sensor_named
 from vibrident.simulation.streams import stream
 from vibrident.simulation.truth import Start, exact_reference, exact_response
@@ -91,8 +91,8 @@ def simulate(
     rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
     peak, natural = _peak(chosen, amplitude), parse(chosen.model).typical_frequency(chosen.parameters)
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, samples_per_period, peak, natural, seed)
-    felt = FeltLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
-    takes = [felt.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
+    level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
+    takes = [level.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
     if keep_takes is not None:
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)

@@ -18,10 +18,10 @@ from vibrident.simulation.excitation import (
     Sweep,
     random_phases,
 )
-from vibrident.simulation.felt import felt_noise
 from vibrident.simulation.frequencies import nominal_frequency_name
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.motion import Motion, Superposition, acceleration_on
+from vibrident.simulation.noise_motion import excitation_noise
 from vibrident.simulation.streams import stream
 
 Seed = int | np.random.SeedSequence
@@ -168,7 +168,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class FeltLevel:
+class ExcitationNoiseLevel:
     """Level of the noise motion on top of every excitation.
 
     Attributes:
@@ -215,11 +215,11 @@ class FeltLevel:
         if self.snr_db is not None:
             clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
             rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-self.snr_db / 20.0)
-        noise = felt_noise(
+        noise = excitation_noise(
             rms,
             sampling_rate_hz=take.sampling_rate_hz,
             samples=take.samples,
-            rng=stream(seed, record, "felt"),
+            rng=stream(seed, record, "excitation noise"),
             band_hz=self.band_hz,
         )
         return replace(take, motion=Superposition((take.motion, noise)))

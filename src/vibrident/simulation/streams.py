@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 #: Streams of one record. The numbers define what a seed means; never reuse one.
-PURPOSES = {"excitation": 0, "felt": 1, "reference": 2, "response": 3, "optics": 4}
+PURPOSES = {"excitation": 0, "excitation noise": 1, "reference": 2, "response": 3, "optics": 4}
 
 
 def stream(seed: int | np.random.SeedSequence, record: int, purpose: str) -> np.random.Generator:

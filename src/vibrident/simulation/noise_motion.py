@@ -23,7 +23,7 @@ _PERIOD = 1.25
 
 
 @dataclass(frozen=True, eq=False)
-class FeltNoise(Tonal):
+class ExcitationNoise(Tonal):
     """One realisation of noise motion: tones with Gaussian phasors at the multiples of one fundamental.
 
     Attributes:
@@ -41,14 +41,14 @@ class FeltNoise(Tonal):
         return self.realisation
 
 
-def felt_noise(
+def excitation_noise(
     rms: float,
     *,
     sampling_rate_hz: float,
     samples: int,
     rng: np.random.Generator,
     band_hz: tuple[float, float] | None = None,
-) -> FeltNoise:
+) -> ExcitationNoise:
     """Draw flat Gaussian acceleration noise for one record.
 
     Args:
@@ -61,7 +61,7 @@ def felt_noise(
     Raises:
         InputError: the rms is negative, or the band is empty or reaches half the sampling rate.
     """
-    where = "felt_noise"
+    where = "excitation_noise"
     require_not_negative(where, rms=rms)
     require_positive(where, sampling_rate_hz=sampling_rate_hz, samples=samples)
     low, high = band_hz if band_hz is not None else (0.0, DEFAULT_BAND * sampling_rate_hz)
@@ -87,4 +87,4 @@ def felt_noise(
     parts = rng.standard_normal((2, harmonic.size))
     phasor = (parts[0] + 1j * parts[1]) * (rms / np.sqrt(harmonic.size))
     words = f"noise on the excitation, felt by the sensor: {rms:.4g} m/s² rms, {low:.6g} to {high:.6g} Hz"
-    return FeltNoise(Tones(harmonic.astype(float) * fundamental, phasor, fundamental), words)
+    return ExcitationNoise(Tones(harmonic.astype(float) * fundamental, phasor, fundamental), words)

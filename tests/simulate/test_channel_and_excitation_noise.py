@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from vibrident.errors import InputError
-from vibrident.simulation import ChannelNoise, felt_noise
+from vibrident.simulation import ChannelNoise, excitation_noise
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.streams import PURPOSES, stream
 
@@ -15,11 +15,11 @@ RATE, SAMPLES = 51200.0, 16000
 
 
 def felt(rng, **changes):
-    return felt_noise(**({"rms": 0.7, "sampling_rate_hz": RATE, "samples": SAMPLES, "rng": rng} | changes))
+    return excitation_noise(**({"rms": 0.7, "sampling_rate_hz": RATE, "samples": SAMPLES, "rng": rng} | changes))
 
 
 @pytest.mark.parametrize("band", [None, (100.0, 5000.0)])
-def test_felt_noise_has_no_content_outside_its_band(rng, band):
+def test_excitation_noise_has_no_content_outside_its_band(rng, band):
     """Over its own period, at twice the record's rate: nothing above the band, to rounding; flat inside."""
     noise = felt(rng, band_hz=band)
     period = round(2 * RATE / noise.tones.fundamental_hz)
@@ -32,9 +32,12 @@ def test_felt_noise_has_no_content_outside_its_band(rng, band):
     np.testing.assert_allclose([np.mean(part) for part in halves], np.mean(power[inside]), rtol=0.1)
 
 
-def test_felt_noise_level_is_as_asked():
+def test_excitation_noise_level_is_as_asked():
     """Mean square of 60 records within 4 standard errors (2 √(1/6400/60) = 0.33 %), each within 6 %."""
-    values = [felt(stream(1, index, "felt"), rms=0.7).tones.on(SampleGrid(0.0, RATE, SAMPLES)) for index in range(60)]
+    values = [
+        felt(stream(1, index, "excitation noise"), rms=0.7).tones.on(SampleGrid(0.0, RATE, SAMPLES))
+        for index in range(60)
+    ]
     power = np.array([np.mean(value**2) for value in values]) / 0.49
     assert abs(np.mean(power) - 1.0) < 0.007
     assert np.max(np.abs(power - 1.0)) < 0.06
@@ -42,7 +45,7 @@ def test_felt_noise_level_is_as_asked():
     assert np.mean(everything**4) / np.mean(everything**2) ** 2 == pytest.approx(3.0, abs=0.03)  # Gaussian
 
 
-def test_felt_noise_does_not_repeat_within_the_record(rng):
+def test_excitation_noise_does_not_repeat_within_the_record(rng):
     noise = felt(rng)
     assert 1.0 / noise.tones.fundamental_hz >= 1.25 * SAMPLES / RATE * (1 - 1e-12)
 
@@ -58,7 +61,7 @@ def test_felt_noise_does_not_repeat_within_the_record(rng):
         ({"samples": 0}, "samples"),
     ],
 )
-def test_felt_noise_refuses(rng, changes, problem):
+def test_excitation_noise_refuses(rng, changes, problem):
     with pytest.raises(InputError) as caught:
         felt(rng, **changes)
     assert problem in caught.value.problem
@@ -164,4 +167,4 @@ def test_streams_are_spawned_and_distinct():
     assert first[3, "reference"] == np.random.default_rng(spawned).standard_normal(4).tobytes()
     child = np.random.SeedSequence(9, spawn_key=(1,))
     again = np.random.SeedSequence(9).spawn(2)[1]
-    assert stream(child, 0, "felt").integers(2**62) == stream(again, 0, "felt").integers(2**62)
+    assert stream(child, 0, "excitation noise").integers(2**62) == stream(again, 0, "felt").integers(2**62)
