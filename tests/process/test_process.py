@@ -14,7 +14,7 @@ import pytest
 
 from vibrident import parcel
 from vibrident.errors import InputError
-from vibrident.process import Died, Ended, Limits, Process, WorkerError
+from vibrident.process import Died, Ended, Limits, Process, WorkerError, processors
 from vibrident.records import Provenance, Record
 
 MEMORY = 400_000_000
@@ -149,6 +149,13 @@ def test_it_ends_when_it_is_idle():
         while process.alive and time.monotonic() < until:
             time.sleep(0.02)
         assert not process.alive
+
+
+@pytest.mark.parametrize(("quota", "expected"), [("150000 100000", 2), ("max 100000", 8), ("900000 100000", 8)])
+def test_processors_are_those_of_the_container(monkeypatch, quota, expected):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    monkeypatch.setattr(Path, "read_text", lambda *_, **__: quota)
+    assert processors() == expected
 
 
 VALUES = [
