@@ -10,7 +10,7 @@ import pytest
 from vibrident.errors import InputError
 from vibrident.io.guess import guess_columns
 from vibrident.simulation import simulate
-from vibrident.web.motion import likely_excitation
+from vibrident.web.looks import likely_excitation
 
 
 def csv(folder, header: str, name: str = "data.csv"):

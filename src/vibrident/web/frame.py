@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import json
+import logging
+import secrets
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from vibrident.errors import InputError
+from vibrident.errors import InputError, VibridentError
+from vibrident.process import WorkerError
 from vibrident.web.session import Session
-from vibrident.web.unexpected import error_to_show
 from vibrident.web.users import User
 
 #: Naming it makes its library available to the browser.
 _PLOTLY = ui.plotly
+_LOG = logging.getLogger("vibrident.web")
+#: Most characters of an unexpected error in the log.
+_LONGEST = 20_000
 #: Most names in a list; the rest is counted.
 _MOST_NAMES = 12
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
     """The message of the command line, in a box; for unexpected errors, the number in the log."""
-    known = error_to_show(error)
+    known = _error_to_show(error)
     local = session.local(known) if session else known
     if place.is_deleted:  # the page was left meanwhile
         return
@@ -115,3 +121,25 @@ class Chart:
 def send(path: Path, name: str) -> None:
     """Let the browser download a file."""
     ui.download.file(path, name)
+
+
+def _error_to_show(error: BaseException) -> VibridentError:
+    """The error to show: vibrident's own unchanged; anything else is logged."""
+    if isinstance(error, VibridentError):
+        return error
+    number = _noted(error)
+    return InputError(
+        "Something went wrong.",
+        expected="no error of the program",
+        found=f"an unexpected error, number {number} in the server's log",
+        remedy="your files and results are kept; try again, and report a repeated error with that number",
+    )
+
+
+def _noted(error: BaseException) -> str:
+    """Write an error to the log; returns its number."""
+    number = secrets.token_hex(4)
+    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
+    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
+    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
+    return number

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,16 +16,19 @@ from typing import Any
 
 from vibrident.errors import VibridentError
 from vibrident.io.guess import Columns, guess_columns
+from vibrident.io.readers import open_columns
+from vibrident.measure.motion import kind_of_motion
 from vibrident.present import charts, document, figures, html, tables
 from vibrident.present.comparison import beside, comparison_tables
 from vibrident.present.views import Figure, count
 from vibrident.report import content
 from vibrident.result import Result
 from vibrident.web.description import POINTS, Description, described
-from vibrident.web.motion import likely_excitation
 from vibrident.web.preview import preview
 from vibrident.web.session import refuse_outside
 
+#: Most files whose motion is examined, spread over all of them.
+_MOST_EXAMINED = 5
 #: Most columns offered in lists; otherwise names are typed.
 MOST_COLUMNS = 60
 #: Most characters of a calibration file shown.
@@ -72,6 +76,22 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
     except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
     return Guess(_few(columns), excitation, count, drawn)
+
+
+def likely_excitation(columns: Columns, folder: Path, files: Sequence[str]) -> str:
+    """The excitation of most files; a sine if undetermined."""
+    motion_in = columns.response if columns.detectors else columns.reference  # raw light turns round at any motion
+    if columns.excitation is not None or columns.is_table or motion_in is None:
+        return columns.excitation or "sine"
+    seen: Counter[str] = Counter()
+    for file in files[:: -(-len(files) // _MOST_EXAMINED)]:
+        try:
+            source = open_columns(folder / file)
+            (motion,) = source.load([source.position_of(motion_in, "columns and units")])
+        except VibridentError:  # reported when the columns are drawn or confirmed
+            continue
+        seen[kind_of_motion(motion)] += 1
+    return seen.most_common(1)[0][0] if seen else "sine"
 
 
 def _few(columns: Columns) -> Columns:
