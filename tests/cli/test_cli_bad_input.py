@@ -238,6 +238,13 @@ def test_comparisons_that_cannot_be(arguments, words, made, identified, run, tmp
     assert_refused(done, tmp_path / "out", *words)
 
 
+@pytest.mark.parametrize(
+    ("option", "value"), [("--port", "-1"), ("--port", "65536"), ("--limit-mb", "0"), ("--limit-mb", "nan")]
+)
+def test_a_page_that_cannot_be(option, value, run, tmp_path):
+    assert_refused(run("serve", option, value), tmp_path / "out", f"{option} is out of range", "a number from", option)
+
+
 def test_a_calibration_file_in_the_place_of_a_result(made, identified, run, tmp_path):
     done = run("correct", made / "calibration.toml", identified, "--out", tmp_path / "out")
     assert_refused(done, tmp_path / "out", "A result is needed here", "calibration.toml", "the result first")

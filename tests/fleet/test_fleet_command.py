@@ -118,7 +118,7 @@ def test_strict_and_store_and_bad_options(tmp_path):
         (("--model", "akzelerometer"), "did you mean"),
         (("--estimator", "mll"), "did you mean"),
         (("--scheduler", "tcp://x:1"), "two ways"),
-        (("--time-limit", "0"), "above 0"),
+        (("--time-limit", "0"), "a number from 0.001"),
         (("--limits", tmp_path / "none.toml"), "no file of that name"),
         (("--store", tmp_path / "history.db", "--no-results"), "whole results"),
     ):

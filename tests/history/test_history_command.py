@@ -200,7 +200,7 @@ def test_the_page_and_the_picture_show_the_history(store, tmp_path):
         (("show", "4711", "--at", "soon"), "2025-03-31"),
         (("show", "4711", "--at", "2011-01-01"), "before the last"),
         (("show", "4711", "--tolerance", "wide"), "1%"),
-        (("show", "4711", "--interval", "-1"), "years"),
+        (("show", "4711", "--interval", "-1"), "a number from 0.001 to 1000"),
         (("event", "4711", "--kind", "painted"), "repaired"),
         (("event", "4711", "--kind", "superseded"), "--calibration"),
         (("event", "4711", "--kind", "recalled", "--calibration", "99"), "no such calibration"),

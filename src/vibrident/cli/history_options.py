@@ -73,7 +73,7 @@ def question(
     """What is asked of a history.
 
     Raises:
-        InputError: two quantities are asked for, or the interval or the limits cannot be used.
+        InputError: two quantities are asked for, or the limits cannot be used.
     """
     if quantity is not None and frequency is not None:
         raise InputError(
@@ -85,7 +85,7 @@ def question(
         )
     from vibrident.history.document import Question
 
-    asked = Question(frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=_interval(interval))
+    asked = Question(frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=interval)
     asked = asked if quantity is None else replace(asked, quantity=quantity)
     return asked if limits is None else replace(asked, tolerances=_by_type(limits, asked))
 
@@ -105,15 +105,3 @@ def _by_type(limits: Path, asked: Question) -> Callable[[StoredSensor], Toleranc
         return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
 
     return tolerance
-
-
-def _interval(years: float | None) -> float | None:
-    if years is not None and not 0 < years < 1000:
-        raise InputError(
-            "The interval cannot be used.",
-            expected="years, more than 0",
-            found=f"{years:g}",
-            where="--interval",
-            remedy="give years, such as 2 or 0.5",
-        )
-    return years

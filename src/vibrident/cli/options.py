@@ -46,6 +46,23 @@ def flag(*names: str, help: str, panel: str | None = None, hidden: bool = False)
     return typer.Option(*names, help=help, rich_help_panel=panel, hidden=hidden)
 
 
+def between(name: str, metavar: str, help: str, low: float, high: float, default: str | bool = True) -> Any:
+    """An option that takes a number between two limits, or one of them."""
+
+    def check(value: float | None) -> float | None:
+        if value is None or low <= value <= high:
+            return value
+        raise InputError(
+            f"{name} is out of range.",
+            expected=f"a number from {low:g} to {high:g}",
+            found=f"{value:g}",
+            where=name,
+            remedy=f"give another number, or leave {name} out",
+        )
+
+    return option(name, metavar, help, default, callback=check)
+
+
 def choice(
     name: str, allowed: Names, help: str, metavar: str = "", default: str | bool = True, panel: str | None = None
 ) -> Any:

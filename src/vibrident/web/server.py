@@ -17,7 +17,6 @@ from vibrident.web.session import MEGABYTE
 from vibrident.workflow.choices import LOOPBACK
 
 USUAL_PORT = 8080
-_LAST_PORT = 65_535
 #: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
 _RECONNECT_S = 30.0
 #: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.
@@ -50,9 +49,8 @@ def serve(
         say: called with the address.
 
     Raises:
-        InputError: NiceGUI is not installed, or the address, the port or the limit cannot be used.
+        InputError: NiceGUI is not installed, or the address or the port cannot be used.
     """
-    _require(port, limit_mb)
     library("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
     from nicegui import ui
 
@@ -121,25 +119,6 @@ def reachable(host: str) -> str:
             return probe.getsockname()[0]
         except OSError:  # no network
             return "::1" if family == socket.AF_INET6 else "127.0.0.1"
-
-
-def _require(port: int, limit_mb: float) -> None:
-    if not 0 <= port <= _LAST_PORT:
-        raise InputError(
-            "The port cannot be used.",
-            expected=f"a whole number from 0 to {_LAST_PORT}",
-            found=str(port),
-            where="--port",
-            remedy="leave --port out to use a free one",
-        )
-    if not 1.0 <= limit_mb <= 1e6:
-        raise InputError(
-            "The limit for uploads cannot be used.",
-            expected="a number of megabytes from 1 to a million",
-            found=f"{limit_mb:g}",
-            where="--limit-mb",
-            remedy="leave --limit-mb out for 100 MB",
-        )
 
 
 def _bracketed(host: str) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vibrident.cli.console import note, out
-from vibrident.cli.options import argument, choice, flag, option
+from vibrident.cli.options import argument, between, choice, flag, option
 from vibrident.errors import InputError
 from vibrident.workflow.estimators import AUTO, estimator_names
 
@@ -52,10 +52,12 @@ def fleet(
         ),
     ] = "cpu",
     resume: Annotated[bool, flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.")] = True,
-    time_limit_s: Annotated[float, option("--time-limit", "S", "Most seconds of one calibration.")] = 300.0,
+    time_limit_s: Annotated[float, between("--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9)] = 300.0,
     memory_limit_mb: Annotated[
         float | None,
-        option("--memory-limit", "MB", "Most memory of one process.", "its share of the machine's, at least 4 GB"),
+        between(
+            "--memory-limit", "MB", "Most memory of one process.", 1.0, 1e9, "its share of the machine's, 4 GB or more"
+        ),
     ] = None,
     limits: Annotated[
         Path | None, option("--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page.")
@@ -78,13 +80,12 @@ def fleet(
     """
     from vibrident.fleet import Asked, Orders
 
-    memory = None if memory_limit_mb is None else _positive("--memory-limit", memory_limit_mb, "megabytes") * 1e6
     orders = Orders(
         str(folder),
         _known(model),
         estimator,
-        _positive("--time-limit", time_limit_s, "seconds"),
-        None if memory is None else int(memory),
+        time_limit_s,
+        None if memory_limit_mb is None else int(memory_limit_mb * 1e6),
         results,
         "gpu" if device == "gpu" else "cpu",
     )
@@ -99,18 +100,6 @@ def fleet(
     if strict and outcome.tally.doubts:
         note(f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, failed or doubtful.")
         raise typer.Exit(DOUBTFUL)
-
-
-def _positive(name: str, value: float, unit: str) -> float:
-    if 0 < value < float("inf"):
-        return value
-    raise InputError(
-        f"{name} is out of range.",
-        expected=f"a number of {unit} above 0",
-        found=repr(value),
-        where=name,
-        remedy=f"give another number, or leave {name} out",
-    )
 
 
 def _known(model: str | None) -> str | None:

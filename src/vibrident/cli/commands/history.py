@@ -12,7 +12,7 @@ import typer
 
 from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.history_options import question, read_date, read_tolerance
-from vibrident.cli.options import ResultFiles, argument, choice, one_of, option
+from vibrident.cli.options import ResultFiles, argument, between, choice, one_of, option
 from vibrident.errors import InputError
 from vibrident.workflow.folder import json_text, write_json, written_whole
 from vibrident.workflow.results import load_result
@@ -58,7 +58,9 @@ _Nominal = Annotated[float | None, option("--nominal", "VALUE", "Value it is use
 _Limits = Annotated[
     Path | None, option("--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`.")
 ]
-_Interval = Annotated[float | None, option("--interval", "YEARS", "In force.", "between the last two calibrations")]
+_Interval = Annotated[
+    float | None, between("--interval", "YEARS", "In force, years.", 1e-3, 1e3, "between the last two calibrations")
+]
 
 
 @history.command("add")

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from vibrident.cli.console import note, out
-from vibrident.cli.options import flag, option
+from vibrident.cli.options import between, flag, option
 from vibrident.errors import InputError
 from vibrident.workflow.choices import LOOPBACK
 
@@ -19,9 +19,9 @@ def serve(
     host: Annotated[
         str, option("--host", "ADDRESS", "Where to listen; other addresses than loopback open it to others.")
     ] = "127.0.0.1",
-    port: Annotated[int, option("--port", "N", "Port.", "8080, or one that is free")] = 0,
+    port: Annotated[int, between("--port", "N", "Port.", 0, 65535, "8080, or one that is free")] = 0,
     no_browser: Annotated[bool, flag("--no-browser", help="Open no browser.")] = False,
-    limit_mb: Annotated[float, option("--limit-mb", "MB", "Most megabytes of one user's files.")] = 100.0,
+    limit_mb: Annotated[float, between("--limit-mb", "MB", "Most megabytes of one user's files.", 1, 1e6)] = 100.0,
     name: Annotated[
         list[str] | None, option("--name", "NAME", "A further host name of the page; may be repeated.")
     ] = None,
