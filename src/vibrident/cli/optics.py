@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.errors import InputError, did_you_mean
-from vibrident.workflow.folder import write_json
 
 if TYPE_CHECKING:
     from vibrident.simulation.optics import Optics
@@ -116,8 +114,4 @@ def write_optical(folder: Path, sensor: str, excitation: str, optics: Optics, *,
     chosen = sensor_named(sensor)
     settings.pop("quantity", None)
     calibration = write_optical_calibration(folder, chosen, excitation, optics, seed=seed, **settings)
-    path = folder / "truth.json"
-    write_truth(path, chosen, calibration, seed)
-    document = json.loads(path.read_text(encoding="utf-8"))
-    document["interferometer"] = asdict(optics)
-    write_json(path, document)
+    write_truth(folder / "truth.json", chosen, calibration, seed, interferometer=asdict(optics))

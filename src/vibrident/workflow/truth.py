@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vibrident.workflow.folder import write_json
 
@@ -20,8 +20,8 @@ def true_values(sensor: Sensor) -> dict[str, float]:
     return {**sensor.parameters, **{quantity.name: float(quantity.value(sensor.parameters)) for quantity in derived}}
 
 
-def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int) -> None:
-    """Write the true values of a calibration's sensor, with their units."""
+def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int, **more: Any) -> None:
+    """Write the true values of a calibration's sensor with their units, and what else is true of it."""
     import vibrident.backend  # noqa: F401  configures JAX before other imports of it
     from vibrident.comparison import TRUTH_SCHEMA
     from vibrident.models import parse
@@ -39,4 +39,4 @@ def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int)
             name: {"value": value, "unit": units[name].format(**fields)} for name, value in true_values(sensor).items()
         },
     }
-    write_json(path, document)
+    write_json(path, document | more)
