@@ -72,9 +72,14 @@ def compare(
         parse(name)  # checked before anything is identified
     with written_whole(folder) as output:
         if files[0].suffix.lower() == ".toml":
+            if len(files) > 1:
+                raise _mixed(files)
+            from vibrident.io import read_guarded
+
+            calibration = read_guarded(files[0])
             methods = _methods(named or _usual(), names or (None,), steps or (None,))
-            results = _identified(files, methods, must=bool(named))
-            scores = _cross_validated(files[0], methods, results) if validate and len(results) > 1 else {}
+            results = _identified(calibration, methods, must=bool(named))
+            scores = _cross_validated(calibration, methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
                 result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
         else:
@@ -109,13 +114,8 @@ def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> lis
     ]
 
 
-def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict[str, Result]:
+def _identified(calibration: Calibration, methods: list[Method], *, must: bool) -> dict[str, Result]:
     """Results by name. Methods that do not suit the data are left out, except those named: ``must`` for estimators."""
-    if len(files) > 1:
-        raise _mixed(files)
-    from vibrident.io import read_guarded
-
-    calibration = read_guarded(files[0])
     results: dict[str, Result] = {}
     failures: dict[str | None, ModelError | NotConverged] = {}
     for method, outcome in _outcomes(calibration, methods):
@@ -133,12 +133,13 @@ def _identified(files: list[Path], methods: list[Method], *, must: bool) -> dict
     return results
 
 
-def _cross_validated(file: Path, methods: list[Method], results: dict[str, Result]) -> dict[str, dict[str, Any]]:
+def _cross_validated(
+    calibration: Calibration, methods: list[Method], results: dict[str, Result]
+) -> dict[str, dict[str, Any]]:
     from vibrident.cli.progress import Busy
-    from vibrident.io import read_guarded
     from vibrident.validation import cross_validate
 
-    calibration, scores = read_guarded(file), {}
+    scores = {}
     for method in methods:
         if method.name not in results:
             continue
