@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,11 +73,16 @@ def _degrees(values: FloatArray | None, points: int) -> FloatArray:
 def _chosen(calibration: Calibration) -> tuple[list[Record], int]:
     """Records to show, those that need a look among them, and how many do."""
     records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
-    faulty = [record for record in records if not record.mask.all()]
-    sound = [record for record in records if record.mask.all()]
-    keep = [faulty[i] for i in spread(len(faulty), 3 if sound else MOST)]
-    keep += [sound[i] for i in spread(len(sound), MOST - len(keep))]
-    return sorted(keep, key=records.index), len(faulty)
+    faulty = [not record.mask.all() for record in records]
+    return _some(records, faulty, MOST), sum(faulty)
+
+
+def _some(records: Sequence[Record], first: Sequence[bool], most: int) -> list[Record]:
+    """At most so many records, in their order: half of them those that come first, where there are others."""
+    ahead, others = ([i for i, chosen in enumerate(first) if chosen == kind] for kind in (True, False))
+    kept = [ahead[i] for i in spread(len(ahead), most // 2 if others else most)]
+    kept += [others[i] for i in spread(len(others), most - len(kept))]
+    return [records[i] for i in sorted(kept)]
 
 
 def _record(record: Record, calibration: Calibration) -> Stack:
@@ -107,11 +113,8 @@ def _record(record: Record, calibration: Calibration) -> Stack:
 def light(calibration: Calibration) -> Figure:
     """The signals of at most four records over each other, with the ellipse, and a piece of the displacement."""
     records = [record for record in calibration.records if record.optical is not None]
-    doubtful = [record for record in records if record.optical is not None and record.optical.findings]
-    sound = [record for record in records if record not in doubtful]
-    keep = [doubtful[i] for i in spread(len(doubtful), MOST_LIGHT // 2 if sound else MOST_LIGHT)]
-    keep += [sound[i] for i in spread(len(sound), MOST_LIGHT - len(keep))]
-    chosen = sorted(keep, key=records.index)
+    doubtful = [record.optical is not None and bool(record.optical.findings) for record in records]
+    chosen = _some(records, doubtful, MOST_LIGHT)
     stacks = tuple(stack for record in chosen for stack in (_lissajous(record), _displacement(record)))
     shown = f"{len(chosen)} of {len(records)} records shown. " if len(chosen) < len(records) else ""
     caption = f"{shown}Left: the two signals over each other and the ellipse. Right: the displacement."
