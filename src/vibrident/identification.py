@@ -121,7 +121,7 @@ def fit(
     if drifts:
         evidence = evidence.with_records(records)
         estimate, judgement = fitted_and_judged(evidence, chosen, progress)
-    hum_seen = estimate.tones is not None or any(estimate.settings.get("hum_hz", ()))
+    hum_seen = estimate.tones is not None or any(estimate.findings.hum_hz)
     if evidence.records and sensor_model.is_linear and (hum_seen or not judgement.adequacy.adequate):
         found = _without_hum(evidence, estimate, judgement, chosen, progress)
         evidence, estimate, judgement = found or (evidence, estimate, judgement)

@@ -22,3 +22,16 @@ def inverse_normal(matrix: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
     return inverse / scale[:, None] / scale
+
+
+def inverse_where_shown(matrices: FloatArray, least: float = SMALLEST) -> FloatArray:
+    """Inverse of normal matrices of numbers that are taken out, shape (…, n, n).
+
+    Zero along directions that the data show less than ``least`` of the best: what several numbers can imitate alike is
+    left to one of them.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(matrices, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    both = size[..., :, None] * size[..., None, :]
+    values, vectors = np.linalg.eigh(matrices / both)
+    kept = np.where(values > least, 1.0 / np.maximum(values, least), 0.0)
+    return (vectors * kept[..., None, :]) @ np.swapaxes(vectors, -1, -2) / both

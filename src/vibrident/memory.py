@@ -17,12 +17,20 @@ EXPANSION = 64
 #: Part of the free memory for the numbers of one file; scaling them and the rest need as much again.
 _SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
+#: Records longer than this return unused memory to the system at once.
+LONG = 2**18
 
 
 def give_back() -> None:
     """Return freed memory to the system (glibc): a compiler or a large file leaves hundreds of megabytes."""
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         ctypes.CDLL(None).malloc_trim(0)
+
+
+def give_back_after(samples: int) -> None:
+    """The same after work on a record of so many samples, where that is much."""
+    if samples > LONG:
+        give_back()
 
 
 def most_bytes(file_bytes: int) -> float:

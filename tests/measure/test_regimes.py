@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from vibrident.measure.blocks import Blocks, best, least_left, sums_of
 from vibrident.measure.odd_records import odd_record
 from vibrident.measure.regimes import changes
 from vibrident.records import FloatArray, Record
@@ -211,3 +212,12 @@ def test_what_rounding_leaves_of_a_swing_that_dies_away_is_no_change(draws: int,
         step = 1e-3 * float(np.max(np.abs(series)))
         record = Record("r", motion[:N], step * np.round(series / step), RATE, "shock")
         assert changes([record], [series], [None], slopes(frequency, damping)) == []
+
+
+def test_no_change_leaves_less_than_the_bound_that_spares_looking_for_it(rng):
+    """What any amounts of the columns in each block leave is no more than what the best change leaves."""
+    columns, parts = rng.standard_normal((2, 1600)), np.array_split(np.arange(1600), 16)
+    for step in (0.0, 0.3, 3.0):
+        residual = rng.standard_normal(1600) + step * columns[0] * (np.arange(1600) > 700)
+        left = residual - best(Blocks.of(columns, residual, parts, 1000.0)).signal(columns, parts)
+        assert least_left(sums_of(columns, residual, parts), parts) <= float(left @ left)

@@ -12,8 +12,8 @@ import numpy as np
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import method
+from vibrident.information import SMALLEST
 from vibrident.lines import Trained
-from vibrident.lines.normal import LEAST_SHOWN
 from vibrident.lines.transfer import transfer_of
 from vibrident.models import SensorModel
 from vibrident.problem import Coordinates, LineProblem
@@ -58,7 +58,7 @@ def line_data(problem: LineProblem, noise: FloatArray) -> tuple[Any, ...]:
     for batch, counts, interval_s, fraction in problem._batches:
         level = noise[[problem.runs[number].record for number in batch.runs]]
         step = np.array([interval_s, fraction, problem.frame.delay_s])
-        found.append((batch.shifted[0], batch.inputs, batch.response, np.sqrt(counts[0]), level, step))
+        found.append((batch.shifted()[0], batch.inputs, batch.response, np.sqrt(counts[0]), level, step))
     return tuple(found)
 
 
@@ -119,6 +119,6 @@ def _inverse(gram: Any) -> Any:
     """Inverse of scaled normal matrices, zero along directions that the data do not show."""
     diagonal = jnp.sqrt(jnp.maximum(jnp.diagonal(gram, axis1=-2, axis2=-1), np.finfo(float).tiny))
     values, vectors = jnp.linalg.eigh(gram / diagonal[..., :, None] / diagonal[..., None, :])
-    kept = jnp.where(values > LEAST_SHOWN, 1.0 / jnp.maximum(values, LEAST_SHOWN), 0.0)
+    kept = jnp.where(values > SMALLEST, 1.0 / jnp.maximum(values, SMALLEST), 0.0)
     inverse = jnp.einsum("rij,rj,rkj->rik", vectors, kept, vectors)
     return inverse / diagonal[..., :, None] / diagonal[..., None, :]

@@ -87,6 +87,11 @@ class Method:
     fixed_terms: int | None
     step: Callable[[StateSpace, Any, Any, int], Weights]
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the samples are those of a band-limited signal, without an error of the method."""
+        return self.fixed_terms is None
+
     def terms(self, rate_times_step: float, direct: bool = False) -> int:
         """Number of inputs a step for a sensor with |λ| Ts = ``rate_times_step``.
 

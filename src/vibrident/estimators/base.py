@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from vibrident.errors import ModelError
+from vibrident.estimators.findings import Findings
 from vibrident.estimators.optimise import Progress, Trace, silent
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class Estimate:
         covariance: of z, from the noise alone, shape (p, p).
         degrees_of_freedom: behind the noise estimate; infinite where uncertainties were stated.
         trace: of the optimiser.
-        settings: what was chosen.
+        settings: what was chosen, for the result alone.
         tones: the tones as last measured, with the start transient taken out; None without sine records.
         problem: the network over the records, where the estimator made one.
         equations: number of residuals in the cost.
@@ -38,8 +39,7 @@ class Estimate:
         predicted: predicted response of every record at the optimum, NaN where it is not defined; None if not computed.
         criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
             in frequency, or an ``other`` function.
-        if_rejected: makes the estimate to take where the model does not explain the data, so that the residual is no
-            noise to weigh by; None where it is this one.
+        findings: what was found beside the parameters.
     """
 
     estimator: str
@@ -55,7 +55,7 @@ class Estimate:
     begin: Start | None = None
     equations: float = 1.0
     criterion: Literal["samples", "likelihood", "other"] = "other"
-    if_rejected: Callable[[], Estimate] | None = None
+    findings: Findings = field(default_factory=Findings)
 
 
 def refuse_nonlinear(model: SensorModel, estimator: str) -> None:
@@ -117,6 +117,13 @@ class Estimator(ABC):
             ModelError: model and data are not for this estimator.
             NotConverged: no start leads to a finite fit.
         """
+
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """What to take in place of an estimate of this estimator where the model does not explain the data.
+
+        The residual is then no noise to weigh by. None: the estimate itself.
+        """
+        return None
 
     def suits(self, evidence: Evidence) -> str:
         """Reason to choose this estimator for these data; empty: it is not chosen automatically."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.estimators.base import Estimate
+from vibrident.estimators.findings import Findings
 from vibrident.models.labels import canonical, rule, slopes, upright
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
@@ -49,19 +48,16 @@ def in_one_form(estimate: Estimate) -> Estimate:
         z=z,
         covariance=covariance,
         trace=replace(estimate.trace, coordinates=path),
-        settings=_turned(estimate.settings, turn, estimate.covariance, covariance, model.parameter_names),
         begin=begin,
+        findings=_turned(estimate.findings, turn, estimate.covariance, covariance),
     )
 
 
-def _turned(
-    settings: Mapping[str, Any], turn: FloatArray, before: FloatArray, after: FloatArray, names: tuple[str, ...]
-) -> dict[str, Any]:
-    """Settings whose statements on each parameter are converted to the new parameters."""
-    found = dict(settings)
-    if "reference_noise_doubt" in found:
-        doubt = np.array([found["reference_noise_doubt"][name] for name in names])
-        shift = np.abs(turn) @ (doubt * np.sqrt(np.maximum(np.diag(before), 0.0)))
-        size = np.sqrt(np.maximum(np.diag(after), np.finfo(float).tiny))
-        found["reference_noise_doubt"] = dict(zip(names, (shift / size).tolist(), strict=True))
-    return found
+def _turned(findings: Findings, turn: FloatArray, before: FloatArray, after: FloatArray) -> Findings:
+    """Findings whose statements on each parameter are converted to the new parameters."""
+    noise = findings.noise
+    if noise is None or not noise.doubt.size:
+        return findings
+    shift = np.abs(turn) @ (noise.doubt * np.sqrt(np.maximum(np.diag(before), 0.0)))
+    size = np.sqrt(np.maximum(np.diag(after), np.finfo(float).tiny))
+    return replace(findings, noise=replace(noise, doubt=shift / size))

@@ -17,7 +17,7 @@ import numpy as np
 from vibrident.estimators.noise_spectrum import NEAREST
 from vibrident.information import inverse_normal
 from vibrident.lines import RecordLines
-from vibrident.measure.lines import mean_around
+from vibrident.measure.lines import in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 
@@ -27,8 +27,6 @@ SHARE = 1 / 256
 FEWEST = 12
 #: Most lines averaged on either side.
 MOST = 200
-#: Lines that a sum over lines copies at once.
-AT_ONCE = 2**16
 
 
 def coloured_covariance(
@@ -45,7 +43,7 @@ def coloured_covariance(
     for record, own in zip(lines, degrees, strict=True):
         if record.count == 0.0:
             continue
-        power = np.abs(record.residual) ** 2 / record.count
+        power = power_of(record.residual) / record.count
         if record.count < 4 * FEWEST:  # too few lines for a mean around each
             level, told = np.ones_like(power), max(float(own), 1.0)
         else:
@@ -69,8 +67,7 @@ def sandwich(
     normal = prior
     middle: FloatArray | float = 0.0
     for slopes, weight, level in parts:
-        for begin in range(0, len(weight), AT_ONCE):  # copies of a block, not of everything
-            block = slice(begin, begin + AT_ONCE)
+        for block in in_blocks(len(weight)):  # copies of a block, not of everything
             own, weighted = np.conj(slopes[:, block]).T, slopes[:, block] * weight[block]
             normal = normal + np.real(weighted @ own)
             middle = middle + np.real((weighted * level[block]) @ own)

@@ -15,6 +15,7 @@ import numpy as np
 
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate, refuse_nonlinear
+from vibrident.estimators.findings import Findings
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.estimators.residual_tones import network_problem, residual_tones
 from vibrident.estimators.start import find_start
@@ -32,12 +33,11 @@ MODEL_ERROR_STEPS = 20
 ROUNDS, SETTLED = 4, 1e-4
 
 
-def fit(name: str, model_error: bool, evidence: Evidence, progress: Progress) -> Estimate:
+def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
     """Fit the model to the complex responses.
 
     Args:
         name: of the estimator.
-        model_error: whether a relative model error may join the noise.
         evidence: tones or a table.
         progress: called at every step.
 
@@ -64,10 +64,7 @@ def fit(name: str, model_error: bool, evidence: Evidence, progress: Progress) ->
             break
     problem = weighted_problem(tones, model, coordinates.values(z), evidence)
     freedom = float(np.sum(tones.degrees_of_freedom))
-    estimate = replace(_estimate(name, coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
-    if not model_error:
-        return estimate
-    return replace(estimate, if_rejected=lambda: _with_model_error(estimate, problem, progress))
+    return replace(_estimate(name, coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
 
 
 def responses(name: str, evidence: Evidence) -> FrequencyProblem:
@@ -89,13 +86,15 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
     return first
 
 
-def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: Progress) -> Estimate:
-    """The estimate with a relative model error added to the noise, if the deviations demand one."""
+def with_model_error(evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
+    """The estimate with a relative model error added to the noise; None if the deviations demand none."""
     tones = estimate.tones
-    assert tones is not None
+    if tones is None:
+        return None
+    problem = solved_problem(estimate, evidence)
     degrees = problem.equations - len(estimate.z)
     if degrees <= 0 or not rejected(_cost(estimate.trace), degrees, tones.degrees_of_freedom):
-        return estimate
+        return None
 
     def widened(error: float) -> tuple[FrequencyProblem, Trace]:
         wider = problem.with_model_error(error)
@@ -108,7 +107,8 @@ def _with_model_error(estimate: Estimate, problem: FrequencyProblem, progress: P
     error = float(np.exp(0.5 * (low + high)))
     wider, trace = widened(error)
     again = _estimate(estimate.estimator, estimate.coordinates, trace, wider, float(degrees))
-    return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, settings={"model_error": error})
+    found = Findings(model_error=error)
+    return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, findings=found)
 
 
 def _cost(trace: Trace) -> float:
@@ -130,7 +130,7 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
         return evidence.first_look
     values = estimate.coordinates.values(estimate.z)
     problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
-    error = estimate.settings.get("model_error")
+    error = estimate.findings.model_error
     return problem if error is None else problem.with_model_error(error)
 
 

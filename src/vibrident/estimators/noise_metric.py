@@ -5,21 +5,19 @@ Formulas and their source: :mod:`vibrident.estimators.reweighting`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.estimators.noise_spectrum import NEAREST, TONES, Motion, NoiseSpectrum, noise_spectrum
 from vibrident.estimators.optimise import Bent
-from vibrident.information import SMALLEST
-from vibrident.lines import RecordLines
-from vibrident.measure.lines import mean_around
+from vibrident.information import SMALLEST, inverse_where_shown
+from vibrident.lines import LinesAt, RecordLines
+from vibrident.measure.lines import in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 
-#: Records longer than this return unused memory to the system at once.
-LONG = 2**18
 #: A step of more standard deviations than this must lower the weighted sum of squares.
 LONG_STEP = 1.0
 #: Noise of the reference at another place is at least this part of the level here.
@@ -38,8 +36,6 @@ MOST = 200
 SHORTEST = 256
 #: A spectrum is steep where its least is below this part of its mean.
 STEEP = 1e-2
-#: Lines that a sum over lines copies at once.
-AT_ONCE = 2**13
 #: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
 LEAST_INFORMATION = 0.2
 
@@ -135,42 +131,33 @@ def place_at(lines: Sequence[RecordLines], spectra: Sequence[NoiseSpectrum], z: 
 
 def equal_cost(lines: Sequence[RecordLines]) -> float:
     """Sum of squares with equal weights."""
-    return sum(float(np.sum(equal(record) * np.abs(record.residual) ** 2)) for record in lines)
+    return sum(float(equal(record) @ power_of(record.residual)) for record in lines)
 
 
 def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> tuple[_Share, NoiseSpectrum]:
     """What a record says, and its spectrum as read at ``step``; the gradient is that of the whole way from no step."""
     n, p = max(record.samples, 1), len(step)
-    rest = record.residual - step @ record.slopes
-    weight = record.twice / (n * spectrum.level)
-    columns = _unknowns(record, spectrum)
-    m = len(columns)
-    sums = products((columns, rest[None]), weight)
-    rest -= (_inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m]) @ columns
-    known = spectrum
-    if record.samples > LONG:
-        del columns  # of a long record each copy counts
+    unknowns = _unknowns(record, spectrum)
+    rest = _left(record, step, unknowns, record.twice / (n * spectrum.level))
     found = spectrum_of(record, record.where_used(rest))
     spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
-    if record.samples > LONG:
-        columns = _unknowns(record, known)
-
     weight = record.twice * spectrum.excited / (n * spectrum.level)
     slopes, of_noise = record.slopes, np.zeros((p, p))
-    if spectrum.passed > 0 and (through := record.through) is not None:
-        d_through = np.stack(record.slope_of(lambda slope: slope))
+    if spectrum.passed > 0 and record.model is not None:
+        through, d_through = record.model.through(), np.stack(list(record.model.slopes()))
         slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
-        beside = np.maximum(spectrum.level - spectrum.passed_at * np.abs(through) ** 2, 0.0)
+        beside = np.maximum(spectrum.level - spectrum.passed_at * power_of(through), 0.0)
         own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
-        of_noise = products((d_through,), own)
-    power = np.abs(rest) ** 2 / max(record.count, 1.0) / spectrum.level
+        of_noise = products(lambda part: (d_through[:, part],), own)
+    power = power_of(rest) / max(record.count, 1.0) / spectrum.level
     del rest  # of a long record each copy counts
     local = np.maximum(mean_around(power, width(record), NEAREST), record.floor / spectrum.level)
     # The slopes less what the unknowns can imitate, J − N β, in sums alone.
-    sums = products((columns, slopes, record.residual[None]), weight)
-    share = _inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m:]
+    sums = products(lambda part: (unknowns(part), slopes[:, part], record.residual[None, part]), weight)
+    m = len(sums) - p - 1
+    share = inverse_where_shown(sums[:m, :m]) @ sums[:m, m:]
     freed = sums[m:, m:] - sums[:m, m:].T @ share
-    loud = products((columns, slopes), weight * spectrum.excited * local)
+    loud = products(lambda part: (unknowns(part), slopes[:, part]), weight * spectrum.excited * local)
     beta = share[:, :p]
     both = beta.T @ loud[:m, m:]
     variance = loud[m:, m:] - both - both.T + beta.T @ loud[:m, :m] @ beta
@@ -183,20 +170,29 @@ def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     Noise of the reference passes the sensor as it is where the record was evaluated.
     """
     level = spectrum.level
-    if spectrum.passed > 0 and record.response is not None and record.through is not None:
-        more = np.abs(record.through) ** 2 - np.abs(record.response(z)) ** 2
+    if spectrum.passed > 0 and record.model is not None:
+        more = power_of(record.model.through()) - power_of(record.model.at(z))
         level = np.maximum(level + spectrum.passed_at * more, LEAST_LEVEL * level)
     weight = record.twice * spectrum.excited / (max(record.samples, 1) * level)
-    columns = _unknowns(record, spectrum)
-    m = len(columns)
-    sums = products((columns, record.residual[None]), weight)
-    return float(sums[m, m] - sums[:m, m] @ _inverse_of_unknowns(sums[:m, :m]) @ sums[:m, m])
+    unknowns = _unknowns(record, spectrum)
+    sums = products(lambda part: (unknowns(part), record.residual[None, part]), weight)
+    return float(sums[-1, -1] - sums[:-1, -1] @ inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1])
 
 
-def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> ComplexArray:
-    """Lines of what is unknown beside the parameters, shape (m, lines)."""
+def _left(record: RecordLines, step: FloatArray, unknowns: LinesAt, weight: FloatArray) -> ComplexArray:
+    """What a step and the best unknowns leave of the residual, shape (lines,)."""
+    rest = record.residual - step @ record.slopes
+    sums = products(lambda part: (unknowns(part), rest[None, part]), weight)
+    amounts = inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1]
+    for part in in_blocks(len(rest)):
+        rest[part] -= amounts @ unknowns(part)
+    return rest
+
+
+def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
+    """Lines of what is unknown beside the parameters."""
     steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
-    driven = record.response is not None  # a free decay has nothing but initial states
+    driven = record.model is not None  # a free decay has nothing but initial states
     edges = driven and (steep or spectrum.passed > 0 or record.rings_unseen)
     return record.unknowns(edges=edges, tones=spectrum.tones)
 
@@ -212,7 +208,8 @@ def _motion(record: RecordLines) -> Motion | None:
     if record.count < SHORTEST or record.free is None:
         return None
     through = record.through
-    return Motion.of(record.predicted(), record.count, None if through is None else np.abs(through) ** 2)
+    found = Motion.of(record.predicted(slice(None)), record.count, None if through is None else power_of(through))
+    return replace(found, predicted=record.predicted)  # of a long record each copy counts
 
 
 def spectrum_of(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
@@ -220,37 +217,26 @@ def spectrum_of(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
     motion = _motion(record)
     if motion is not None:
         return noise_spectrum(residual, motion, record.floor)
-    power = float(np.sum(record.twice * np.abs(residual) ** 2)) / max(record.samples, 1)
+    power = float(np.sum(record.twice * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
-    doubt = 0.0 if record.through is None else level / float(np.max(np.abs(record.through) ** 2))
+    doubt = 0.0 if record.through is None else level / float(np.max(power_of(record.through)))
     flat, nothing, one, left = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0, doubt))
     return NoiseSpectrum(flat, 0.0, nothing, lambda: left, one)
 
 
-def products(groups: Sequence[ComplexArray], weight: FloatArray) -> FloatArray:
-    """Re Σ weight v* v over the lines for all pairs of the rows of ``groups``, each of shape (rows, lines)."""
-    count, root = sum(len(rows) for rows in groups), np.sqrt(weight)
-    total = np.zeros((count, count))
-    for begin in range(0, len(root), AT_ONCE):  # a block stays in the processor's cache
-        part = slice(begin, begin + AT_ONCE)
-        block = np.empty((count, len(root[part])), dtype=complex)
+def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray) -> FloatArray:
+    """Re Σ weight v* v over the lines for all pairs of rows; ``rows``: groups of these at some lines."""
+    root, total = np.sqrt(weight), np.zeros((1, 1))
+    for part in in_blocks(len(root)):
+        groups = rows(part)
+        block = np.empty((sum(len(group) for group in groups), part.stop - part.start), dtype=complex)
         at = 0
-        for rows in groups:
-            np.multiply(rows[:, part], root[part], out=block[at : at + len(rows)])
-            at += len(rows)
+        for group in groups:
+            np.multiply(group, root[part], out=block[at : at + len(group)])
+            at += len(group)
         flat = block.view(float)
-        total += flat @ flat.T
+        total = total + flat @ flat.T
     return total
-
-
-def _inverse_of_unknowns(matrix: FloatArray) -> FloatArray:
-    """Inverse of a normal matrix; what several unknowns can imitate alike is left to one of them."""
-    if not matrix.size:
-        return matrix
-    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    kept = values > SMALLEST
-    return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
 
 
 def _known(information: FloatArray) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.information import inverse_normal
-from vibrident.measure.lines import mean_around
+from vibrident.measure.lines import in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
@@ -92,7 +92,7 @@ class Motion:
 
     Attributes:
         count: number of samples that are used.
-        predicted: its real transform, shape (samples // 2 + 1,).
+        predicted: makes its real transform, or some lines of it, shape (lines,).
         through: |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
         alone: where the prediction has a line of its own: a remainder there is the model's and no hum.
         own: power of the prediction, smoothed except at outstanding lines, shape (samples // 2 + 1,).
@@ -100,7 +100,7 @@ class Motion:
     """
 
     count: float
-    predicted: ComplexArray
+    predicted: Callable[[slice], ComplexArray]
     through: FloatArray | None
     alone: BoolArray
     own: FloatArray
@@ -109,15 +109,15 @@ class Motion:
     @classmethod
     def of(cls, predicted: ComplexArray, count: float, through: FloatArray | None) -> Motion:
         """Of the prediction's real transform, shape (samples // 2 + 1,)."""
-        around, expected = _around(predicted), _power(predicted)
+        around, expected = _around(predicted), power_of(predicted)
         alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
         if through is None:
             nothing = np.zeros(0)
-            return cls(count, predicted, None, alone, nothing, nothing)
+            return cls(count, predicted.__getitem__, None, alone, nothing, nothing)
         expected /= count
         own = _typical(expected, around)
         own = np.where(expected > OUTSTANDING * own, expected, own)
-        return cls(count, predicted, through, alone, own, _means(through, _bins_of(len(predicted)).edges))
+        return cls(count, predicted.__getitem__, through, alone, own, _means(through, _bins_of(len(expected)).edges))
 
 
 def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
@@ -128,7 +128,7 @@ def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSp
         motion: what the model says of the same record.
         floor: lower limit of the residual's level.
     """
-    power = _power(lines)
+    power = power_of(lines)
     power /= motion.count
     parts = _parts(lines, power, motion)
     shape = parts.shape
@@ -200,11 +200,6 @@ def _surroundings(relative: FloatArray) -> FloatArray:
     return mean_around(ordinary, around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
 
 
-def _power(lines: ComplexArray) -> FloatArray:
-    """Squares of the magnitudes."""
-    return lines.real**2 + lines.imag**2
-
-
 def _around(lines: ComplexArray | FloatArray) -> int:
     """Lines on either side that a level is averaged over."""
     return max(int(len(lines) * SHARE), FEWEST)
@@ -239,22 +234,25 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are
     separated.
     """
-    around, order = _around(through), np.arange(1, last) / last
-    kept, moved = _windowed(rest)[1:last], _windowed(motion.predicted)[1:last]
-    common = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
-    left = _typical(_power(kept) / motion.count, around)
-    power = _power(moved) / motion.count
-    del kept, moved  # of a long record each copy counts
-    own, share = _typical(power, around), through[1:last]
-    ordinary = power < FAR * own
-    columns = np.stack([share, share * order[0] / order, own, own * order**2])
-    scatter = 0.5 * own * left
-    variance = scatter
+    around, order, share = _around(through), np.arange(1, last) / last, through[1:last]
+    common, left, power = np.empty((3, last - 1))
+    for part in in_blocks(last - 1):  # of a long record each copy counts
+        beside = slice(part.start, part.stop + 2)
+        kept, moved = (_windowed(lines) for lines in (rest[beside], motion.predicted(beside)))
+        common[part] = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
+        left[part], power[part] = power_of(kept) / motion.count, power_of(moved) / motion.count
+    left, own = _typical(left, around), _typical(power, around)
+    ordinary, found = power < FAR * own, np.zeros(4)
+    del power
     for _ in range(2):
-        weight = ordinary / np.maximum(variance, 1e-300)
-        found, covariance, normal = _amounts(columns, common, weight / ALIKE)
-        noise = found[:2] @ columns[:2]
-        variance = scatter + 0.5 * noise**2
+        sums = np.zeros((4, 5))
+        for part in in_blocks(last - 1):
+            bent, steep = order[0] / order[part], order[part] ** 2
+            rows = np.stack([share[part], share[part] * bent, own[part], own[part] * steep, common[part]])
+            variance = 0.5 * (own[part] * left[part] + (found[:2] @ rows[:2]) ** 2)
+            sums += (rows[:4] * (ordinary[part] / np.maximum(variance, 1e-300) / ALIKE)) @ rows.T
+        found, covariance, normal = _amounts(sums[:, :4], sums[:, 4])
+    noise = share * (found[0] + found[1] * (order[0] / order))
     whole = inverse_normal(normal)
     mean = np.array([1.0, float(np.mean(order[0] / order))])
     total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
@@ -287,17 +285,15 @@ def _typical(values: FloatArray, around: int) -> FloatArray:
     return np.exp(mean_around(np.log(np.maximum(values, 1e-300)), around, NEAREST) + np.euler_gamma)
 
 
-def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weighted least squares, the covariance, and the normal matrix of all columns.
+def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Least squares by its normal equations: the amounts, their covariance, and the normal matrix of all columns.
 
     The first two amounts are not negative; the second is left out if it is not significant.
     """
-    weighted = columns * weight  # of a long record each copy counts
-    scale = np.sqrt(np.maximum(np.einsum("ij,ij->i", weighted, columns), 1e-300))
-    normal, right = weighted @ columns.T / np.outer(scale, scale), weighted @ values / scale
-    del weighted
-    amounts, covariance = np.zeros(len(columns)), np.zeros_like(normal)
-    for free in (np.arange(len(columns)), np.delete(np.arange(len(columns)), 1)):
+    scale, number = np.sqrt(np.maximum(np.diag(normal), 1e-300)), np.arange(len(right))
+    normal, right = normal / np.outer(scale, scale), right / scale
+    amounts, covariance = np.zeros(len(right)), np.zeros_like(normal)
+    for free in (number, np.delete(number, 1)):
         inverse = inverse_normal(normal[np.ix_(free, free)])
         amounts[:], covariance[:] = 0.0, 0.0
         amounts[free], covariance[np.ix_(free, free)] = inverse @ right[free], inverse
@@ -309,15 +305,15 @@ def _amounts(columns: FloatArray, values: FloatArray, weight: FloatArray) -> tup
 
 
 def _windowed(lines: ComplexArray) -> ComplexArray:
-    """Lines under Hann's window, a sum of three, scaled to the same noise; the first and last are zero."""
-    found = np.zeros_like(lines)
-    found[1:-1] = (0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) / np.sqrt(0.375)
-    return found
+    """Lines under Hann's window, a sum of three, scaled to the same noise; without the first and the last."""
+    return (0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) / np.sqrt(0.375)
 
 
 def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[float, ...]:
     """Places of lines so strong that their leakage hides others, the strongest first."""
-    power = np.abs(_windowed(lines)) ** 2
+    power = np.zeros(lines.size)
+    for part in in_blocks(lines.size - 2):
+        power[part.start + 1 : part.stop + 1] = power_of(_windowed(lines[part.start : part.stop + 2]))
     peak = np.zeros(power.shape, dtype=bool)
     peak[2:-2] = (power[2:-2] >= power[1:-3]) & (power[2:-2] > power[3:-1])
     peak &= (power > least) & ~alone

@@ -20,6 +20,7 @@ from vibrident.discretize import method
 from vibrident.errors import ModelError, NotConverged
 from vibrident.estimators.base import Estimate, Estimator
 from vibrident.estimators.coloured import coloured_covariance
+from vibrident.estimators.findings import Findings, LearnedShare
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.models import SensorModel
 from vibrident.network.residual import STRUCTURES, initial_weights, with_residual
@@ -60,8 +61,6 @@ TRIED_A_DECADE, TRIED_BEYOND, TRIED_DAMPING = 24, 3.0, (0.03, 0.2)
 #: Rounds of training with refreshed noise, most evaluations in each, and the fall of the cost that is not worth another
 #: step: in trials, and at the end.
 ROUNDS, MOST, TOLERANCE = 2, 30, (1e-1, 1e-3)
-#: What the curve of an estimate with a learned residual is.
-PHYSICS_CURVE = "of the physics without its learned residual; measured points are without it too"
 
 
 @dataclass(frozen=True)
@@ -80,6 +79,11 @@ class ResidualIpnn(Estimator):
 
     physics: Estimator = field(default_factory=lambda: ESTIMATORS[ResidualIpnn.name])
     structures: tuple[tuple[str, ...], ...] = STRUCTURES
+
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """That of the physics, where no network stands beside it."""
+        other, learned = self.physics.where_rejected(evidence, estimate, progress), estimate.findings.learned
+        return None if other is None else replace(other, findings=replace(other.findings, learned=learned))
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Train the physics, then the networks parallel to it.
@@ -132,10 +136,11 @@ class _Candidate:
 
     @classmethod
     def physics(cls, plain: Estimate, evidence: Evidence) -> _Candidate:
-        values, step = plain.coordinates.values(plain.z), method(str(plain.settings["discretisation"]))
+        values, network = plain.coordinates.values(plain.z), plain.findings.network
+        assert network is not None
+        step = plain.findings.method
         problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
-        noise = np.asarray(plain.settings["noise"], dtype=float)
-        return cls(problem, plain.coordinates, np.asarray(plain.z), noise)
+        return cls(problem, plain.coordinates, np.asarray(plain.z), network.noise)
 
     def args(self, lanes: np.ndarray) -> tuple[Any, ...]:
         """Arguments of the residual over the lanes chosen, shape (M,)."""
@@ -322,11 +327,9 @@ def _beside(
 
 
 def _without(plain: Estimate, reason: str, tried: Mapping[str, Any]) -> Estimate:
-    """The physics alone, untouched; where the data reject it too."""
-    found = {"kept": False, "share": 0.0, "reason": reason, "tried": tried}
-    other = plain.if_rejected
-    if_rejected = None if other is None else lambda: _without(other(), reason, tried)
-    return replace(plain, settings={**plain.settings, "residual_network": found}, if_rejected=if_rejected)
+    """The physics alone, untouched."""
+    learned = LearnedShare(False, 0.0, tried, {"reason": reason})
+    return replace(plain, findings=replace(plain.findings, learned=learned))
 
 
 def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried: Mapping[str, Any]) -> Estimate:
@@ -344,37 +347,31 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
     learned = {n: v for n, v in whole.coordinates.values(whole.z).items() if n in PRIOR}
     shares = [_share(both, physics) for both, physics in zip(predicted, alone, strict=True)]
     names = [record.name for record in whole.problem.records]
-    found = {
-        "kept": True,
+    about = {
         "structure": list(structure),
         "weights": learned,
-        "share": _share(np.concatenate(predicted), np.concatenate(alone)),
         "share_by_record": dict(zip(names, shares, strict=True)),
         "rmse": _rms([r.response - p for r, p in zip(whole.problem.records, predicted, strict=True)]),
         "rmse_of_physics_alone": _rms(
             [r.response - p for r, p in zip(plain.problem.records, plain.predicted or (), strict=True)]
         ),
-        "tried": tried,
     }
-    # What of the misfit looked like noise of the reference has been learned since.
-    own = ("reference_noise", "reference_noise_doubt", "noise_weights", "hum_hz")  # of the plain estimate
-    settings = {name: value for name, value in plain.settings.items() if name not in own}
-    trace = whole.trace
+    share = _share(np.concatenate(predicted), np.concatenate(alone))
+    network, trace = plain.findings.network, whole.trace
     assert trace is not None
+    assert network is not None
+    # What of the misfit looked like noise of the reference has been learned since: none of the plain fit's is stated.
+    findings = Findings(
+        replace(network, noise=whole.noise, weights=""), learned=LearnedShare(True, share, tried, about)
+    )
     return replace(
         plain,
         z=z,
         covariance=covariance[:count, :count],
         degrees_of_freedom=freedom,
         trace=replace(trace, coordinates=trace.coordinates[:, :count]),
-        settings={
-            **settings,
-            "noise": whole.noise.tolist(),
-            "residual_network": found,
-            "response_curve": PHYSICS_CURVE,
-        },
         predicted=predicted,
-        if_rejected=None,  # the other estimate of the physics would come without the network
+        findings=findings,
     )
 
 

@@ -25,11 +25,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.estimators.coloured import sandwich
-from vibrident.estimators.noise_metric import LONG, Place, beside_hum, equal, equal_cost, place_at, products, width
+from vibrident.estimators.findings import LineNoise
+from vibrident.estimators.noise_metric import Place, beside_hum, equal, equal_cost, place_at, products, width
 from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, NoiseSpectrum
 from vibrident.estimators.optimise import Bent
 from vibrident.lines import RecordLines
-from vibrident.memory import give_back
+from vibrident.measure.response import ComplexArray
+from vibrident.memory import give_back_after
 from vibrident.problem import Coordinates, LineProblem
 from vibrident.records import FloatArray
 from vibrident.tails import chi2_tail
@@ -63,18 +65,13 @@ class Reweighted:
         covariance: of z, including the uncertainty of noise of the reference, shape (p, p).
         degrees_of_freedom: behind the noise spectra.
         normal: the network at ``z``.
-        reference_noise: standard deviation of the noise of each record's reference channel itself, SI unit of the
-            reference; zero if it is not significant, shape (records,).
-        doubt: part of z's standard deviation for such noise where motion leaves no line free, 0 … 1, shape (p,).
-        hum_hz: tones in each record's response that do not come from the motion.
+        noise: of the reference, and hum.
     """
 
     z: FloatArray
     covariance: FloatArray
     degrees_of_freedom: float
-    reference_noise: FloatArray
-    doubt: FloatArray
-    hum_hz: tuple[tuple[float, ...], ...]
+    noise: LineNoise
 
 
 def reweighted(
@@ -122,11 +119,13 @@ def reweighted(
         here.z,
         covariance,
         sum(4.0 * (width(record) - NEAREST) for record in lines),
-        np.sqrt([spectrum.passed for spectrum in spectra]) * noise,
-        doubt,
-        tuple(
-            tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
-            for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
+        LineNoise(
+            np.sqrt([spectrum.passed for spectrum in spectra]) * noise,
+            doubt,
+            tuple(
+                tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
+                for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
+            ),
         ),
     )
 
@@ -147,8 +146,7 @@ def _down(
         if np.all(np.abs(trial - here.z) <= FARTHEST * np.maximum(np.abs(here.z), 1.0)):
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
-            if any(record.samples > LONG for record in lines):
-                give_back()
+            give_back_after(max(record.samples for record in lines))
             if here.leads_to(lines, most):
                 there = place_at(lines, here.spectra, trial)
         if there is None:
@@ -162,7 +160,10 @@ def _down(
 
 
 def _equal_information(lines: Sequence[RecordLines]) -> FloatArray:
-    return np.sum([products((record.slopes,), equal(record)) for record in lines], axis=0)
+    def slopes_of(record: RecordLines) -> Callable[[slice], list[ComplexArray]]:
+        return lambda part: [record.slopes[:, part]]
+
+    return np.sum([products(slopes_of(record), equal(record)) for record in lines], axis=0)
 
 
 def _improbable(shift: FloatArray, spread: FloatArray, more: float, information: FloatArray) -> bool:
@@ -190,8 +191,7 @@ def _spread(lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArra
 
 def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
     """Pull of noise of the reference that may be left (95 %) at each coordinate, Σ weight Re ∂H* H σx², shape (p,)."""
-    through = record.through
-    if through is None:
+    if record.model is None:
         return np.zeros(len(record.z))
-    weighted = through * (record.twice * spectrum.excited * spectrum.doubt() / spectrum.level)
-    return np.array(record.slope_of(lambda slope: float(np.real(np.vdot(slope, weighted)))))
+    weighted = record.model.through() * (record.twice * spectrum.excited * spectrum.doubt() / spectrum.level)
+    return np.array([float(np.vdot(slope, weighted).real) for slope in record.model.slopes()])

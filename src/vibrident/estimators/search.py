@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vibrident.measure.lines import median
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import searched
@@ -278,8 +279,8 @@ def descend(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual, r
 
 def _limit(off: FloatArray) -> FloatArray:
     """Size beyond which a candidate's residuals are out of the common, shape (C, 1)."""
-    common = np.median(np.abs(np.where(np.isfinite(off), off, 0.0)), axis=1, keepdims=True)
-    return UNCOMMON * np.maximum(1.0, common)
+    common = median(np.abs(np.where(np.isfinite(off), off, 0.0)))
+    return UNCOMMON * np.maximum(1.0, common)[:, None]
 
 
 def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:

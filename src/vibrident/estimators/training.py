@@ -17,6 +17,7 @@ from vibrident.discretize import method
 from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate
 from vibrident.estimators.coloured import coloured_covariance
+from vibrident.estimators.findings import Findings, TrainedNetwork
 from vibrident.estimators.network_settings import NetworkSettings
 from vibrident.estimators.optimise import Bent, Progress, Trace, levenberg_marquardt
 from vibrident.estimators.reweighting import reweighted
@@ -32,10 +33,6 @@ from vibrident.records import FloatArray
 ROUNDS = 6
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
-#: What the curve of a nonlinear model is.
-SMALL_SIGNAL = (
-    "of the linear part: what the response comes to for small signals; measured points are brought there by the network"
-)
 
 
 def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
@@ -55,8 +52,16 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
         )
     trained = _trained(network, evidence, progress)
     if network.weights == "free":
-        return _freed(network, trained, progress)
-    return trained.in_the_noise_found()
+        return _freed(network, evidence, trained, progress)
+    return trained.in_the_noise_found(evidence)
+
+
+def with_equal_weights(estimate: Estimate) -> Estimate | None:
+    """The estimate before its lines were weighted by their noise; None where they were not."""
+    network, problem, begin = estimate.findings.network, estimate.problem, estimate.begin
+    if estimate.findings.noise is None or network is None or problem is None or begin is None:
+        return None
+    return _Trained(problem, estimate.coordinates, estimate.trace, begin, network).with_equal_weights()
 
 
 def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -> _Trained:
@@ -85,17 +90,10 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
             problem = moved
             noise = noise * (1.0 + 2.0 * NOISE_SETTLED)  # another round, with the inputs at the delay found
     assert trace is not None
-    settings: dict[str, Any] = {
-        "discretisation": network.discretisation,
-        "optimiser": trace.optimiser,
-        "inputs_per_step": problem.frame.terms,
-        "noise": noise.tolist(),
-    }
-    if any(record.hum_hz for record in problem.records):
-        settings["hum_hz"] = [list(record.hum_hz) for record in problem.records]
-    if not evidence.model.is_linear:
-        settings["response_curve"] = SMALL_SIGNAL
-    return _Trained(evidence, problem, coordinates, z, noise, trace, begin, settings)
+    linear, terms = evidence.model.is_linear, problem.frame.terms
+    hum = tuple(record.hum_hz for record in problem.records)
+    found = TrainedNetwork(network.discretisation, trace.optimiser, terms, noise, linear=linear, hum_hz=hum)
+    return _Trained(problem, coordinates, trace, begin, found)
 
 
 def _problem(network: NetworkSettings, evidence: Evidence, start: dict[str, float]) -> NetworkProblem:
@@ -120,23 +118,17 @@ def _beside_hum(problem: NetworkProblem, coordinates: Coordinates) -> NetworkPro
     return problem.with_hum(tones) if any(tones) else problem
 
 
-def _freed(network: NetworkSettings, trained: _Trained, progress: Progress) -> Estimate:
+def _freed(network: NetworkSettings, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:
     from vibrident.estimators.free import train_free
     from vibrident.problem.time_domain import TimeProblem
 
-    evidence, values = trained.evidence, trained.coordinates.values(trained.z)
-    in_time = TimeProblem.build(
-        evidence.records, evidence.model, method(network.discretisation), evidence.quantity, values
-    )
-    z, covariance, trace, _ = train_free(
-        in_time, trained.coordinates, trained.z, trained.noise, network.reading, progress
-    )
+    coordinates, z = trained.coordinates, trained.trace.last
+    values, step = coordinates.values(z), method(network.discretisation)
+    in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
+    z, covariance, trace, _ = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
     _, freedom = coloured_covariance(trained.lines(), trained.problem.degrees_of_freedom)
-    return replace(
-        trained.estimate(z, covariance, freedom, {"weights": "free", "reading": network.reading}),
-        trace=trace,
-        begin=None,
-    )
+    found = Findings(replace(trained.network, reading=network.reading))
+    return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
 
 
 def _train(
@@ -161,30 +153,24 @@ class _Trained:
     """The network at the optimum of equal weights for all samples of a record.
 
     Attributes:
-        evidence: what it was trained on.
         problem: the records.
         coordinates: the map from z to parameters.
-        z: the optimum, shape (p,).
-        noise: standard deviation by which each record is weighted, shape (records,).
-        trace: of the optimiser.
+        trace: of the optimiser; its last place is the optimum.
         begin: the way from the grid to the start values.
-        settings: what was chosen.
+        network: how it was trained.
     """
 
-    evidence: Evidence
     problem: NetworkProblem
     coordinates: Coordinates
-    z: FloatArray
-    noise: FloatArray
     trace: Trace
     begin: Start
-    settings: dict[str, Any]
+    network: TrainedNetwork
 
     def lines(self) -> list[RecordLines]:
         """The records at the lines of their transforms, at the optimum."""
-        return self.problem.lines(self.z, self.coordinates, self.noise)
+        return self.problem.lines(self.trace.last, self.coordinates, self.network.noise)
 
-    def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, more: dict[str, Any]) -> Estimate:
+    def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, findings: Findings) -> Estimate:
         """An estimate of this training."""
         return Estimate(
             NetworkSettings.name,
@@ -193,44 +179,36 @@ class _Trained:
             covariance,
             freedom,
             self.trace,
-            self.settings | more,
             problem=self.problem,
             begin=self.begin,
             equations=float(np.sum(self.problem.degrees_of_freedom)),
             criterion="samples",
+            findings=findings,
         )
 
     def with_equal_weights(self) -> Estimate:
         """As trained."""
         covariance, freedom = coloured_covariance(self.lines(), self.problem.degrees_of_freedom)
-        return self._with_response(self.estimate(self.z, covariance, freedom, {"noise_weights": "white"}))
+        found = Findings(replace(self.network, weights="white"))
+        return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
 
     def _with_response(self, found: Estimate) -> Estimate:
         return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
 
-    def in_the_noise_found(self) -> Estimate:
+    def in_the_noise_found(self, evidence: Evidence) -> Estimate:
         """The last step of training: every line of the residual weighted by its own noise, for linear models."""
         if not isinstance(self.problem, LineProblem):  # a nonlinear model has no residual line by line
             return self.with_equal_weights()
-        at = (self.problem, self.coordinates, self.z, self.noise)
+        at = (self.problem, self.coordinates, self.trace.last, self.network.noise)
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
-        bent = ValleySteps.of_records(self.evidence, self.coordinates, self.noise) if two_modes else None
+        bent = ValleySteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
         end = reweighted(*at, bent=bent)
         if end is None and two_modes:
             end = reweighted(*at, start=self.coordinates.place(self.begin.values), bent=bent)
         if end is None:
             return self.with_equal_weights()
-        names = self.coordinates.model.parameter_names
-        more: dict[str, Any] = {
-            "noise_weights": "spectrum",
-            "reference_noise_doubt": dict(zip(names, end.doubt.tolist(), strict=True)),
-        }
-        if np.any(end.reference_noise > 0):
-            more["reference_noise"] = end.reference_noise.tolist()
-        if any(end.hum_hz):
-            more["hum_hz"] = [list(tones) for tones in end.hum_hz]
-        found = self.estimate(end.z, end.covariance, end.degrees_of_freedom, more)
-        return replace(self._with_response(found), if_rejected=self.with_equal_weights)
+        found = Findings(replace(self.network, weights="spectrum"), end.noise)
+        return self._with_response(self.estimate(end.z, end.covariance, end.degrees_of_freedom, found))
 
 
 def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:

@@ -165,20 +165,20 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
 def _estimate(descent: Descent, index: int) -> Estimate:
     """A calibration's estimate in the joint fit."""
     estimate, place, near = descent.fitted[index].estimate, descent.places[index], descent.near[index]
-    settings = dict(estimate.settings)
-    if index not in descent.alone:
-        settings = {name: value for name, value in settings.items() if not name.startswith("reference_noise")}
-    more: dict[str, Any] = {}
-    if near.noise is not None:
-        settings["noise"] = near.noise.tolist()
-        more["problem"] = near.problem
+    findings, more = estimate.findings, {}
+    if index not in descent.alone and findings.noise is not None:
+        nothing = np.zeros(0)
+        findings = replace(findings, noise=replace(findings.noise, reference=nothing, doubt=nothing))
+    if near.noise is not None and findings.network is not None:
+        findings = replace(findings, network=replace(findings.network, noise=near.noise))
+        more["problem"] = near.network
     theta, trace = descent.balance.theta, descent.trace
     return replace(
         estimate,
         z=place.z(theta),
         covariance=place.matrix @ descent.balance.covariance @ place.matrix.T,
         trace=replace(trace, coordinates=place.offset + trace.coordinates @ place.matrix.T),
-        settings=settings,
+        findings=findings,
         tones=None,  # measured again, with the network's response at the joint values
         predicted=None,
         begin=None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,46 +14,79 @@ from vibrident.records import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class Score(ABC):
     """A calibration's residual.
 
     Attributes:
         coordinates: its coordinates.
-        problem: in time, for an estimate at the samples, or in frequency, for every other.
         noise: standard deviation by which each record is weighted, shape (records,); None in frequency.
     """
 
     coordinates: Coordinates
-    problem: NetworkProblem | FrequencyProblem
-    noise: FloatArray | None = None
+    noise: FloatArray | None
 
     @classmethod
     def of(cls, fitted: Fitted) -> Score:
         """The residual of an estimate, weighted as there."""
-        evidence, estimate = fitted.evidence, fitted.estimate
-        if estimate.criterion == "samples":
-            assert estimate.problem is not None
-            return cls(estimate.coordinates, estimate.problem, np.array(estimate.settings["noise"]))
-        return cls(estimate.coordinates, solved_problem(estimate, evidence))
+        estimate, network = fitted.estimate, fitted.estimate.findings.network
+        if estimate.criterion == "samples" and estimate.problem is not None and network is not None:
+            return _OfSamples(estimate.coordinates, network.noise, estimate.problem)
+        return _OfResponses(estimate.coordinates, None, solved_problem(estimate, fitted.evidence))
 
+    @property
+    def network(self) -> NetworkProblem | None:
+        """The network, of an estimate at the samples."""
+        return None
+
+    @abstractmethod
     def local(self, z: FloatArray) -> Local:
         """Cost, gradient and normal matrix at ``z``, shape (p,)."""
-        if isinstance(self.problem, FrequencyProblem):
-            return self.problem.normal(z, self.coordinates)
-        assert self.noise is not None
+
+    def deviance(self, z: FloatArray) -> float:
+        """−2 log likelihood at ``z`` up to a constant, with each record's noise estimated there."""
+        return self.local(z).cost
+
+    def colour(self, z: FloatArray) -> float:
+        """Mean of the residual's spectrum at ``z``, weighted by the response; 1 for white noise, at least 1."""
+        del z
+        return 1.0
+
+    def near(self, z: FloatArray) -> Score:
+        """The same with inputs interpolated at the delay of ``z``, and each record weighted by its residual there."""
+        del z
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class _OfResponses(Score):
+    """In frequency: of all estimates but those of a network."""
+
+    problem: FrequencyProblem
+
+    def local(self, z: FloatArray) -> Local:
+        return self.problem.normal(z, self.coordinates)
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSamples(Score):
+    """Of a network."""
+
+    noise: FloatArray
+    problem: NetworkProblem
+
+    @property
+    def network(self) -> NetworkProblem:
+        return self.problem
+
+    def local(self, z: FloatArray) -> Local:
         found = self.problem.normal(z, self.coordinates, self.noise)
         return Local(np.asarray(found.matrix), np.asarray(found.gradient), float(found.cost))
 
     def deviance(self, z: FloatArray) -> float:
-        """−2 log likelihood at ``z`` up to a constant, with each record's noise estimated there."""
-        if self.noise is None or isinstance(self.problem, FrequencyProblem):
-            return self.local(z).cost
+        del z
         return float(2.0 * self.problem.degrees_of_freedom @ np.log(self.noise))
 
     def colour(self, z: FloatArray) -> float:
-        """Mean of the residual's spectrum at ``z``, weighted by the response; 1 for white noise, at least 1."""
-        if self.noise is None or isinstance(self.problem, FrequencyProblem):
-            return 1.0
         level, power = 0.0, 0.0
         for record, series, noise in zip(
             self.problem.records, self.problem.predict(self.coordinates, z), self.noise, strict=True
@@ -65,10 +99,6 @@ class Score:
         return max(level / max(power, np.finfo(float).tiny), 1.0)
 
     def near(self, z: FloatArray) -> Score:
-        """The same with inputs interpolated at the delay of ``z``, and each record weighted by its residual there."""
-        if isinstance(self.problem, FrequencyProblem):
-            return self
-        assert self.noise is not None
         problem = self.problem.at_delay_of(self.coordinates.values(z))
         predicted = problem.predict(self.coordinates, z)
         noise = []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vibrident.decay import decay_deviations
-from vibrident.discretize import Weights, method
+from vibrident.discretize import Weights
 from vibrident.discretize.table import weight_table
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
@@ -100,13 +100,13 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
     predicted, weights = _predict(evidence, estimate)
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
-    noise, hum = estimate.settings.get("reference_noise", ()), estimate.settings.get("hum_hz", ())
+    noise, hum = estimate.findings.noise, estimate.findings.hum_hz
     points += band_points(
         [evidence.records[i] for i in others],
         [predicted[i] for i in others],
         response,
-        [noise[i] for i in others] if noise else (),
-        [hum[i] for i in others] if hum else (),
+        () if noise is None or not noise.reference.size else noise.reference[others].tolist(),
+        [hum[i] for i in others] if any(hum) else (),
     )
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
@@ -130,7 +130,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
     """Tones at the estimate, by the network with exact weights, for any trained network."""
-    exact = estimate.settings.get("discretisation", "bandlimited") == "bandlimited"
+    exact = estimate.findings.method.is_exact
     problem = estimate.problem if exact else None
     problem = problem or network_problem(evidence, values)
     predicted = estimate.predicted if exact and estimate.predicted is not None else None
@@ -150,11 +150,11 @@ def _birge(
     white noise of that size would do to its tone.
     """
     chi2 = adequacy.chi2_reduced or 0.0
-    noise, tones = estimate.settings.get("noise"), evidence.tones
-    if noise and tones is not None and adequacy.degrees_of_freedom > 0:
+    network, tones = estimate.findings.network, evidence.tones
+    if network is not None and tones is not None and adequacy.degrees_of_freedom > 0:
         sines, others = points[0], points[1:]
         samples = np.array([evidence.records[i].mask.sum() for i in tones.record])
-        own = np.array(noise)[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
+        own = network.noise[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
         weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
         total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
         total += sum(decay.parts.chi2 for decay in decays)
@@ -204,12 +204,10 @@ def _worst(points: list[Points], response: Any) -> str:
 
 def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
     """Predicted responses by the network with exact weights (or those it was trained with), and its Table 1."""
-    name = estimate.settings.get("discretisation", "bandlimited")
+    step = estimate.findings.method
     values = estimate.coordinates.values(estimate.z)
     try:
-        problem = estimate.problem or network_of(
-            evidence.records, evidence.model, method(name), evidence.quantity, values
-        )
+        problem = estimate.problem or network_of(evidence.records, evidence.model, step, evidence.quantity, values)
     except InputError:  # all records are too short to interpolate: only the tones remain
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
     predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
@@ -223,7 +221,7 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
         return predicted, {}
     return predicted, {
         **table,
-        "discretisation": name,
+        "discretisation": step.name,
         "sampling_interval_s": min(record.sampling_interval_s for record in evidence.records),
     }
 
@@ -318,12 +316,13 @@ def _stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
 
 def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:
     """Metrics of measured minus predicted response over all records."""
-    residuals, responses = [], []
+    sums = np.zeros(4)
     for record, series in zip(evidence.records, judgement.predicted, strict=True):
         used = record.mask & np.isfinite(series)
-        residuals.append(record.response[used] - series[used])
-        responses.append(record.response[used] - record.response[used].mean() if used.any() else residuals[-1])
-    return _metrics(np.concatenate(residuals), np.concatenate(responses), judgement.adequacy)
+        response = record.response[used]
+        residual = response - series[used]
+        sums += _sums(residual, response - response.mean() if used.any() else response)
+    return _metrics(sums, judgement.adequacy)
 
 
 def fit_of_table(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Fit:
@@ -335,17 +334,21 @@ def fit_of_table(evidence: Evidence, estimate: Estimate, judgement: Judgement) -
     problem = evidence.first_look
     assert problem is not None
     residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return _metrics(np.abs(residual), np.abs(measured - measured.mean()), judgement.adequacy)
+    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), judgement.adequacy)
 
 
-def _metrics(residual: FloatArray, response: FloatArray, adequacy: Adequacy) -> Fit:
-    mse = float(np.mean(residual**2)) if residual.size else float("nan")
-    variance = float(np.mean(response**2)) if response.size else float("nan")
+def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
+    """Number of points, Σ |residual|, and the squares of residual and response about its mean."""
+    return np.array([residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response])
+
+
+def _metrics(sums: FloatArray, adequacy: Adequacy) -> Fit:
+    mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()
     rmse = float(np.sqrt(mse))
     ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")
     return Fit(
         rmse=rmse,
-        mae=float(np.mean(np.abs(residual))) if residual.size else float("nan"),
+        mae=mae,
         mse=mse,
         r2=float(1.0 - ratio**2),
         rpd=float(1.0 / ratio) if ratio > 0 else float("inf"),

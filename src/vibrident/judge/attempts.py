@@ -16,6 +16,7 @@ from vibrident.judge.adequacy import Judgement, judge_records, judge_table
 from vibrident.judge.doubts import linearised
 from vibrident.judge.effects import allowing_for_effects
 from vibrident.measure import Finding
+from vibrident.memory import give_back_after
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray
@@ -215,9 +216,14 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
-    estimate = in_one_form(estimator.fit(evidence, progress))
+    longest = max((record.samples for record in evidence.records), default=0)
+    give_back_after(longest)
+    found = estimator.fit(evidence, progress)
+    give_back_after(longest)
+    estimate = in_one_form(found)
     judgement = judged(evidence, estimate)
-    if not judgement.adequacy.adequate and estimate.if_rejected is not None:
-        estimate = in_one_form(estimate.if_rejected())
-        judgement = judged(evidence, estimate)
-    return estimate, judgement
+    give_back_after(longest)
+    if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
+        return estimate, judgement
+    estimate = in_one_form(other)
+    return estimate, judged(evidence, estimate)

@@ -95,6 +95,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         estimator=estimate.estimator,
         settings={
             **estimate.settings,
+            **estimate.findings.as_settings(names),
             "uncertainty_covers": "; ".join([stated.scope, *covered(stated.rows)]),
             **seen(judgement),
             **_optics(calibration),
@@ -132,7 +133,7 @@ def _scaled(
             nothing = "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
             return estimate.covariance * judgement.scatter**2, float("inf"), nothing
         return estimate.covariance * judgement.scatter**2, float(max(adequacy.degrees_of_freedom, 1)), scatter
-    error = estimate.settings.get("model_error")
+    error = estimate.findings.model_error
     if error is not None:
         text = f"noise and a relative model error of {100 * error:.3g} %, as large as the deviations demand"
         return estimate.covariance, freedom, text
@@ -175,11 +176,11 @@ def _optics(calibration: Calibration) -> dict[str, Any]:
 
 def _learned(estimate: Estimate) -> list[ResultWarning]:
     """The part that a learned residual explains is not explained by the model."""
-    residual = estimate.settings.get("residual_network", {})
-    if not residual.get("kept"):
+    learned = estimate.findings.learned
+    if learned is None or not learned.kept:
         return []
     text = (
-        f"The model alone does not explain the data: a learned residual carries {100 * residual['share']:.2g} % of the "
+        f"The model alone does not explain the data: a learned residual carries {100 * learned.share:.2g} % of the "
         "response (settings, residual_network). Parameters and curve are the model's own."
     )
     return [ResultWarning("lack_of_fit", text)]

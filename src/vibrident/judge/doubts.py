@@ -111,7 +111,7 @@ def _distorted(
 ) -> ResultWarning | None:
     """A nonlinear characteristic that is significant in the residual and larger than the uncertainty of the gain."""
     coordinates, model = estimate.coordinates, evidence.model
-    if estimate.settings.get("discretisation", "bandlimited") != "bandlimited":
+    if not estimate.findings.method.is_exact:
         return None
     values, gain = coordinates.values(estimate.z), model.gain_name
     tones: dict[int, float] = {}
@@ -269,14 +269,14 @@ def _others(
 
 
 def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
-    doubt = estimate.settings.get("reference_noise_doubt", {})
-    suspects = {name: size for name, size in doubt.items() if size > DOUBTED_BIAS}
-    if not suspects:
+    noise = estimate.findings.noise
+    if noise is None or not np.any(noise.doubt > DOUBTED_BIAS):
         return []
-    name = max(suspects, key=lambda key: suspects[key])
+    worst = int(np.argmax(noise.doubt))
+    name = estimate.coordinates.model.parameter_names[worst]
     text = (
         "Noise of the reference channel itself cannot be separated from noise of the response here; it makes "
-        f"up {100 * suspects[name]:.0f} % of the standard uncertainty of the {in_words(name)}."
+        f"up {100 * noise.doubt[worst]:.0f} % of the standard uncertainty of the {in_words(name)}."
     )
     return [ResultWarning("reference_noise", text)]
 

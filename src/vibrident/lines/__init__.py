@@ -13,7 +13,7 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 from __future__ import annotations
 
 from vibrident.lines.normal import Batch, LineNormal, RunNormals, add_batch, columns_of
-from vibrident.lines.record import RecordLines
+from vibrident.lines.record import LinesAt, RecordLines
 from vibrident.lines.runs import Run, hum_of, run_of, seen_by_network, transformable, unbroken
 from vibrident.lines.series import RunSeries, add_series, series_of
 from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
@@ -21,6 +21,7 @@ from vibrident.lines.transfer import StepTransfer, Trained, transfer_of
 __all__ = [
     "Batch",
     "LineNormal",
+    "LinesAt",
     "RecordLines",
     "Run",
     "RunNormals",

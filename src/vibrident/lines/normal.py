@@ -8,13 +8,15 @@ oscillator, and taken out in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.information import inverse_where_shown
 from vibrident.lines.runs import Run, shifted_lines
 from vibrident.lines.transfer import StepTransfer
 from vibrident.measure.response import ComplexArray
@@ -22,8 +24,6 @@ from vibrident.records import FloatArray
 
 #: Lines that are worked on at once: they stay in the processor's cache.
 AT_ONCE = 1 << 14
-#: Directions of the initial states that the data show less than this, relative to the best, get no correction.
-LEAST_SHOWN = 1e-12
 #: A tone is kept this part of a line off the lines, where its transform has poles; its slopes make up for that.
 OFF_LINES = 0.01
 #: Columns of a tone: cosine, sine, and both growing with time.
@@ -84,14 +84,14 @@ class Batch:
     """Runs of one sampling interval and length, side by side.
 
     Attributes:
-        shifted: w = z − 1 at the lines, shape (1, L).
+        samples: N of each.
         inputs: shape (R, q, L).
         response: shape (R, L).
         runs: number of each run in the whole list, shape (R,).
         hum: c of the denominator w² + c w + c of each tone of hum, shape (tones,).
     """
 
-    shifted: ComplexArray
+    samples: int
     inputs: ComplexArray
     response: ComplexArray
     runs: NDArray[np.int_]
@@ -102,13 +102,11 @@ class Batch:
         """Runs of the same number of samples and tones of hum; ``numbers``: of each in the whole list."""
         inputs, response = (run.inputs for run in runs), (run.response for run in runs)
         joined = np.stack if len(runs) > 1 else _alone  # of a long run a copy counts
-        return cls(
-            shifted_lines(runs[0].samples)[None],
-            joined(list(inputs)),
-            joined(list(response)),
-            np.asarray(numbers),
-            _hum(runs[0]),
-        )
+        return cls(runs[0].samples, joined(list(inputs)), joined(list(response)), np.asarray(numbers), _hum(runs[0]))
+
+    def shifted(self, lines: slice = slice(None)) -> ComplexArray:
+        """W = z − 1 at the lines, shape (1, lines)."""
+        return shifted_lines(self.samples, lines)[None]
 
 
 def _hum(run: Run) -> FloatArray:
@@ -157,15 +155,47 @@ class _Block(NamedTuple):
     residual: ComplexArray
 
 
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """The lines of a batch, block by block; of more than one block each is made again when it is asked for.
+
+    Together the blocks of a long run would need much memory.
+    """
+
+    batch: Batch
+    transfer: StepTransfer
+    root: FloatArray
+
+    def __iter__(self) -> Iterator[_Block]:
+        lines = self.batch.response.shape[1]
+        if lines <= AT_ONCE:
+            yield self._only
+            return
+        for begin in range(0, lines, AT_ONCE):
+            yield _forced(self.batch, self.transfer, self.root, slice(begin, begin + AT_ONCE))
+
+    @functools.cached_property
+    def _only(self) -> _Block:
+        return _forced(self.batch, self.transfer, self.root, slice(0, AT_ONCE))
+
+
+def _columns_beside(batch: Batch, transfer: StepTransfer) -> int:
+    """Number of initial states, and of what the tones of hum add."""
+    return len(transfer.denominator) - 1 + TONE_COLUMNS * len(batch.hum)
+
+
 def _of_batch(
     batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """JᵀJ, Jᵀr and rᵀr of every run; ``root``: of how the lines count, shape (R, L)."""
-    runs, lines = batch.response.shape
-    blocks = [_forced(batch, transfer, root, slice(i, i + AT_ONCE)) for i in range(0, lines, AT_ONCE)]
-    inverse = _inverse(np.sum([_products(b.free, b.free) for b in blocks], axis=0))
-    states = inverse @ np.sum([_products(b.free, b.residual[:, None]) for b in blocks], axis=0)
-    n, p = inverse.shape[-1], len(slope.denominator)
+    n, p, runs = _columns_beside(batch, transfer), len(slope.denominator), len(batch.response)
+    blocks = _Blocks(batch, transfer, root)
+    gram, right = np.zeros((runs, n, n)), np.zeros((runs, n, 1))
+    for block in blocks:
+        gram += _products(block.free, block.free)
+        right += _products(block.free, block.residual[:, None])
+    inverse = inverse_where_shown(gram)
+    states = inverse @ right
     sums = np.zeros((runs, p + n + 1, p + 1))
     for block in blocks:
         block.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], block.free)
@@ -194,27 +224,20 @@ class Columns(NamedTuple):
 def columns_of(batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray) -> Columns:
     """Residual, slopes and hum of runs, with the best states by ``root``."""
     runs, lines = batch.response.shape
-    p, one = len(slope.denominator), np.ones_like(root)
-    n = len(transfer.denominator) - 1 + TONE_COLUMNS * len(batch.hum)
-    parts = [slice(i, i + AT_ONCE) for i in range(0, lines, AT_ONCE)]
-    # The blocks of a long run are computed again each time, because together they need much memory.
-    kept = [_forced(batch, transfer, one, part) for part in parts[:1]]
-
-    def block_of(number: int) -> _Block:
-        return kept[0] if len(parts) == 1 else _forced(batch, transfer, one, parts[number])
-
+    p, one = len(slope.denominator), np.broadcast_to(1.0, root.shape)
+    n = _columns_beside(batch, transfer)
+    blocks = _Blocks(batch, transfer, one)
     gram, right, shared = np.zeros((runs, n, n)), np.zeros((runs, n, 1)), np.zeros((runs, n, p))
-    for number, part in enumerate(parts):
-        block = block_of(number)
-        free = block.free * root[:, None, part] ** 2
+    for block in blocks:
+        free = block.free * root[:, None, block.lines] ** 2
         gram += _products(free, block.free)
         right += _products(free, block.residual[:, None])
-    inverse = _inverse(gram)
+    inverse = inverse_where_shown(gram)
     states = (inverse @ right)[..., 0]
     residual, slopes = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex)
     hum = np.zeros((runs, lines if len(batch.hum) else 0), complex)
-    for number, part in enumerate(parts):
-        block = block_of(number)
+    for block in blocks:
+        part = block.lines
         block.residual[:] -= np.einsum("rn,rnl->rl", states, block.free)
         residual[:, part], own = block.residual, _hum_in(block, states, batch)
         if len(batch.hum):
@@ -223,14 +246,14 @@ def columns_of(batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: 
             slopes[:, :, part] = _slopes(batch, slope, block, one, own)[:, :-1]
             shared += _products(block.free * root[:, None, part] ** 2, slopes[:, :, part])
     share = inverse @ shared
-    for number, part in enumerate(parts if p else ()):
-        slopes[:, :, part] -= np.einsum("rnp,rnl->rpl", share, block_of(number).free)
+    for block in blocks if p else ():
+        slopes[:, :, block.lines] -= np.einsum("rnp,rnl->rpl", share, block.free)
     return Columns(residual, slopes, hum)
 
 
 def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
     """Residual of the forced response, and the free responses."""
-    w, root = batch.shifted[:, lines], root[:, lines]
+    w, root = batch.shifted(lines), root[:, lines]
     over = 1.0 / horner(transfer.denominator, w)
     residual = _horner_of_inputs(transfer.numerator[None], batch.inputs[..., lines], w)[:, 0]
     residual *= -over
@@ -262,7 +285,7 @@ def _slopes(
     batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray, hum: ComplexArray | float
 ) -> ComplexArray:
     """Weighted slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ, then the residual; shape (R, P + 1, l)."""
-    w, root = batch.shifted[:, block.lines], root[:, block.lines]
+    w, root = batch.shifted(block.lines), root[:, block.lines]
     columns = np.empty((len(root), len(slope.denominator) + 1, w.shape[-1]), dtype=complex)
     columns[:, -1] = block.residual
     modelled = (root * batch.response[:, block.lines] - block.residual - hum) * block.over
@@ -308,13 +331,3 @@ def _horner_of_inputs(numerators: FloatArray, inputs: ComplexArray, w: ComplexAr
 def _products(one: ComplexArray, other: ComplexArray) -> FloatArray:
     """Re Σ one* other over lines: (R, i, L) and (R, j, L) → (R, i, j)."""
     return one.view(float) @ np.swapaxes(np.ascontiguousarray(other).view(float), -1, -2)
-
-
-def _inverse(gram: FloatArray) -> FloatArray:
-    """Inverse of scaled normal matrices, zero along directions that the data do not show; shape (R, n, n)."""
-    diagonal = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    scaled = gram / diagonal[..., :, None] / diagonal[..., None, :]
-    values, vectors = np.linalg.eigh(scaled)
-    kept = np.where(values > LEAST_SHOWN, 1.0 / np.maximum(values, LEAST_SHOWN), 0.0)
-    inverse = np.einsum("rij,rj,rkj->rik", vectors, kept, vectors)
-    return inverse / diagonal[..., :, None] / diagonal[..., None, :]

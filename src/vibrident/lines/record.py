@@ -3,29 +3,64 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy import fft
 
 from vibrident.lines.normal import horner
-from vibrident.lines.runs import shifted_lines
+from vibrident.lines.runs import MOST_KEPT, shifted_lines
 from vibrident.lines.series import RunSeries
 from vibrident.measure.lines import line_counts, waves
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
-T = TypeVar("T")
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.
 MOST_COLUMNS, LARGEST = 400, 1e8
 #: Step of the central differences of the response.
 STEP = 1e-5
 
-#: What initial states and drift add at the lines, shape (m, lines); with True, their slopes over the record, too.
-FreeLines = Callable[[bool], ComplexArray]
+#: LinesAt at some lines, shape (m, lines) or (lines,).
+LinesAt = Callable[[slice], ComplexArray]
+#: What initial states and drift add at the lines; with True, their slopes over the record, too.
+FreeLines = Callable[[bool], LinesAt]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelLines:
+    """The model's response H at the lines of a grid, and its slopes.
+
+    Attributes:
+        at: H at the lines for given z.
+        z: where the network was evaluated, shape (p,).
+        lines: number of lines; of many, nothing is kept.
+    """
+
+    at: Callable[[FloatArray], ComplexArray]
+    z: FloatArray
+    lines: int
+
+    def through(self) -> ComplexArray:
+        """H at z, shape (lines,)."""
+        return self._through if self.lines <= MOST_KEPT else self.at(self.z)
+
+    def slopes(self) -> Iterable[ComplexArray]:
+        """∂H for each coordinate in turn, by central differences; each of shape (lines,)."""
+        return self._slopes if self.lines <= MOST_KEPT else self._made()
+
+    @functools.cached_property
+    def _through(self) -> ComplexArray:
+        return self.at(self.z)
+
+    @functools.cached_property
+    def _slopes(self) -> tuple[ComplexArray, ...]:
+        return tuple(self._made())
+
+    def _made(self) -> Iterator[ComplexArray]:
+        for end in np.eye(len(self.z)) * STEP:
+            yield (self.at(self.z + end) - self.at(self.z - end)) / (2.0 * STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +71,12 @@ class RecordLines:
 
     Attributes:
         residual: measured less network, shape (lines,).
-        predicted: makes the network's response, shape (lines,).
+        predicted: the network's response at some lines, shape (lines,).
         used: shape (n,).
         twice: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
         slopes: of the response with z, less what initial states could imitate, shape (p, lines).
         free: columns of what is unknown beside z; None where they are too many to be looked at.
-        response: the model's, H, at the lines for given z; None without a reference.
+        model: its response at the lines, which records of one grid share; None without a reference.
         z: where the network was evaluated, shape (p,).
         floor: lower limit of the residual's variance.
         hum: places, in lines, of tones that no motion causes; they are taken out of residual and slopes.
@@ -50,12 +85,12 @@ class RecordLines:
     """
 
     residual: ComplexArray
-    predicted: Callable[[], ComplexArray]
+    predicted: LinesAt
     used: BoolArray
     twice: FloatArray
     slopes: ComplexArray
     free: FreeLines | None
-    response: Callable[[FloatArray], ComplexArray] | None
+    model: ModelLines | None
     z: FloatArray
     floor: float
     hum: tuple[float, ...] = ()
@@ -74,25 +109,28 @@ class RecordLines:
     @property
     def through(self) -> ComplexArray | None:
         """H at z, shape (lines,)."""
-        return None if self.response is None else self.response(self.z)
+        return None if self.model is None else self.model.through()
 
-    def slope_of(self, of_response: Callable[[ComplexArray], T]) -> list[T]:
-        """Slopes with each coordinate of what is linear in H, by central differences."""
-        assert self.response is not None
-        ends = np.eye(len(self.z)) * STEP
-        return [of_response((self.response(self.z + e) - self.response(self.z - e)) / (2.0 * STEP)) for e in ends]
+    def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> LinesAt:
+        """Lines of what is unknown beside the parameters, zero where they do not count.
 
-    def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> ComplexArray:
-        """Lines of what is unknown beside the parameters, zero where they do not count, shape (m, lines).
+        Of a long record those asked for are made each time: all together need much memory.
 
         Args:
             edges: beside initial states, offset and drift of each run, the slopes of these.
             tones: places, in lines, of tones; each with its slope with frequency.
         """
-        free = np.zeros((0, len(self.twice)), dtype=complex) if self.free is None else self.free(edges)
-        found = np.concatenate([free, *(self._tone(place) for place in tones)]) if tones else free
-        found[:, self.twice == 0.0] = 0.0
-        return found
+        columns = [] if self.free is None else [self.free(edges)]
+        if tones:
+            columns.append(_made(np.concatenate([self._tone(place) for place in tones])))
+
+        def some(part: slice) -> ComplexArray:
+            twice = self.twice[part]
+            found = np.concatenate([np.zeros((0, len(twice)), dtype=complex), *(made(part) for made in columns)])
+            found[:, twice == 0.0] = 0.0
+            return found
+
+        return some if self.samples > MOST_KEPT else _made(some(slice(None)))
 
     def _tone(self, place: float) -> ComplexArray:
         return np.asarray(fft.rfft(waves([place], self.samples) * self.used, axis=1))
@@ -102,7 +140,7 @@ class RecordLines:
 
         The states at the optimum hold noise, and their change with z would count as information.
         """
-        columns, root = self.unknowns(edges=True, tones=self.hum), np.sqrt(self.twice)
+        columns, root = self.unknowns(edges=True, tones=self.hum)(slice(None)), np.sqrt(self.twice)
         share, *_ = np.linalg.lstsq(*(((rows * root).view(float)).T for rows in (columns, self.slopes)), rcond=1e-9)
         return replace(self, slopes=self.slopes - share.T @ columns)
 
@@ -114,7 +152,7 @@ class RecordLines:
 
 
 def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
-    """What the n initial states and a drift of a whole run add: z w^k / a and z / w, shape (n + 1, lines).
+    """What the n initial states and a drift of a whole run add: z w^k / a and z / w, n + 1 columns.
 
     With their slopes over the record: z w^k / a² and z / w², which n more states and a curved drift would add.
 
@@ -124,22 +162,25 @@ def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
     """
     order = len(denominator) - 1
 
-    def lines(edges: bool) -> ComplexArray:
-        w = shifted_lines(samples)
+    def lines(edges: bool, part: slice) -> ComplexArray:
+        w = shifted_lines(samples, part)
         over = 1.0 / horner(denominator, w)
         found = np.empty(((order + 1) * (2 if edges else 1), len(w)), dtype=complex)
         np.multiply(1.0 + w, over, out=found[0])
         for k in range(1, order):
             np.multiply(found[k - 1], w, out=found[k])
-        found[order, 0] = 2.0  # line 0 does not count
-        np.divide(1.0 + w[1:], w[1:], out=found[order, 1:])
+        w = np.where(w == 0.0, 1.0, w)  # line 0 does not count
+        np.divide(1.0 + w, w, out=found[order])
         if edges:
             np.multiply(found[:order], over, out=found[order + 1 : -1])
-            found[-1, 0] = 2.0
-            np.divide(found[order, 1:], w[1:], out=found[-1, 1:])
+            np.divide(found[order], w, out=found[-1])
         return found
 
-    return lines
+    return lambda edges: functools.partial(lines, edges)
+
+
+def _made(columns: ComplexArray) -> LinesAt:
+    return lambda part: columns[:, part]
 
 
 def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> FreeLines | None:
@@ -153,7 +194,7 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
     if not pieces or count > MOST_COLUMNS or count * samples > LARGEST:
         return None
 
-    def lines(edges: bool) -> ComplexArray:
+    def lines(edges: bool) -> LinesAt:
         turn = np.arange(samples) / max(samples, 1)
         columns = []
         for place, series in pieces:
@@ -162,7 +203,7 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
                 placed = np.zeros(samples)
                 placed[place] = row
                 columns += [placed, turn * placed] if edges else [placed]
-        return np.asarray(fft.rfft(np.array(columns), axis=1))
+        return _made(np.asarray(fft.rfft(np.array(columns), axis=1)))
 
     return lines
 

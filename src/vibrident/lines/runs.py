@@ -17,16 +17,13 @@ from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.discretize.inputs import StepFilters
+from vibrident.measure.lines import MOST_KEPT, fast_below
 from vibrident.measure.response import ComplexArray
 from vibrident.measure.rest import offset_of_reference
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: Transforms of filters are kept for runs of up to so many samples.
-MOST_KEPT = 1 << 16
-#: Longer runs may lose less than this part of their samples.
-LEAST_LOST = 1e-3
-#: Lengths of these prime factors transform fast.
-FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)
+#: Shorter runs keep all their samples.
+WHOLE = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +52,19 @@ class Run:
         return int(self.span.stop - self.span.start)
 
 
-def shifted_lines(samples: int) -> ComplexArray:
-    """W = z − 1 at the lines of a run of N samples, shape (N // 2 + 1,); do not write to it."""
-    return (_shifted_kept if samples <= MOST_KEPT else _shifted)(samples)
+def shifted_lines(samples: int, part: slice = slice(None)) -> ComplexArray:
+    """W = z − 1 at the lines of a run of N samples, or at some, shape (lines,); do not write to it."""
+    if samples <= MOST_KEPT:
+        return _shifted_kept(samples)[part]
+    angle = 2.0 * np.pi / samples * np.arange(*part.indices(samples // 2 + 1))
+    return -2.0 * np.sin(0.5 * angle) ** 2 + 1j * np.sin(angle)
 
 
-def _shifted(samples: int) -> ComplexArray:
+@functools.lru_cache(maxsize=8)
+def _shifted_kept(samples: int) -> ComplexArray:
     found: ComplexArray = np.expm1(2j * np.pi / samples * np.arange(samples // 2 + 1))
     found.flags.writeable = False
     return found
-
-
-_shifted_kept = functools.lru_cache(maxsize=8)(_shifted)
 
 
 def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
@@ -109,20 +107,9 @@ def unbroken(usable: BoolArray) -> list[slice]:
 
 
 def transformable(span: slice) -> slice:
-    """The run, of a long one without its last samples where a length close by transforms many times faster.
-
-    A length with a large prime factor takes fifteen times as long, and twice the memory. Less than 0.1 % is cut off.
-    """
+    """The run, without its last samples where it is long and a length close by transforms many times faster."""
     samples = span.stop - span.start
-    if samples <= MOST_KEPT:
-        return span
-    lengths = samples - np.arange(int(LEAST_LOST * samples))
-    rest = lengths.copy()
-    for prime in FACTORS:
-        while np.any(divisible := rest % prime == 0):
-            rest[divisible] //= prime
-    smooth = lengths[rest == 1]
-    return slice(span.start, span.start + int(smooth[0])) if smooth.size else span
+    return span if samples <= WHOLE else slice(span.start, span.start + fast_below(samples))
 
 
 def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> ComplexArray:
@@ -144,9 +131,16 @@ def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> Comple
     reach = max(taps - 1, 1)
     jump = _part(reference, behind, reach) - _part(reference, ahead, reach)
     edges = _edges(step.filters, before, jump)
-    filters, edge = _polynomials(step.filters, edges, -before, samples)
-    edge += own * filters
-    return edge
+    if samples <= MOST_KEPT:
+        found = _transformed(edges.shape, edges.tobytes(), -before, samples)
+        found += own * _kept(step.filters.shape, step.filters.tobytes(), -before, samples)
+        return found
+    found = np.empty((len(edges), len(own)), dtype=complex)
+    for row, edge, taps_of_row in zip(found, edges, step.filters, strict=True):  # of a long run each copy counts
+        row[:] = _polynomial(taps_of_row, -before, samples)
+        row *= own
+        row += _polynomial(edge, -before, samples)
+    return found
 
 
 def _part(values: FloatArray, begin: int, count: int) -> FloatArray:
@@ -175,20 +169,18 @@ def _edge_places(taps: int, before: int) -> tuple[NDArray[np.int_], FloatArray]:
     return np.where(signs != 0.0, before + s - p, 0), signs
 
 
-def _polynomials(filters: FloatArray, edges: FloatArray, first: int, samples: int) -> tuple[ComplexArray, ComplexArray]:
-    """Σ_i c[j, i] z^{first + i} at lines of N samples for the coefficients of both, each of shape (q, L)."""
-    of_filters = _kept if samples <= MOST_KEPT else _transformed
-    whole = of_filters(filters.shape, filters.tobytes(), first, samples)
-    return whole, _transformed(edges.shape, edges.tobytes(), first, samples)
+def _polynomial(coefficients: FloatArray, first: int, samples: int) -> ComplexArray:
+    """Σ_i c[i] z^{first + i} at the lines of N samples, shape (L,)."""
+    placed = np.zeros(samples)
+    places = np.arange(first, first + len(coefficients)) % samples  # z^N = 1: of a short run several coefficients meet
+    np.add.at(placed, places, coefficients)
+    lines = np.asarray(fft.rfft(placed))
+    return np.conj(lines, out=lines)  # z^p, where a transform has z^{−p}
 
 
 def _transformed(shape: tuple[int, ...], known: bytes, first: int, samples: int) -> ComplexArray:
-    part = np.frombuffer(known).reshape(shape)
-    placed = np.zeros((shape[0], samples))
-    places = np.arange(first, first + shape[1]) % samples  # z^N = 1: of a short run several coefficients meet
-    for row, coefficients in zip(placed, part, strict=True):
-        np.add.at(row, places, coefficients)
-    return np.conj(np.asarray(fft.rfft(placed, axis=-1)))  # z^p, where a transform has z^{−p}
+    """The same for rows of coefficients, given as bytes; shape (q, L)."""
+    return np.stack([_polynomial(row, first, samples) for row in np.frombuffer(known).reshape(shape)])
 
 
 _kept = functools.lru_cache(maxsize=8)(_transformed)

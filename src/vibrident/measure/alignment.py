@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy import fft
 
+from vibrident.measure.lines import about_mean, fast_below, power_of
 from vibrident.records import FloatArray, Record
 
 #: Samples that predict the next: two for each mode of a sensor with two, one for a high-pass, the rest for the motion.
@@ -28,6 +29,10 @@ WHITENED = 1e-3
 FIRST_PEAK = 0.9
 #: No noise is believed to be below this part of the response (standard deviations).
 LEAST_NOISE = 1e-7
+#: A longer record is looked at in parts: no response comes so many samples late.
+LONGEST = 1 << 18
+#: A record that is filtered or moved loses at most this part at its end, for a length that transforms fast.
+MOST_CUT = 0.01
 TINY = float(np.finfo(float).tiny)
 
 
@@ -37,15 +42,14 @@ def whitened(record: Record) -> Record | None:
     used = record.mask & record.reference_mask
     if used.sum() < FEWEST_FOR_EACH * ORDER:
         return None
-    response, reference = (
-        np.where(used, values - values[used].mean(), 0.0) for values in (record.response, record.reference)
-    )
+    response, reference = about_mean(record.response, used), about_mean(record.reference, used)
     coefficients = prediction_error(response)
     known = np.convolve(~used, np.ones(ORDER + 1))[ORDER : record.samples] < 0.5
     if known.sum() < FEWEST_FOR_EACH * ORDER:
         return None
-    reference, response = (np.convolve(v, coefficients, mode="valid") for v in (reference, response))
-    return replace(record, reference=reference, response=response, valid=known, reference_valid=None)
+    kept = slice(0, fast_below(known.size, MOST_CUT))
+    reference, response = (np.convolve(v, coefficients, mode="valid")[kept] for v in (reference, response))
+    return replace(record, reference=reference, response=response, valid=known[kept], reference_valid=None)
 
 
 def prediction_error(values: FloatArray) -> FloatArray:
@@ -70,18 +74,23 @@ def bulk_delay(records: Iterable[Record | None], samples: int) -> int:
         records: of one sampling rate, with a reference that is level as an acceleration is; None is passed over.
         samples: at least as many as the longest record has.
     """
-    size = 1 << (2 * samples - 1).bit_length()
+    size = 1 << (2 * min(samples, LONGEST) - 1).bit_length()
     cross, power = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
     for record in records:
         if record is None or not record.mask.any() or not record.reference_mask.any():
             continue
         assert record.reference is not None
         channels = (record.reference, record.reference_mask), (record.response, record.mask)
-        series = [np.where(m, v - v[m].mean(), 0.0) for v, m in channels]
+        series = [about_mean(*channel) for channel in channels]
         # Each over its size, so that one large record does not decide.
-        x, y = (np.asarray(fft.rfft(v / max(float(np.std(v)), TINY), size), dtype=complex) for v in series)
-        cross += y * np.conj(x)
-        power += np.abs(x) ** 2
+        scale = [1.0 / max(float(np.std(v)), TINY) for v in series]
+        for begin in range(0, record.samples, LONGEST):
+            part = slice(begin, begin + LONGEST)
+            x, y = (fft.rfft(v[part] * factor, size) for v, factor in zip(series, scale, strict=True))
+            power += power_of(x)
+            np.conj(x, out=x)
+            x *= y
+            cross += x
     impulse = np.abs(np.asarray(fft.irfft(cross / (power + WHITENED * np.max(power) + TINY), size)))
     lags = np.arange(size)
     lags = np.where(lags < size // 2, lags, lags - size)
@@ -95,7 +104,7 @@ def aligned(record: Record, late: int) -> Record:
     if late == 0:
         return record
     assert record.reference is not None
-    n = record.samples - abs(late)
+    n = fast_below(record.samples - abs(late), MOST_CUT)
     first, second = slice(max(-late, 0), max(-late, 0) + n), slice(max(late, 0), max(late, 0) + n)
     return replace(
         record,

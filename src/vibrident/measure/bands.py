@@ -14,8 +14,10 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.measure.alignment import aligned, bulk_delay, whitened
+from vibrident.measure.alignment import MOST_CUT, aligned, bulk_delay, whitened
+from vibrident.measure.lines import fast_below, power_of
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
+from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.tails import gamma_tail
 
@@ -147,8 +149,7 @@ def _measure(index: int, whole: Record, late: int) -> MeasuredResponse | None:
     record = aligned(whole, late)
     n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
     assert record.reference is not None
-    window = np.ones(n) if record.excitation == "shock" else np.hanning(n)
-    window *= mask
+    window = (np.ones(n) if record.excitation == "shock" else hann(n)) * mask
     spectrum = (windowed_spectrum(record.reference, mask, window), windowed_spectrum(record.response, mask, window))
     edges = band_edges(n, rate).astype(int)
     power, coherence = _power_and_coherence(*spectrum, edges)
@@ -167,12 +168,13 @@ def _measure(index: int, whole: Record, late: int) -> MeasuredResponse | None:
     for row, band in enumerate(keep):
         lines = slice(edges[band], edges[band + 1])
         bx, by = spectrum[0][lines], spectrum[1][lines]
-        total = np.sum(np.abs(bx) ** 2)
-        centre = np.sum(np.arange(lines.start, lines.stop) * np.abs(bx) ** 2) / total
-        frequency[row] = centre * rate / n
-        reference[row], response[row] = np.sqrt(total), np.sum(by * np.conj(bx)) / np.sqrt(total)
+        own = power_of(bx)
+        total = own.sum()
+        bins = np.arange(lines.start, lines.stop)
+        frequency[row] = (bins @ own) / total * rate / n
+        reference[row], response[row] = np.sqrt(total), np.vdot(bx, by) / np.sqrt(total)
         some = slice(None, None, -(-int(counts[row]) // MOST_LINES))
-        bins = np.arange(lines.start, lines.stop)[some]
+        bins = bins[some]
         hz[row, : bins.size], weight[row, : bins.size] = bins * rate / n, 1.0
         x[row, : bins.size], y[row, : bins.size] = bx[some] / np.sqrt(2), by[some] / np.sqrt(2)
     back = np.exp(-2j * np.pi * frequency * (late / whole.sampling_rate_hz))
@@ -213,8 +215,8 @@ def _power_and_coherence(
     def sums(lines: FloatArray | ComplexArray) -> np.ndarray:
         return np.add.reduceat(lines[: edges[-1]], edges[:-1])
 
-    total = sums(np.abs(reference) ** 2), sums(np.abs(response) ** 2)
-    cross = np.abs(sums(response * np.conj(reference))) ** 2
+    total = sums(power_of(reference)), sums(power_of(response))
+    cross = power_of(sums(response * np.conj(reference)))
     both = total[0] * total[1]
     return total[0] / np.diff(edges), np.divide(cross, both, out=np.zeros_like(both), where=both > 0)
 
@@ -252,30 +254,33 @@ def coherent_remainder(
     left = _without(record.response - predicted, used, hum_hz, rate)
     error = _line_spectrum(left, used)
     spectrum = _line_spectrum(predicted - np.mean(predicted[used]), used)
-    power = np.abs(spectrum) ** 2
+    power = power_of(spectrum)
     own = _own_power(predicted - np.mean(predicted[used]), used, power)
     edges = band_edges(n, rate).astype(int)
     there = noise_where_bands_move(left, np.where(used, predicted, 0.0), used, edges)
-    strongest = max(float(np.mean(power[a:b])) for a, b in itertools.pairwise(edges))
-    rows = []
-    for (a, b), factor in zip(itertools.pairwise(edges), there, strict=True):
-        total = float(np.sum(power[a:b]))
-        if total <= LEAST_POWER * strongest * (b - a) or np.sum(own[a:b]) < OWN_POWER * total:
+    totals = np.add.reduceat(power[: edges[-1]], edges[:-1])
+    strongest = float(np.max(totals / np.diff(edges)))
+    own = np.add.reduceat(own[: edges[-1]], edges[:-1])
+    rows, count, whole = [], float(used.sum()), float(np.mean(used))
+    for (a, b), factor, total, stays in zip(
+        itertools.pairwise(edges.tolist()), there.tolist(), totals.tolist(), own.tolist(), strict=True
+    ):
+        if total <= LEAST_POWER * strongest * (b - a) or stays < OWN_POWER * total:
             continue
-        shared = 0.0 if through is None else float(used.sum() * np.sum(through[a:b]))
+        shared = 0.0 if through is None else float(count * np.sum(through[a:b]))
         if shared > MOST_SHARED * total:
             continue
-        rho = (np.sum(error[a:b] * np.conj(spectrum[a:b])) + shared) / total
-        rest = float(np.sum(np.abs(error[a:b] - (rho if shared == 0.0 else 0.0) * spectrum[a:b]) ** 2))
-        freedom = 2.0 * max((b - a) * float(np.mean(used)) - 1.0, 1.0)
+        rho = (np.vdot(spectrum[a:b], error[a:b]) + shared) / total
+        rest = float(np.sum(power_of(error[a:b] - (rho if shared == 0.0 else 0.0) * spectrum[a:b])))
+        freedom = 2.0 * max((b - a) * whole - 1.0, 1.0)
         floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
         if least is not None:
-            floor = max(floor, float(used.sum() * np.mean(least[a:b])) / total / 2.0)
+            floor = max(floor, float(count * np.mean(least[a:b])) / total / 2.0)
         # Of the band's noise so much is what ρ took: as much as there is while the band moves.
         variance = max(factor * rest / max(b - a - factor, 1.0) / total / 2.0, floor)
         if variance > 0.25:
             continue
-        centre = float(np.sum(np.arange(a, b) * power[a:b]) / total) * rate / n
+        centre = float(np.arange(a, b) @ power[a:b]) / total * rate / n
         rows.append((centre, rho, np.sqrt(variance), freedom))
     if not rows:
         return None
@@ -299,8 +304,8 @@ def noise_where_bands_move(
     """
     places = np.flatnonzero(used)
     samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
-    length = 2 * (samples // (STRETCHES + 1))
-    window, last = np.hanning(length), int(0.45 * length)
+    length = fast_below(2 * (samples // (STRETCHES + 1)), MOST_CUT)
+    window, last = hann(length), int(0.45 * length)
     groups = np.unique(np.linspace(1, last, GROUPS + 1).astype(int))
     first = np.minimum(edges[:-1] * length // left.size, last - 1)
     end = np.maximum(-(-edges[1:] * length // left.size), first + 1)
@@ -309,7 +314,7 @@ def noise_where_bands_move(
     for row in range(STRETCHES):
         begin = origin + row * length // 2
         part = slice(begin, begin + length)
-        own, moving = (np.abs(np.asarray(fft.rfft(window * v[part]))) ** 2 for v in (left, motion))
+        own, moving = (power_of(np.asarray(fft.rfft(window * v[part]))) for v in (left, motion))
         noise[row] = np.add.reduceat(own[:last], groups[:-1]) / max(float(np.mean(used[part])), 1e-9)
         still[row] = np.add.reduceat(moving[:last], groups[:-1]) < STILL * noise[row]
         total = np.concatenate([[0.0], np.cumsum(moving)])
@@ -338,7 +343,7 @@ def _own_power(series: FloatArray, used: BoolArray, power: FloatArray) -> FloatA
     ends = series[np.flatnonzero(used)[[0, -1]]]
     steps = float(ends @ ends) / 4.0
     leaked = steps / np.sin(np.pi * np.maximum(np.arange(power.size), 1) / samples) ** 2
-    return np.where(leaked < LEAKED * power, power, np.abs(_line_spectrum(faded, used)) ** 2)
+    return np.where(leaked < LEAKED * power, power, power_of(_line_spectrum(faded, used)))
 
 
 def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rate: float) -> FloatArray:

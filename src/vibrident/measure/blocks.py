@@ -68,12 +68,9 @@ class Blocks:
     @classmethod
     def of(cls, columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> Blocks:
         """Of columns, shape (p, samples), and what is left beside them; offset, drift and hum of a block are none."""
-        every = np.concatenate(parts)
-        scale = np.maximum(np.std(columns[:, every], axis=1), np.finfo(float).tiny)
-        p = len(columns)
+        p, scale = len(columns), np.maximum(_deviations(columns, parts), np.finfo(float).tiny)
         products, powers, squares = np.zeros((len(parts), p)), np.zeros((len(parts), p, p)), np.zeros(len(parts))
-        hum = _hum(residual, every, rate)
-        del every  # of a long record each copy counts
+        hum = _hum(residual, parts, rate)
         for which in _side_by_side(parts):
             places = np.stack([parts[index] for index in which])
             size = places.shape[1]
@@ -145,10 +142,14 @@ class Fit:
         whole = self.blocks.products.sum(axis=0)
         return -float(whole @ _inverse(self.blocks.powers.sum(axis=0)) @ whole) - self.squares
 
-    def size_beside(self, columns: FloatArray, parts: Sequence[np.ndarray]) -> float:
-        """Amplitude of what the change adds, on that side of it where it is smaller."""
-        change = self.step / self.blocks.scale[self.pair] @ columns[self.pair]
-        squares = np.array([np.mean(change[part] ** 2) for part in parts])[self.blocks.moving]
+    def size_beside(self, powers: FloatArray) -> float:
+        """Amplitude of what the change adds, on that side of it where it is smaller.
+
+        Args:
+            powers: mean products of the columns with each other in each block, shape (blocks, p, p).
+        """
+        change = self.step / self.blocks.scale[self.pair]
+        squares = np.einsum("i,bij,j->b", change, powers[:, self.pair, self.pair], change)[self.blocks.moving]
         after = self.shape[self.blocks.moving] > 0.0
         sides = [float(np.mean(squares[side])) for side in (after, ~after) if side.any()]
         return float(np.sqrt(2.0 * min(sides, default=0.0)))
@@ -197,6 +198,22 @@ class Fit:
         return min(1.0, max(tried * scatter, float(f_tail(2.0, 2.0 * (fewer - 1.0), wald))))
 
 
+def sums_of(columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray]) -> FloatArray:
+    """Mean products, over each block, of the columns and the residual with each other, shape (blocks, p + 1, p + 1)."""
+    found = np.empty((len(parts), len(columns) + 1, len(columns) + 1))
+    for sums, part in zip(found, parts, strict=True):
+        rows = np.stack([row[part] for row in (*columns, residual)])
+        np.divide(rows @ rows.T, part.size, out=sums)
+    return found
+
+
+def least_left(sums: FloatArray, parts: Sequence[np.ndarray]) -> float:
+    """Squares of a residual that stay at least, whatever amounts of the columns are taken out of each block."""
+    products, powers = sums[:, :-1, -1], sums[:, :-1, :-1]
+    left = sums[:, -1, -1] - np.einsum("bi,bij,bj->b", products, _inverse(powers), products)
+    return float(left @ [part.size for part in parts])
+
+
 def best(blocks: Blocks) -> Fit:
     """The even change, or the step before a block, that explains most."""
     count = len(blocks.products)
@@ -220,11 +237,27 @@ def _side_by_side(parts: Sequence[np.ndarray]) -> Iterator[list[int]]:
         yield from (which[i : i + width] for i in range(0, len(which), width))
 
 
-def _hum(residual: FloatArray, places: np.ndarray, rate: float) -> FloatArray:
+def _joined(parts: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
+    """Consecutive parts together, of at most AT_ONCE samples: of a long record each copy counts."""
+    width = max(1, AT_ONCE // max(part.size for part in parts))
+    yield from (np.concatenate(parts[i : i + width]) for i in range(0, len(parts), width))
+
+
+def _deviations(columns: FloatArray, parts: Sequence[np.ndarray]) -> FloatArray:
+    """Standard deviation of each column over all parts, shape (p,)."""
+    count = float(sum(part.size for part in parts))
+    sums, squares = np.zeros(len(columns)), np.zeros(len(columns))
+    for some in _joined(parts):
+        sums += [column[some].sum() for column in columns]
+    for some in _joined(parts):
+        squares += [np.sum((column[some] - mean) ** 2) for column, mean in zip(columns, sums / count, strict=True)]
+    return np.sqrt(squares / count)
+
+
+def _hum(residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> FloatArray:
     """Mains frequencies and their harmonics that are significant in a residual; beside a tone they beat with it."""
     sums, power = np.zeros((len(MAINS_HZ), HARMONICS), complex), 0.0
-    for begin in range(0, places.size, AT_ONCE):
-        part = places[begin : begin + AT_ONCE]
+    for part in _joined(parts):
         own, first, last = residual[part], int(part[0]), int(part[-1])
         power += float(own @ own)
         for row, mains in enumerate(MAINS_HZ):

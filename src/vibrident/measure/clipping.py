@@ -101,9 +101,13 @@ def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
 
 def _step(values: FloatArray) -> float:
     """Smallest step between values that occur."""
-    ordered = np.sort(values)
-    steps = np.diff(ordered)
-    steps = steps[steps > SAME * (ordered[-1] - ordered[0])]
+    return _step_of(np.sort(values))
+
+
+def _step_of(ordered: FloatArray) -> float:
+    """Smallest step between values that rise, or fall."""
+    steps = np.abs(ordered[1:] - ordered[:-1])
+    steps = steps[steps > SAME * abs(ordered[-1] - ordered[0])]
     return float(np.min(steps)) if steps.size else 0.0
 
 
@@ -116,14 +120,15 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     if found is not None:
         return found
     step, below = _quantisation(top), -top
-    for power in WIDTHS:
-        width = span * 2.0**-power
-        if step > 0.0:
-            width = step * np.ceil(width / step)  # whole steps
-        limit = float(top[0]) - width + 0.5 * step
-        edges = limit - width * np.arange(BINS + 1)
-        counts = np.diff(np.searchsorted(below, -edges), prepend=0).astype(float)
-        if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, width):
+    width = span * 0.5 ** np.array(WIDTHS)
+    if step > 0.0:
+        width = step * np.ceil(width / step)  # whole steps
+    limits = float(top[0]) - width + 0.5 * step
+    ends = np.searchsorted(below, np.multiply.outer(width, np.arange(BINS + 1)) - limits[:, None])
+    for limit, wide, places in zip(limits.tolist(), width.tolist(), ends, strict=True):
+        counts = places.astype(float)
+        counts[1:] -= places[:-1]
+        if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
             continue
         inside = valid & (values > limit)
         if _visits(inside) >= VISITS and not _at_rest(inside, valid) and _confirmed(values, inside, valid):
@@ -140,7 +145,7 @@ def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
     """The upper rail where its samples are exactly equal."""
     # The values from the top: where each begins in the sorted list, until enough are seen.
-    begins = np.concatenate([[0], 1 + np.flatnonzero(-np.diff(top) > same)])[: BELOW + 2]
+    begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
     counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
     if counts.size <= BELOW:
         return None  # with a few levels the motion between them is not known
@@ -169,8 +174,8 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
 
 
 def _quantisation(values: FloatArray) -> float:
-    """Step of the converter; zero where the values are not on a grid."""
-    step = _step(values)
+    """Step of the converter; zero where the values, which fall, are not on a grid."""
+    step = _step_of(values)
     if step == 0.0:
         return 0.0
     place = (values[:: max(1, values.size // 1000)] - values[0]) / step
@@ -184,7 +189,7 @@ def _quantisation(values: FloatArray) -> float:
 
 def _piled(counts: FloatArray, fewest: int) -> bool:
     """Whether the first of some bins from the top is a rail's."""
-    below = float(np.mean(counts[2:6]))
+    below = float(counts[2:6].sum()) / counts[2:6].size
     doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0)) if counts[0] < 30.0 * fewest else 0.0
     return bool(counts[0] >= fewest and counts[0] > FULLER * counts[1] + doubt and counts[1] <= LEVEL * below + 2.0)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibrident.measure.lines import median
 from vibrident.measure.quality import FEWEST_PERIODS, Finding
 from vibrident.measure.tones import spectral_peak, tone_frequency, turning
 from vibrident.records import BoolArray, FloatArray, Record
@@ -69,7 +70,7 @@ def _common_ratio(records: Sequence[Record]) -> float | None:
             allowed.append(_LINES / (record.duration_s * record.frequency_hz))
     if not ratios:
         return None
-    ratio, doubt = float(np.median(ratios)), float(max(allowed))
+    ratio, doubt = float(median(np.array(ratios))), float(max(allowed))
     off = abs(ratio - 1.0)
     if off < max(LEAST_RATIO if len(set(_stated(records))) > 1 else LEAST_OF_ONE, 3 * doubt):
         return None

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.bands import band_edges
+from vibrident.measure.lines import about_mean
 from vibrident.records import BoolArray, Excitation, FloatArray, Record
 
 #: Samples looked at.
@@ -93,7 +94,7 @@ def stray_motion(record: Record, frequency_hz: float) -> float:
 
 
 def _spectrum(series: FloatArray, used: BoolArray) -> np.ndarray:
-    return np.asarray(fft.rfft(np.where(used, series - series[used].mean(), 0.0) * np.hanning(series.size)))
+    return np.asarray(fft.rfft(about_mean(series, used) * np.hanning(series.size)))
 
 
 def _without_trend(series: FloatArray) -> FloatArray:

@@ -28,14 +28,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.measure.bands import band_edges
-from vibrident.measure.lines import line_frequencies
+from vibrident.measure.lines import about_mean, fast_below, line_frequencies, median, power_of
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import converter_step
 from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
-#: Longer records are looked at in parts.
-LONGEST = 1 << 18
+#: Longer records are looked at in parts, of which each holds so many periods of a tone.
+LONGEST, MANY_PERIODS = 1 << 16, 50.0
 #: T that noise alone exceeds less often than once in 10⁵ times, for a shape and a record; the noise of a line is read
 #: from a few tens of others, so it is more than ln 10⁵ = 11.5.
 CERTAIN = 20.0
@@ -58,6 +58,7 @@ HEARD = 2.0
 SHORTEST, FEWEST_PERIODS = 256, 6.0
 #: A distortion below so many steps of a digitiser is its own.
 STEPS = 2.0
+TINY = float(np.finfo(float).tiny)
 #: The first lines of a transform hold drift and what a record's ends leave.
 LOWEST = 8
 
@@ -164,22 +165,22 @@ def _series(
     found: list[_Series] = []
     tones: list[float | None] = []
     loud: list[FloatArray] = []
+    several = len(records) > 1 and any(tone is not None for tone in tones_hz)
     for record, series, tone in zip(records, predicted, tones_hz, strict=True):
         used = record.mask & np.isfinite(series)
         few = tone is not None and tone * used.sum() < FEWEST_PERIODS * record.sampling_rate_hz
         if used.sum() < SHORTEST or few or record.reference is None:
             continue
-        residual = np.where(used, record.response - series, 0.0)
-        residual = np.where(used, residual - np.mean(residual[used]), 0.0)
+        residual = about_mean(record.response - series, used)
         quiet = np.ones(record.samples // 2 + 1, dtype=bool)
         quiet[:LOWEST] = False
         error = np.asarray(fft.rfft(residual), dtype=complex)
-        level = median_level(np.abs(error) ** 2)
+        level = median_level(power_of(error))
         motions = heard_motion(series, used, level), heard_motion(record.response, used, level)
         if np.any(motions[0]):
             found.append(_Series(record, used, motions, error, level, quiet))
             tones.append(tone)
-            loud.append(_loud(record, residual, tone))
+            loud.append(_loud(record, residual, tone) if several else np.zeros(0))
     for index, (one, tone) in enumerate(zip(found, tones, strict=True)):
         if tone is not None:
             _leave_out(one, np.concatenate([np.zeros(0), *(hz for j, hz in enumerate(loud) if j != index)]))
@@ -196,16 +197,22 @@ def heard_motion(response: FloatArray, used: np.ndarray, level: FloatArray) -> F
         used: samples that count, shape (samples,).
         level: noise power at each line, shape (samples // 2 + 1,).
     """
-    lines = np.asarray(fft.rfft(np.where(used, response - np.mean(response[used]), 0.0)), dtype=complex)
-    power, noise = np.abs(lines) ** 2, HEARD * level
-    lines *= np.divide(power - noise, power, out=np.zeros_like(power), where=power > noise)
-    return np.where(used, np.asarray(fft.irfft(lines, used.size)), 0.0)
+    lines = np.asarray(fft.rfft(about_mean(response, used)), dtype=complex)
+    power, noise = power_of(lines), HEARD * level
+    kept = np.zeros_like(power)
+    np.subtract(power, noise, out=kept, where=power > noise)
+    np.divide(kept, power, out=kept, where=kept > 0.0)
+    lines *= kept
+    del power, noise, kept  # of a long record each copy counts
+    heard = np.asarray(fft.irfft(lines, used.size))
+    heard[~used] = 0.0
+    return heard
 
 
 def _loud(record: Record, residual: FloatArray, tone: float | None) -> FloatArray:
     """Frequencies of significant lines of a residual that are not harmonics of the record's own tone, such as hum."""
     lines = line_frequencies(record.samples, record.sampling_rate_hz)
-    power = np.abs(np.asarray(fft.rfft(residual * hann(residual.size)))) ** 2
+    power = power_of(np.asarray(fft.rfft(residual * hann(residual.size))))
     loud = lines[power > STANDS_OUT * median_level(power)]
     if tone is not None:
         loud = loud[np.abs(loud - np.maximum(np.round(loud / tone), 1.0) * tone) > NEAR * lines[1]]
@@ -228,8 +235,11 @@ def _in_parts(
     parts: tuple[list[Record], list[FloatArray], list[float | None]] = ([], [], [])
     for record, response, tone in zip(records, predicted, tones_hz, strict=True):
         count = -(-record.samples // LONGEST)
+        if tone is not None:
+            count = min(count, max(int(record.samples * tone / record.sampling_rate_hz / MANY_PERIODS), 1))
         edges = np.linspace(0, record.samples, count + 1).astype(int)
-        for start, stop in itertools.pairwise(edges.tolist()):
+        for start, end in itertools.pairwise(edges.tolist()):
+            stop = end if count == 1 else start + fast_below(end - start)
             parts[0].append(record if count == 1 else _part(record, slice(start, stop)))
             parts[1].append(response[start:stop])
             parts[2].append(tone)
@@ -269,9 +279,7 @@ def _sums(
                 through = np.asarray(over_gain(line_frequencies(record.samples, record.sampling_rate_hz)))
                 lines[kind] = lines[CUBE] * through
                 continue
-            shape = _shape(kind, motion)
-            shape = np.where(one.used, shape - np.mean(shape[one.used]), 0.0)
-            lines[kind] = np.asarray(fft.rfft(shape), dtype=complex)
+            lines[kind] = np.asarray(fft.rfft(about_mean(_shape(kind, motion), one.used)), dtype=complex)
         spectra = np.stack([one.error, np.asarray(fft.rfft(motion), dtype=complex), *lines.values()])
         found.append(_fitted(spectra, edges, one))
     return {
@@ -320,39 +328,47 @@ def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tupl
         return np.add.reduceat(values, edges[:-1] - edges[0], axis=-1)
 
     def without(values: ComplexArray, column: ComplexArray) -> ComplexArray:
-        size = np.maximum(sums(np.abs(column) ** 2), np.finfo(float).tiny)
-        return values - spread(sums(values * np.conj(column)) / size) * column
+        unit = column * spread(1.0 / np.sqrt(np.maximum(sums(power_of(column)), TINY)))
+        return values - spread(sums(values * np.conj(unit))) * unit
 
     motion, shapes = spectra[1, lines], spectra[2:, lines]
     slope = without(np.arange(motion.size) * motion, motion)
     rest = without(without(np.concatenate([spectra[:1, lines], shapes]), motion), slope)
-    floor = (LEAST_DEVIATION * float(np.max(np.abs(motion)))) ** 2
-    least = np.maximum(one.level[lines], floor)
-    return [
-        _strength(rest[0], left, spread(sums(np.abs(left) ** 2) > LEFT * sums(np.abs(shape) ** 2)), least, one)
-        for left, shape in zip(rest[1:], shapes, strict=True)
-    ]
+    least = np.maximum(one.level[lines], LEAST_DEVIATION**2 * float(np.max(power_of(motion))))
+    quiet = one.quiet[1 : 1 + motion.size]
+    kept = spread(sums(power_of(rest[1:])) > LEFT * sums(power_of(shapes))) & quiet
+    pairs = zip(rest[1:], kept, strict=True)
+    return [_strength(rest[0], left, told, least, one.record.samples) for left, told in pairs]
 
 
 def _strength(
-    error: ComplexArray, left: ComplexArray, kept: np.ndarray, least: FloatArray, one: _Series
+    error: ComplexArray, left: ComplexArray, kept: np.ndarray, least: FloatArray, samples: int
 ) -> tuple[complex, float, float]:
     """The sums for one shape; ``least`` is the lower limit of a line's noise power."""
-    kept = kept & one.quiet[1 : 1 + error.size]
-    counts = np.full(error.size, 2.0 * MEAN_LINES + 1.0)
-    counts[:MEAN_LINES] = counts[::-1][:MEAN_LINES] = np.arange(MEAN_LINES + 1.0, 2.0 * MEAN_LINES + 1.0)
-    squares = np.abs(left) ** 2
+    squares = power_of(left)
     amount, product, power = 0j, 0j, 0.0
     for _ in range(2):  # the noise is what the shape does not explain
-        total = np.cumsum(np.pad(np.abs(error - amount * left) ** 2, (MEAN_LINES + 1, MEAN_LINES)))
-        close = np.maximum(total[2 * MEAN_LINES + 1 :] - total[: -2 * MEAN_LINES - 1], 0.0) / counts
-        weight = kept / np.maximum(close, least)
-        product = complex(np.sum(weight * np.conj(left) * error))
-        power = float(np.sum(weight * squares))
+        weight = kept / np.maximum(_mean_near(power_of(error - amount * left if amount else error)), least)
+        product = complex(np.vdot(weight * left, error))
+        power = float(weight @ squares)
         if power <= 0.0:
             return 0j, 0.0, 0.0
         amount = product / power
-    return product, power, 2.0 * float(np.sqrt(np.sum(squares[kept]))) / one.record.samples
+    return product, power, 2.0 * float(np.sqrt(np.sum(squares[kept]))) / samples
+
+
+def _mean_near(power: FloatArray) -> FloatArray:
+    """Mean over the lines at most MEAN_LINES away, fewer at the ends; shape (lines,)."""
+    total = np.zeros(power.size + 2 * MEAN_LINES + 1)
+    np.cumsum(power, out=total[MEAN_LINES + 1 : MEAN_LINES + 1 + power.size])
+    total[MEAN_LINES + 1 + power.size :] = total[MEAN_LINES + power.size]
+    found = total[2 * MEAN_LINES + 1 :] - total[: -2 * MEAN_LINES - 1]
+    np.maximum(found, 0.0, out=found)
+    found /= 2.0 * MEAN_LINES + 1.0
+    ends = (2.0 * MEAN_LINES + 1.0) / np.arange(MEAN_LINES + 1.0, 2.0 * MEAN_LINES + 1.0)
+    found[:MEAN_LINES] *= ends
+    found[::-1][:MEAN_LINES] *= ends
+    return found
 
 
 def median_level(power: FloatArray) -> FloatArray:
@@ -361,13 +377,13 @@ def median_level(power: FloatArray) -> FloatArray:
     places = _places(count)
     # Most places have the same reach: their windows are sorted side by side.
     alike = places[(places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))]
-    values = [_median(power[: place + MEDIAN_LINES + 1]) for place in places[places < MEDIAN_LINES]]
+    values = [median(power[: place + MEDIAN_LINES + 1]) for place in places[places < MEDIAN_LINES]]
     if alike.size:
         windows = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[alike - MEDIAN_LINES]
         values += np.partition(windows, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
     for place in places[len(values) :]:
         reach = max(MEDIAN_LINES, int(MEDIAN_SHARE * place))
-        values.append(_median(power[max(place - reach, 0) : place + reach + 1]))
+        values.append(median(power[max(place - reach, 0) : place + reach + 1]))
     smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
     return np.exp(np.interp(np.arange(count), places, smooth))
 
@@ -375,11 +391,3 @@ def median_level(power: FloatArray) -> FloatArray:
 @functools.lru_cache(maxsize=8)
 def _places(count: int) -> NDArray[np.int_]:
     return np.unique(np.geomspace(1, count, 160).astype(int)) - 1
-
-
-def _median(values: FloatArray) -> float:
-    """As ``np.median``, without its checks, which take longer than the median of so few numbers."""
-    middle = values.size // 2
-    if values.size % 2:
-        return float(np.partition(values, middle)[middle])
-    return float(np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1].mean())

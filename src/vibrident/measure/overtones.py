@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 
+from vibrident.measure.lines import about_mean, power_of
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.rounding import DITHERED, converter_step, rounding_errors
-from vibrident.measure.tones import hann
+from vibrident.measure.tones import hann, turning
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
 
@@ -97,9 +98,7 @@ def _of_reference_steps(record: Record, used: np.ndarray, frequency: float, resi
     if step == 0.0 or record.reference is None:
         return np.zeros(highest - 1, dtype=bool)
     reference, response = (
-        np.abs(
-            _harmonics(np.where(used, v - np.mean(v[used]), 0.0), used, frequency, record.sampling_rate_hz, highest)[0]
-        )
+        np.abs(_harmonics(about_mean(v, used), used, frequency, record.sampling_rate_hz, highest)[0])
         for v in (record.reference, record.response)
     )
     return (reference[1:] < step) & (response[1:] < OWN * np.abs(residual[1:]))
@@ -127,11 +126,11 @@ def _harmonics(
     n = residual.shape[0]
     orders = np.arange(1, highest + 1)
     rows = np.empty((2 * highest + 1, n))
-    turn = np.exp((2j * np.pi * frequency / rate) * np.arange(n))
-    power_of_turn = np.ones(n, dtype=complex)
+    turn = turning(n, 2.0 * np.pi * frequency / rate)
+    turned = turn.copy()
     for h in orders:
-        power_of_turn = power_of_turn * turn
-        rows[h - 1], rows[highest + h - 1] = power_of_turn.real, power_of_turn.imag
+        rows[h - 1], rows[highest + h - 1] = turned.real, turned.imag
+        turned *= turn
     rows[-1] = 1.0
     if not used.all():
         rows *= used
@@ -139,8 +138,10 @@ def _harmonics(
     faded = rows * window
     found, *_ = np.linalg.lstsq(faded @ rows.T, faded @ residual, rcond=1e-12)
     amplitude = found[:highest] - 1j * found[highest : 2 * highest]
-    left = (residual - found @ rows) * used
-    power = np.abs(np.asarray(fft.rfft(left * window))) ** 2 * 2.0 / max(float(np.sum(window[used])), 1.0) ** 2
+    left = residual - found @ rows
+    if not used.all():
+        left *= used
+    power = power_of(np.asarray(fft.rfft(left * window))) * 2.0 / max(float(np.sum(window[used])), 1.0) ** 2
     variance = np.empty(highest)
     first, last = NOISE_LINES
     offsets = np.concatenate([np.arange(-last, -first + 1), np.arange(first, last + 1)])

@@ -15,8 +15,8 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.alignment import prediction_error
-from vibrident.measure.blocks import Blocks, Fit, best
-from vibrident.measure.lines import line_frequencies
+from vibrident.measure.blocks import Blocks, Fit, best, least_left, sums_of
+from vibrident.measure.lines import about_mean, line_frequencies, power_of
 from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
@@ -123,36 +123,43 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
         count = min(count, int(used.sum() * frequency / rate))  # a period each
     if count < FEWEST_BLOCKS or np.ptp(series[used]) == 0.0:
         return None
-    residual = np.where(used, record.response - series, 0.0)
-    residual = np.where(used, residual - np.mean(residual[used]), 0.0)
+    residual = about_mean(record.response - series, used)
     if record.excitation in ("random", "shock"):
         series, residual, used = _without_memory(series, residual, used)
+    least = _least(record, series[used], residual[used])
     lines = np.asarray(fft.rfft(residual), dtype=complex)
-    power = np.abs(lines) ** 2
+    power = power_of(lines)
     # Noise of the reference is in prediction and residual alike: lines that hold nothing else are no motion.
     motion = heard_motion(series, used, np.maximum(median_level(power), OWN * power))
+    del series  # of a long record each copy counts
     if not np.any(motion):
         return None
     parts = np.array_split(np.flatnonzero(used), count)
     steady = record.excitation in STEADY
     columns = _columns(motion, rate, None if steady else sensor)
-    rough = best(Blocks.of(columns, residual, parts, rate))
-    noise = residual - rough.signal(columns, parts)
+    del motion
+    steep = float(np.std(columns[1]) / np.std(columns[0]))
+    sums = sums_of(columns, residual, parts)
     # Noise through a sharp resonance is alike over many blocks, which would look like a change: both are filtered so
     # that the noise is white. A change that is nearly all of the residual is not taken for noise.
-    nearly_all = float(noise @ noise) < REST * float(residual @ residual)
-    white = _whitening(
-        np.abs(np.asarray(fft.rfft(noise))) ** 2 if nearly_all else power, tones=record.excitation != "random"
-    )
-    filtered = np.asarray(fft.irfft(white * np.asarray(fft.rfft(columns), dtype=complex), used.size))
-    found = best(Blocks.of(filtered, np.asarray(fft.irfft(white * lines, used.size)), parts, rate))
+    if least_left(sums, parts) < REST * float(residual @ residual):
+        power = _power_of_noise(columns, residual, parts, rate, power)
+    del residual
+    white = _whitening(power, tones=record.excitation != "random")
+    del power
+    for row in columns:
+        row[:] = fft.irfft(white * np.asarray(fft.rfft(row)), used.size)
+    lines *= white
+    del white
+    found = best(Blocks.of(columns, np.asarray(fft.irfft(lines, used.size)), parts, rate))
+    del lines, columns
     change = found.step / found.blocks.scale[found.pair]
-    if found.size_beside(columns, parts) < _least(record, series[used], residual[used]):
+    if found.size_beside(sums[:, :-1, :-1]) < least:
         return None
     time_s = float(parts[found.place][0]) / rate
     if not steady and (found.slow or not found.explains):
         return None  # under other motion a misfit over frequency looks like one over time
-    if not _of_a_channel(found, columns):
+    if not _of_a_channel(found, steep):
         return None
     first, second = change.tolist()
     if found.pair.start and abs(first) > FARTHEST:
@@ -161,11 +168,22 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     return Change(record.name, time_s, *amounts, found.slow, steady, found.chance())
 
 
-def _of_a_channel(found: Fit, columns: FloatArray) -> bool:
-    """Whether any gain and delay of the channel add what was found: initial states that follow a misfit add more."""
+def _of_a_channel(found: Fit, steep: float) -> bool:
+    """Whether any gain and delay of the channel add what was found: initial states that follow a misfit add more.
+
+    ``steep``: deviation of the motion's slope over that of the motion.
+    """
     amounts = (found.amounts / found.blocks.scale)[found.blocks.moving, :2]
-    across = np.abs(amounts[:, 1]) * float(np.std(columns[1]) / np.std(columns[0]))
+    across = np.abs(amounts[:, 1]) * steep
     return bool(np.min(amounts[:, 0]) > -MOST_AGAINST and np.max(across) < MOST_ACROSS)
+
+
+def _power_of_noise(
+    columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float, power: FloatArray
+) -> FloatArray:
+    """``power`` of the residual at its lines, or that of what a change leaves of it, if that is nearly all of it."""
+    left = residual - best(Blocks.of(columns, residual, parts, rate)).signal(columns, parts)
+    return power_of(np.asarray(fft.rfft(left))) if float(left @ left) < REST * float(residual @ residual) else power
 
 
 def _without_memory(
@@ -197,7 +215,8 @@ def _least(record: Record, series: FloatArray, residual: FloatArray) -> float:
 
 def _columns(motion: FloatArray, rate: float, sensor: SensorSlopes | None) -> FloatArray:
     """What small changes of gain and time, and of the sensor, add to a motion, shape (2 or 4, samples)."""
-    channel = np.stack([motion, np.gradient(motion, 1.0 / rate)])
+    channel = np.empty((2, motion.size))
+    channel[0], channel[1] = motion, np.gradient(motion, 1.0 / rate)
     if sensor is None:
         return channel
     wide = 2 * motion.size  # what rings at the record's end does not return at its beginning

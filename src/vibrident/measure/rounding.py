@@ -26,6 +26,8 @@ SAME = 1e-12
 ON_GRID = 0.05
 #: Fewest different values; fewer may lie on a grid by chance.
 FEWEST = 3
+#: So many values tell mostly that there is no grid.
+FIRST = 32
 #: Largest number of steps in the smallest difference of two values.
 STEPS_APART = 4
 
@@ -44,11 +46,16 @@ def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
         return 0.0
     gaps = np.diff(some)
     least = float(np.min(gaps[gaps > SAME * (some[-1] - some[0])]))
+    few = some[:: max(1, some.size // FIRST)]
     for parts in range(1, STEPS_APART + 1):
-        place = (some - some[0]) * (parts / least)
-        if float(np.max(np.abs(place - np.rint(place)))) < ON_GRID:
+        if all(_on_grid(values, some[0], parts / least) for values in (few, some)):
             return least / parts
     return 0.0
+
+
+def _on_grid(values: FloatArray, origin: float, rate: float) -> bool:
+    place = (values - origin) * rate
+    return float(np.max(np.abs(place - np.rint(place)))) < ON_GRID
 
 
 def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) -> FloatArray | None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from vibrident.measure.lines import median
 from vibrident.records import BoolArray, FloatArray
 
 #: Neighbours on either side; samples that the interpolation predicts worst, as a part of all, are left out of its fit.
@@ -54,7 +55,6 @@ WELL_POSED = 1e-10
 EXACTLY = 0.1
 #: Normal errors have this median of their size; 98 % are within so many standard deviations.
 MEDIAN, QUANTILE, DEVIATES = 0.6745, 0.98, 2.326
-_EACH = range(1, REACH + 1)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class _Interpolation:
     def around(self, error: FloatArray, places: NDArray[np.int_]) -> FloatArray:
         """Usual standard deviation of the errors around some samples, shape (places,)."""
         windows = sliding_window_view(np.pad(np.abs(error), 2 * REACH, mode="reflect"), 4 * REACH + 1)
-        return np.maximum(np.median(windows[places], axis=1) / MEDIAN, self.deviation)
+        return np.maximum(median(windows[places]) / MEDIAN, self.deviation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class Channel:
     def alike(self) -> bool:
         """Whether the errors of the interpolation are those of noise or rounding, which spares a closer look."""
         size = np.abs(self._rough_errors)
-        noise = NOISE * float(np.median(size[self.judged])) / MEDIAN
+        noise = NOISE * median(size[self.judged]) / MEDIAN
         return float(np.max(size)) < max(noise, EXACTLY * self.least)
 
     @functools.cached_property
@@ -151,7 +151,8 @@ class Channel:
         if not self.alike:
             sizes += _in_the_middle(series, self.judged, self.long, least)
         sizes += _at_the_beginning(series - sizes, valid, clean, least)
-        sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], clean[::-1], least)[::-1]
+        reversed_series = np.ascontiguousarray((series - sizes)[::-1])
+        sizes += _at_the_beginning(reversed_series, valid[::-1], clean[::-1], least)[::-1]
         return sizes != 0.0
 
 
@@ -209,7 +210,7 @@ def _scaled(values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray
     """What a :class:`Channel` is made of."""
     judged = ~_around(~valid, REACH)
     judged[:REACH] = judged[-REACH:] = False
-    middle = float(np.median(values[valid])) if valid.any() else 0.0
+    middle = median(values[valid]) if valid.any() else 0.0
     size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
     if np.sum(judged) < 8 * REACH or size == 0.0:
         return values, valid, np.zeros(values.shape, dtype=bool)
@@ -237,14 +238,12 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
     sizes, first = np.zeros(series.shape), 2 * REACH
     if not valid[: 6 * REACH].all():
         return sizes
-    rows = np.flatnonzero(clean[: -first or None])
-    rows = rows[:: max(1, rows.size // MOST_ROWS)]
-    windows = sliding_window_view(series[1:], first)
-    known = windows[rows]
-    amounts = _fitted(known.T, series[rows])
-    inside = np.abs(series[first : 2 * first] - windows[first : 2 * first] @ amounts)
-    usual = max(float(np.std(series[rows] - known @ amounts)), float(np.median(inside)) / MEDIAN)
-    told, errors = series.copy(), np.zeros(first)
+    rows = _some(np.flatnonzero(clean[: -first or None]))
+    known, wanted = np.stack([_beside(series, rows, k) for k in range(1, first + 1)]), _beside(series, rows, 0)
+    amounts = _fitted(known, wanted)
+    inside = np.abs(series[first : 2 * first] - sliding_window_view(series[first + 1 :], first)[:first] @ amounts)
+    usual = max(float(np.std(wanted - amounts @ known)), median(inside) / MEDIAN)
+    told, errors = series[: 2 * first].copy(), np.zeros(first)
     for place in range(first - 1, -1, -1):
         errors[place] = told[place] - told[place + 1 : place + 1 + first] @ amounts
         if abs(errors[place]) > max(STANDS_OUT * usual, least):
@@ -259,6 +258,8 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
 
 
 def _around(flags: BoolArray, reach: int) -> BoolArray:
+    if not flags.any():
+        return np.zeros(flags.shape, dtype=bool)
     count = np.cumsum(np.pad(flags, (reach + 1, reach)))
     return count[2 * reach + 1 :] > count[: -2 * reach - 1]
 
@@ -296,11 +297,13 @@ def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
 
 def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
     """Fitted to the samples that are predicted well."""
-    rows = np.flatnonzero(clean)
-    rows = rows[:: max(1, rows.size // MOST_ROWS)]
-    matrix = np.stack([*(series[rows - k] + series[rows + k] for k in _EACH), np.ones(rows.size)])
-    amounts = _fitted(matrix, series[rows])
-    errors = series[rows] - amounts @ matrix
+    rows = _some(np.flatnonzero(clean))
+    wanted = _beside(series, rows, 0)
+    matrix = np.ones((REACH + 1, wanted.size))
+    for k in range(1, REACH + 1):
+        np.add(_beside(series, rows, -k), _beside(series, rows, k), out=matrix[k - 1])
+    amounts = _fitted(matrix, wanted)
+    errors = wanted - amounts @ matrix
     size = np.abs(errors)
     place = int(QUANTILE * (size.size - 1))
     usual = max(float(np.std(errors)), float(np.partition(size, place)[place]) / DEVIATES)
@@ -308,12 +311,27 @@ def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
     return _Interpolation(shape, float(amounts[REACH]), usual)
 
 
+def _some(rows: NDArray[np.int_]) -> slice | NDArray[np.int_]:
+    """Not too many of the rows, evenly spread; as a slice where none between them is left out."""
+    every = max(1, rows.size // MOST_ROWS)
+    if rows.size and rows[-1] - rows[0] == rows.size - 1:
+        return slice(int(rows[0]), int(rows[-1]) + 1, every)
+    return rows[::every]
+
+
+def _beside(series: FloatArray, rows: slice | NDArray[np.int_], shift: int) -> FloatArray:
+    """The samples so far behind some."""
+    if isinstance(rows, slice):
+        return series[rows.start + shift : rows.stop + shift : rows.step]
+    return series[rows + shift]
+
+
 def _fitted(matrix: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Amounts of the rows of a matrix, shape (n, samples), whose sum is closest to a series, shape (n,).
+    """Amounts of the rows of a matrix, shape (n, samples), whose sum is closest to a series, shape (samples,).
 
     By the normal equations, where these lose no digit that counts; a motion without noise leaves them too few.
     """
-    gram = matrix @ matrix.T
+    gram = matrix.dot(matrix.T)
     size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     scaled, moments = gram / np.outer(size, size), matrix @ wanted / size
     if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.measure.lines import fast_length, waves
+from vibrident.information import inverse_where_shown
+from vibrident.measure.lines import MOST_KEPT, about_mean, fast_length, waves
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import FloatArray, Record
 
@@ -38,6 +39,8 @@ FEWEST_LINES, MOST_LINES = 48, 400
 NEAREST_HUM = 0.05
 #: In records of at most so many samples a line that keeps less than this part of its noise beside the fit says nothing.
 SHORT, KEPT = 4096, 0.5
+#: Terms are told apart where their scaled normal matrix has eigenvalues above this.
+TOLD_APART = 1e-10
 
 
 def measure_tones(
@@ -155,7 +158,7 @@ def own_sine(record: Record) -> FloatArray:
 def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n = signal.shape[0]
-    centred = np.where(mask, signal - signal[mask].mean(), 0.0)
+    centred = about_mean(signal, mask)
     size = fast_length(n)
     power = np.abs(np.asarray(fft.rfft(centred * hann(n), size)))
     bins = np.arange(power.shape[0]) * rate / size
@@ -181,7 +184,7 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         hum = waves(_beside(record, frequency), record.samples)
         extra = hum if extra is None else np.concatenate([extra, hum])
     channels = np.stack([np.asarray(record.reference)[place], record.response[place]])
-    whole = np.concatenate([rows[:, place] for rows in (tone, extra) if rows is not None])
+    whole = (tone if extra is None else np.concatenate([tone, extra]))[:, place]
     if not mask[place].all():
         channels, whole = channels * mask[place], whole * mask[place]
     count, own = float(mask.sum()), np.arange(len(tone))
@@ -195,9 +198,8 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
     # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
     amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
     residual, fitted = np.zeros((2, mask.size)), np.zeros((len(rows) if mask.size <= SHORT else 0, mask.size))
-    residual[:, place] = rest
-    fitted[:, place] = whole[: len(fitted)]
-    left = np.stack([_noise_left(fitted[:number], number, mask) for number in (len(own), len(rows))])
+    residual[:, place], fitted[:, place] = rest, whole[: len(fitted)]
+    left = [_noise_left(fitted[:number], number, mask) for number in (len(own), len(rows))]
     lines_hz, lines = _noise_lines(residual, mask, frequency, rate, harmonics, left)
     lines *= np.sqrt(_cost(gram, count))
     free = max(count - len(rows), 1.0)
@@ -282,8 +284,9 @@ def _cost(gram: FloatArray, count: float) -> float:
         gram: products of the rows of the design over the samples used, the tone's own two first.
         count: of these samples.
     """
-    inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)[:2, :2]
-    return max(float(np.max(np.linalg.eigvalsh(inverse))) * count / 2.0, 1.0)
+    own = inverse_where_shown(gram, TOLD_APART)[:2, :2]
+    largest = 0.5 * (own[0, 0] + own[1, 1]) + float(np.hypot(0.5 * (own[0, 0] - own[1, 1]), own[0, 1]))
+    return max(largest * count / 2.0, 1.0)
 
 
 def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -> FloatArray | None:
@@ -316,7 +319,7 @@ def _least_squares(
     """
     inverses = np.zeros((len(channels), *gram.shape))
     for channel, number in enumerate(numbers):
-        inverses[channel, :number, :number] = _scaled_inverse(gram[:number, :number])
+        inverses[channel, :number, :number] = inverse_where_shown(gram[:number, :number], TOLD_APART)
 
     def fitted(right: FloatArray) -> FloatArray:
         return np.einsum("cij,jc->ic", inverses, rows @ right.T)
@@ -324,14 +327,6 @@ def _least_squares(
     found = fitted(channels)
     found += fitted(channels - found.T @ rows)  # one step of refinement: normal equations lose half the digits
     return found, channels - found.T @ rows
-
-
-def _scaled_inverse(gram: FloatArray) -> FloatArray:
-    norm = np.sqrt(np.diag(gram))
-    norm = np.where(norm == 0, 1.0, norm)
-    values, vectors = np.linalg.eigh(gram / norm[:, None] / norm)
-    kept = np.where(values > 1e-10, 1.0 / np.maximum(values, 1e-10), 0.0)
-    return (vectors * kept) @ vectors.T / norm[:, None] / norm
 
 
 def _noise_left(design: FloatArray, rows: int, mask: NDArray[np.bool_]) -> FloatArray:
@@ -342,7 +337,7 @@ def _noise_left(design: FloatArray, rows: int, mask: NDArray[np.bool_]) -> Float
     """
     count = float(mask.sum())
     if mask.size > SHORT:
-        return np.full(mask.size // 2 + 1, max(count - rows, 1.0) / count)
+        return np.broadcast_to(max(count - rows, 1.0) / count, mask.size // 2 + 1)
     window = hann(mask.size) * mask
     left, size, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left[:, size > 1e-5 * size[0]].T
@@ -351,11 +346,16 @@ def _noise_left(design: FloatArray, rows: int, mask: NDArray[np.bool_]) -> Float
 
 
 def _noise_lines(
-    residual: FloatArray, mask: NDArray[np.bool_], frequency: float, rate: float, harmonics: int, left: FloatArray
+    residual: FloatArray,
+    mask: NDArray[np.bool_],
+    frequency: float,
+    rate: float,
+    harmonics: int,
+    left: Sequence[FloatArray],
 ) -> tuple[FloatArray, ComplexArray]:
     """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K).
 
-    ``left`` is the part of white noise that the fit left of each, shape (2, samples // 2 + 1).
+    ``left`` is the part of white noise that the fit left of each, for either channel of shape (samples // 2 + 1,).
     """
     n = residual.shape[1]
     window = hann(n) if mask.all() else hann(n) * mask
@@ -372,7 +372,7 @@ def _noise_lines(
     allowed = np.ones(bins.shape, dtype=bool)
     for h in range(1, harmonics + 1):
         allowed &= np.abs(bins - h * centre) >= guard
-    telling = np.min(left[:, bins], axis=0)
+    telling = np.minimum(*(part[bins] for part in left))
     allowed &= telling >= KEPT
     candidates = bins[allowed] if allowed.any() else bins[telling >= np.sort(telling)[-3:][0]]
     distance = np.abs(np.log(candidates / max(centre, 0.5)))
@@ -381,7 +381,7 @@ def _noise_lines(
     chosen = np.sort(candidates[order[: int(np.clip(count, FEWEST_LINES, MOST_LINES))]])
     # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
     scale = np.sqrt(2.0 / (np.sum(window**2) * max(int(mask.sum()), 1)))
-    return chosen * rate / n, scale * spectrum[:, chosen] / np.sqrt(left[:, chosen])
+    return chosen * rate / n, scale * spectrum[:, chosen] / np.sqrt([part[chosen] for part in left])
 
 
 def turning(samples: int, angle: float, first: float = 0.0) -> ComplexArray:
@@ -392,7 +392,9 @@ def turning(samples: int, angle: float, first: float = 0.0) -> ComplexArray:
     return (begins[:, None] * steps).ravel()[:samples]
 
 
-@functools.lru_cache(maxsize=8)
 def hann(samples: int) -> FloatArray:
     """Hann window, shape (samples,); do not write to it."""
-    return np.hanning(samples)
+    return (_hann_kept if samples <= MOST_KEPT else np.hanning)(samples)
+
+
+_hann_kept = functools.lru_cache(maxsize=8)(np.hanning)

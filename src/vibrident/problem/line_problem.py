@@ -37,7 +37,7 @@ from vibrident.lines import (
     unbroken,
 )
 from vibrident.lines.normal import TONE_COLUMNS
-from vibrident.lines.record import counted, free_of_pieces, free_of_run
+from vibrident.lines.record import ModelLines, counted, free_of_pieces, free_of_run
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
@@ -121,7 +121,7 @@ class LineProblem:
     @property
     def highest(self) -> float:
         """Highest line that counts, as a part of the sampling rate."""
-        return USABLE_BAND if self.trained.method.fixed_terms is None else 0.5
+        return USABLE_BAND if self.trained.method.is_exact else 0.5
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
@@ -252,7 +252,8 @@ class LineProblem:
         steps = self._all_steps(coordinates.values(z))
         turn = coordinates.slopes(z)[:, None]
         lowest = self._lowest_ringing_hz(coordinates.values(z))
-        found = []
+        found: list[RecordLines] = []
+        models: dict[tuple[int, float], ModelLines] = {}
         for number, record in enumerate(self.records):
             runs = [run for run in self.runs if run.record == number]
             floor = float((self.noise_floor[number] / noise[number]) ** 2)
@@ -261,10 +262,13 @@ class LineProblem:
             else:
                 pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
                 own = _in_pieces(pieces, turn, noise[number], self.highest)
-            samples = len(own["used"])
-            response, hum = self._response(coordinates, record, samples), hum_of(record, samples)
+            samples, model = len(own["used"]), None
+            if record.reference is not None and samples > 1:
+                grid = samples, record.sampling_rate_hz
+                models.setdefault(grid, self._response(coordinates, z, *grid))
+                model = models[grid]
             unseen = lowest > 0.5 * record.sampling_rate_hz
-            made = RecordLines(**own, response=response, z=z, floor=floor, hum=hum, rings_unseen=unseen)
+            made = RecordLines(**own, model=model, z=z, floor=floor, hum=hum_of(record, samples), rings_unseen=unseen)
             found.append(made.without_ringing() if unseen and made.free is not None else made)
         return found
 
@@ -284,10 +288,9 @@ class LineProblem:
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
         left /= noise
 
-        def predicted() -> ComplexArray:
-            explained = run.response / noise - left
-            explained[: found.hum.shape[1]] -= found.hum[0] / noise
-            return explained
+        def predicted(part: slice) -> ComplexArray:
+            explained = run.response[part] / noise - left[part]
+            return explained - found.hum[0, part] / noise if found.hum.size else explained
 
         return {
             "residual": left,
@@ -298,17 +301,18 @@ class LineProblem:
             "free": free_of_run(run.samples, step[0].denominator),
         }
 
-    def _response(self, coordinates: Coordinates, record: Record, samples: int) -> Any:
-        """H as a function of z at the lines of a record's transform; None without a reference."""
-        if record.reference is None or samples < 2:
-            return None
-        frequency, quantity = line_frequencies(samples, record.sampling_rate_hz), self.trained.quantity
+    def _response(self, coordinates: Coordinates, z: FloatArray, samples: int, rate_hz: float) -> ModelLines:
+        """H at the lines of the transform of so many samples."""
+        frequency, quantity = line_frequencies(samples, rate_hz), self.trained.quantity
 
         def at(z: FloatArray) -> ComplexArray:
-            found = coordinates.model.frequency_response(coordinates.values(z), frequency, quantity)
-            return np.asarray(found, dtype=complex)
+            values, found = coordinates.values(z), np.empty(len(frequency), dtype=complex)
+            for begin in range(0, len(frequency), AT_ONCE):  # of a long record each copy counts
+                part = slice(begin, begin + AT_ONCE)
+                found[part] = coordinates.model.frequency_response(values, frequency[part], quantity)
+            return found
 
-        return at
+        return ModelLines(at, z, len(frequency))
 
 
 def _in_pieces(
@@ -324,7 +328,7 @@ def _in_pieces(
     lines = np.fft.rfft(signals / noise, axis=1) if end > begin else np.zeros((len(signals), 1), dtype=complex)
     return {
         "residual": lines[0],
-        "predicted": functools.partial(lines.__getitem__, 1),
+        "predicted": lines[1].__getitem__,
         "used": used,
         "twice": counted(end - begin, highest),
         "slopes": lines[2:],

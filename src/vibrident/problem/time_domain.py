@@ -186,11 +186,7 @@ class TimeProblem:
             signals += [column[index] for column in columns]
             lines = np.fft.rfft(np.where(used, signals, 0.0), axis=1)
             twice, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
-            found.append(
-                RecordLines(
-                    lines[0], functools.partial(lines.__getitem__, 1), used, twice, lines[2:], None, None, z, floor
-                )
-            )
+            found.append(RecordLines(lines[0], lines[1].__getitem__, used, twice, lines[2:], None, None, z, floor))
         return found
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:

@@ -205,7 +205,7 @@ class _Unbounded:
 
 def _freedom(estimate: Estimate) -> FloatArray | None:
     """Degrees of freedom behind the deviation of each tone; None where it is known: stated, or as the misfit has it."""
-    if estimate.tones is None or "model_error" in estimate.settings:
+    if estimate.tones is None or estimate.findings.model_error is not None:
         return None
     return estimate.tones.degrees_of_freedom
 

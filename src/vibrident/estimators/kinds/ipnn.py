@@ -76,5 +76,11 @@ class Ipnn(NetworkSettings, Estimator):
 
         return training.fit(self, evidence, progress)
 
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """The best overall fit: equal weights for all samples of a record."""
+        from vibrident.estimators import training
+
+        return training.with_equal_weights(estimate)
+
 
 IPNN = Ipnn()

@@ -49,7 +49,13 @@ class MaximumLikelihood(Estimator):
         """
         from vibrident.estimators import likelihood
 
-        return likelihood.fit(self.name, self.model_error, evidence, progress)
+        return likelihood.fit(self.name, evidence, progress)
+
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """With a model error beside the noise."""
+        from vibrident.estimators import likelihood
+
+        return likelihood.with_model_error(evidence, estimate, progress) if self.model_error else None
 
 
 ML = MaximumLikelihood()
