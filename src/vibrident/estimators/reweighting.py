@@ -100,6 +100,7 @@ def reweighted(
         lines = problem.lines(start, coordinates, noise)
         spectra = [beside_hum(record) for record in lines]
     here = place_at(lines, spectra, z if start is None else start)
+    del spectra  # of a long record each copy counts
     if here is None:
         return None
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
