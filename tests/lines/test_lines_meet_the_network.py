@@ -10,7 +10,7 @@ import vibrident
 from vibrident.discretize import METHODS, method
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators.optimise import levenberg_marquardt
-from vibrident.lines import transformable
+from vibrident.lines import RecordLines, transformable
 from vibrident.models import parse
 from vibrident.problem import Coordinates, LineProblem, network_objective
 from vibrident.problem.time_domain import TimeProblem
@@ -135,6 +135,13 @@ def test_a_record_that_no_run_reaches_has_no_lines_and_does_no_harm():
     )
     for name, value in alone.parameters.items():
         assert both.parameters[name].value == pytest.approx(value.value, rel=1e-9)
+
+
+def test_a_record_without_lines_has_no_unknown_tones():
+    """Hum that other records show is an unknown of every record."""
+    empty = np.zeros(0, dtype=complex)
+    lines = RecordLines(empty, empty.__getitem__, empty == 1.0, empty.real, empty[None], None, None, np.zeros(1), 0.0)
+    assert lines.unknowns(edges=False, tones=(3.5,))(slice(None)).shape == (0, 0)
 
 
 def test_a_long_run_has_a_length_that_transforms_fast():

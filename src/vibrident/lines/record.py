@@ -121,7 +121,7 @@ class RecordLines:
             tones: places, in lines, of tones; each with its slope with frequency.
         """
         columns = [] if self.free is None else [self.free(edges)]
-        if tones:
+        if tones and self.samples:  # of a record without usable runs nothing is left
             columns.append(_made(np.concatenate([self._tone(place) for place in tones])))
 
         def some(part: slice) -> ComplexArray:
