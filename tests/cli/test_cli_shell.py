@@ -68,6 +68,10 @@ def test_a_reader_that_leaves_is_no_traceback(made, tmp_path):
     process.stderr.close()
 
 
+#: Options with which identify computes for longer than the test waits on any machine.
+LONG = ("--estimator", "ipnn", "--optimiser", "adam", "--steps", "1000000")
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 @pytest.mark.parametrize(
     ("number", "delay_s"),
@@ -78,7 +82,7 @@ def test_a_signal_leaves_nothing_behind(number, delay_s, made, tmp_path):
     # A suite that runs in the background ignores SIGINT, and its children would with it.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(
-        [*VIBRIDENT, "identify", str(made / "calibration.toml"), "--out", str(tmp_path / "out")],
+        [*VIBRIDENT, "identify", str(made / "calibration.toml"), *LONG, "--out", str(tmp_path / "out")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
