@@ -10,6 +10,7 @@ import numpy as np
 
 from vibrident.brief import brief
 from vibrident.records import FloatArray
+from vibrident.records.basis import frozen
 from vibrident.warning_kinds import WARNING_CODES, WarningCode
 
 
@@ -29,23 +30,24 @@ class _Listed:
 Numbers = Annotated[FloatArray, _Listed()]
 
 
-def as_arrays(holder: Any) -> None:
-    """Make arrays that cannot be written to of a new dataclass's ``Numbers``."""
-    for each in fields(holder):
-        if "Numbers" in str(each.type):
-            values = np.array(getattr(holder, each.name), dtype=np.float64)
-            values.flags.writeable = False
-            object.__setattr__(holder, each.name, values)
+class _OfNumbers:
+    """A dataclass whose ``Numbers`` are arrays that cannot be written to; equal where all fields are, NaN to NaN."""
 
+    __repr__ = brief
 
-def same_numbers(self: Any, other: object) -> bool:
-    """Whether all fields are equal, NaN to NaN."""
-    if type(self) is not type(other):
-        return NotImplemented
-    pairs = ((value, vars(other)[name]) for name, value in vars(self).items())
-    return all(
-        np.array_equal(one, two, equal_nan=True) if isinstance(one, np.ndarray) else one == two for one, two in pairs
-    )
+    def __post_init__(self) -> None:
+        for each in fields(self):  # type: ignore[arg-type]
+            if each.type == "Numbers":
+                object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        pairs = ((value, vars(other)[name]) for name, value in vars(self).items())
+        return all(
+            np.array_equal(one, two, equal_nan=True) if isinstance(one, np.ndarray) else one == two
+            for one, two in pairs
+        )
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,12 @@ class Fit:
     adequate: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
+@dataclass(frozen=True, eq=False, repr=False)
+class Curve(_OfNumbers):
     """Complex sensitivity over frequency: response per unit reference quantity, lag negative.
 
     Each is an array of shape (points,), NaN where a number is not known; uncertainties are standard uncertainties
-    (k = 1). Two curves are equal where all numbers are.
+    (k = 1).
     """
 
     frequency_hz: Numbers
@@ -127,33 +129,26 @@ class Curve:
     magnitude_uncertainty: Numbers
     phase_deg_uncertainty: Numbers
 
-    __repr__ = brief
-    __eq__ = same_numbers
-    __hash__ = None  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        as_arrays(self)
-
     @classmethod
     def none(cls) -> Self:
         """A curve without points."""
         return cls(*(no_numbers() for _ in range(5)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MeasuredCurve(Curve):
     """What the data say at each excited frequency, and how far the model is from it.
 
     Attributes:
         deviation_percent: 100 (model − measured)/measured, of the magnitude.
-        deviation_phase_deg: model − measured phase; None where there is no measured phase.
+        deviation_phase_deg: model − measured phase; NaN where there is no measured phase.
         record: name of the record of each point.
         magnitude_noise: the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the
             stated systematic effects, common to all points.
         phase_deg_noise: the same of the phase.
         deviation_uncertainty_percent: standard uncertainty of ``deviation_percent``. The model was fitted to the same
             points and follows what is common to them, so it is not made of the uncertainties of both: it is the noise
-            less its leverage, and of the effects what the parameters cannot follow. None where the model meets the
+            less its leverage, and of the effects what the parameters cannot follow. NaN where the model meets the
             point whatever it is.
         deviation_phase_uncertainty_deg: the same of the phase.
     """
@@ -166,11 +161,9 @@ class MeasuredCurve(Curve):
     deviation_uncertainty_percent: Numbers = field(default_factory=no_numbers)
     deviation_phase_uncertainty_deg: Numbers = field(default_factory=no_numbers)
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Signal:
+@dataclass(frozen=True, eq=False, repr=False)
+class Signal(_OfNumbers):
     """A short excerpt of one record for pictures: measured and predicted response, and the residual."""
 
     record: str
@@ -180,13 +173,6 @@ class Signal:
     unit: str
     rmse: float
     nrmse: float
-
-    __repr__ = brief
-    __eq__ = same_numbers
-    __hash__ = None  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        as_arrays(self)
 
 
 @dataclass(frozen=True)

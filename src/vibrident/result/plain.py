@@ -14,7 +14,7 @@ from vibrident.errors import InputError
 
 SCHEMA = "vibrident.result/1"
 #: Fields in which JSON's null means a number that is not finite; in other fields it means that there is no value.
-_NUMBERS = {"value", "matrix", "magnitude", "deviation_percent", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
+_NUMBERS = {"value", "matrix", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
 
 
 def measured_part(document: Mapping[str, Any]) -> dict[str, Any]:
