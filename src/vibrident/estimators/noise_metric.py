@@ -66,7 +66,7 @@ class Place:
     Attributes:
         z: shape (p,).
         spectra: of the records, as read there.
-            inverse: of the information less that of the noise, shape (p, p).
+        inverse: of the information less that of the noise, shape (p, p).
         gradient: shape (p,).
         covariance: of the estimate, shape (p, p).
         cost: weighted sum of squares.

@@ -15,6 +15,8 @@ import numpy as np
 
 from vibrident.measure.alignment import aligned, bulk_delay, whitened
 from vibrident.measure.bands import FEWEST_LINES, INDEPENDENT, LEAST_POWER, band_edges, windowed_spectrum
+from vibrident.measure.lines import power_of
+from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 from vibrident.tails import f_tail
 
@@ -98,12 +100,12 @@ def _bands(record: Record, left: FloatArray) -> FloatArray:
     moved, rest = aligned(record, late), aligned(replace(record, response=left), late)
     assert moved.reference is not None
     mask = moved.mask
-    window = mask * (np.ones(moved.samples) if record.excitation == "shock" else np.hanning(moved.samples))
+    window = mask * (np.ones(moved.samples) if record.excitation == "shock" else hann(moved.samples))
     x, y, e = (windowed_spectrum(v, mask, window) for v in (moved.reference, moved.response, rest.response))
     edges = band_edges(moved.samples, moved.sampling_rate_hz).astype(int)
     lines = np.diff(edges)
-    xx, yy, ee = (np.add.reduceat(np.abs(v[: edges[-1]]) ** 2, edges[:-1]) for v in (x, y, e))
-    cross = np.abs(np.add.reduceat((y * np.conj(x))[: edges[-1]], edges[:-1])) ** 2
+    xx, yy, ee = (np.add.reduceat(power_of(v[: edges[-1]]), edges[:-1]) for v in (x, y, e))
+    cross = power_of(np.add.reduceat((y * np.conj(x))[: edges[-1]], edges[:-1]))
     share = np.divide(cross, xx * yy, out=np.zeros_like(xx), where=xx * yy > 0.0)
     freedom = np.maximum(INDEPENDENT * lines - 1.0, 1.0)
     least = np.maximum(COHERENT, 1.0 - BY_CHANCE ** (1.0 / freedom))
