@@ -63,15 +63,21 @@ def browser():
         running.close()
 
 
+@pytest.fixture(scope="session")
+def window(browser):
+    """One for all tests: it compiles the page's libraries once. Each tab is another user."""
+    return browser.new_context(accept_downloads=True)
+
+
 @pytest.fixture
-def visit(server, browser):
-    """Open the page in a context of its own; every request that leaves the server's address fails the test."""
-    contexts, foreign, complaints = [], [], []
+def visit(server, window):
+    """Open the page in a tab of its own; every request that leaves the server's address fails the test."""
+    tabs, foreign, complaints = [], [], []
 
     def open_page(width: int = 1280, height: int = 900, *, may_complain: bool = False):
-        context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
-        contexts.append(context)
-        page = context.new_page()
+        page = window.new_page()
+        tabs.append(page)
+        page.set_viewport_size({"width": width, "height": height})
         here = (server.address, server.address.replace("http", "ws"), "data:", "blob:")
         page.on("request", lambda request: None if request.url.startswith(here) else foreign.append(request.url))
         if not may_complain:
@@ -82,8 +88,8 @@ def visit(server, browser):
         return page
 
     yield open_page
-    for context in contexts:
-        context.close()
+    for page in tabs:
+        page.close()
     assert not foreign
     assert not complaints
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import signal
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +13,7 @@ import pytest
 
 pytest.importorskip("nicegui")
 
+from tests.support import tasks
 from tests.support.serving import alone
 
 from vibrident.errors import InputError, NotConverged
@@ -146,52 +144,21 @@ def test_a_job_tells_separate_starts_apart():
 
 
 def worked(task, *args, folder: Path, progress=None) -> worker.Worker:
-    """A worker after it has run a function of this module."""
+    """A worker after it has run a function."""
     one = worker.Worker()
     alone(one.run(task, *args, folder=folder, progress=progress))
     return one
 
 
-def refused() -> None:
-    raise InputError("x" * 200_000, expected="less")
-
-
-def not_converged() -> None:
-    raise NotConverged("no optimum")
-
-
-def broken() -> None:
-    raise KeyError("a bug")
-
-
-def killed() -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def talkative() -> None:
-    sys.stderr.write("z" * 1_000_000 + "the end")
-    sys.stderr.flush()
-    os._exit(3)
-
-
-def hungry() -> None:
-    bytearray(1 << 46)
-
-
-def two_steps(last: float, *, progress) -> None:
-    for iteration in (1, 2):
-        progress(iteration, 9, last / iteration)
-
-
 @pytest.mark.parametrize(
     ("task", "error", "words"),
     [
-        (refused, InputError, "xxx"),
-        (not_converged, NotConverged, "no optimum"),
-        (broken, WorkerError, "a bug"),
-        (killed, WorkerError, "signal 9"),
-        (talkative, WorkerError, "the end"),
-        (hungry, InputError, "more memory than the page allows"),
+        (tasks.refused, InputError, "xxx"),
+        (tasks.not_converged, NotConverged, "no optimum"),
+        (tasks.broken, WorkerError, "a bug"),
+        (tasks.killed, WorkerError, "signal 9"),
+        (tasks.talkative, WorkerError, "the end"),
+        (tasks.hungry, InputError, "more memory than the page allows"),
     ],
 )
 def test_whatever_a_worker_says_reaches_the_page(tmp_path, task, error, words):
@@ -202,7 +169,7 @@ def test_whatever_a_worker_says_reaches_the_page(tmp_path, task, error, words):
 
 def test_progress_of_a_worker_comes_as_it_is_made(tmp_path):
     steps = []
-    worked(two_steps, 0.5, folder=tmp_path, progress=lambda *step: steps.append(step))
+    worked(tasks.two_steps, 0.5, folder=tmp_path, progress=lambda *step: steps.append(step))
     assert steps == [(1, 9, 0.5), (2, 9, 0.25)]
 
 

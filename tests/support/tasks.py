@@ -1,0 +1,40 @@
+"""What a worker is given to do in tests: a module of its own, which loads nothing that takes long."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+from vibrident.errors import InputError, NotConverged
+
+
+def refused() -> None:
+    raise InputError("x" * 200_000, expected="less")
+
+
+def not_converged() -> None:
+    raise NotConverged("no optimum")
+
+
+def broken() -> None:
+    raise KeyError("a bug")
+
+
+def killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def talkative() -> None:
+    sys.stderr.write("z" * 1_000_000 + "the end")
+    sys.stderr.flush()
+    os._exit(3)
+
+
+def hungry() -> None:
+    bytearray(1 << 46)
+
+
+def two_steps(last: float, *, progress) -> None:
+    for iteration in (1, 2):
+        progress(iteration, 9, last / iteration)
