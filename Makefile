@@ -41,10 +41,15 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 	$(COMPILE)
 	@touch $(CORE) $(DEV) $(DOCS)
 
+# Python writes its bytecode, whatever the surroundings say: without it each test process compiles all modules again.
+test nightly: export PYTHONDONTWRITEBYTECODE :=
+
 test: $(DEV)  ## every law once
+	$(COMPILE)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)
 
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
+	$(COMPILE)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow --durations=10 $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style, format and types
