@@ -58,6 +58,9 @@ LAYOUTS = {
     "blank lines at the end": text() + "\n" * 5000,
     "blank lines between": text().replace("\n0.5", "\n\n  \n0.5"),
     "no final line end": text().rstrip("\n"),
+    "commas in quoted numbers": text(",", ",", form='"{!r}"'),
+    "LabVIEW": "Channels,2,\nSamples,3,3\n***End_of_Header***,,\n" + text(header="t,ref,resp,Comment\n"),
+    "a header of numbers above the names": "Gain,1,1\nOffset,0,0\n" + text(),
 }
 
 
@@ -102,6 +105,32 @@ def test_latin_1_header(tmp_path):
     source = opened(tmp_path, "t;a in µm\n0;1\n1;2\n".encode("latin-1"))
 
     np.testing.assert_array_equal(source.load([source.position_of("a in µm", "key")])[0], [1, 2])
+
+
+def test_a_header_in_gb_2312(tmp_path):
+    source = opened(tmp_path, "时间,参考加速度\n0,1\n1,2\n".encode("gb2312"))
+
+    np.testing.assert_array_equal(source.load([source.position_of("参考加速度", "key")])[0], [1, 2])
+
+
+STAMPS = ["{}", "2026-11-22T{}", "2026/11/22 {}Z", "22.11.2026 {}"]
+
+
+@pytest.mark.parametrize("stamp", STAMPS)
+def test_times_of_day_are_read_in_seconds(tmp_path, stamp):
+    rows = "".join(f"{stamp.format(f'10:00:0{k // 4}.{250 * (k % 4):03d}')};{k}\n" for k in range(9))
+    source = opened(tmp_path, "t;v\n" + rows)
+
+    assert source.in_seconds(0)
+    assert not source.in_seconds(1)
+    times, values = source.load([0, 1])
+    np.testing.assert_array_equal(times, 0.25 * values)
+
+
+def test_midnight_passes_forwards(tmp_path):
+    source = opened(tmp_path, "t,v\n23:59:59.5,0\n00:00:00.0,1\n00:00:00.5,2\n")
+
+    np.testing.assert_array_equal(source.load([0])[0], [0.0, 0.5, 1.0])
 
 
 def test_columns_that_are_not_needed_may_hold_text(tmp_path):
@@ -151,6 +180,8 @@ DAMAGE = {
     "UTF-16": ("t,v\n0,1\n".encode("utf-16"), {"problem": "not plain text", "found": "UTF-16"}),
     "old Macintosh": ("t,v\r0,1\r", {"problem": "carriage return"}),
     "first row half text": ("t,v\n0,bad\n1,2\n2,3\n3,4\n", {"found": "'bad' in column 2", "where": "line 2"}),
+    "mean below the data": ("t,v\n0,1\n1,2\nMean,1.5\n", {"found": "Mean,1.5", "where": "line 4"}),
+    "commas of two kinds": ("t,v\n0,0,1,5\n0,1,1,7\n", {"expected": "2 numbers", "remedy": "semicolons"}),
     "numbers as names": ("time,1\n0,5\n1,6\n2,7\n", {"found": "'time' in column 1", "where": "line 1"}),
 }
 

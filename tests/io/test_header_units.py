@@ -12,7 +12,7 @@ RATE_HZ = 2000.0
 TIMES = {
     "Time (ms)": 1e-3, "t [ms]": 1e-3, "time_us": 1e-6, "Zeit (s)": 1.0, "time/min": 60.0, "t / µs": 1e-6,
     "timeMs": 1e-3, "time in ms": 1e-3, "Elapsed Time (sec)": 1.0, "t": 1.0, "time": 1.0, "TIME_NS": 1e-9,
-    "seconds": 1.0, "Time(h)": 3600.0,
+    "seconds": 1.0, "Time(h)": 3600.0, "时间（毫秒）": 1e-3, "时间[秒]": 1.0, "时间_微秒": 1e-6, "Время (мс)": 1e-3,
 }  # fmt: skip
 
 

@@ -28,8 +28,15 @@ _NUMBER = {
 }
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
-#: Tried in this order; an earlier one wins a tie. The comma is never both delimiter and decimal sign.
-_CANDIDATES = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (BLANKS, "."), (BLANKS, ","))
+#: Tried in this order; an earlier one wins a tie. The comma is both delimiter and decimal sign in quoted cells only.
+_CANDIDATES = (
+    *((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (BLANKS, "."), (BLANKS, ",")),
+    (",", ","),
+)
+#: Two Chinese characters of GB 2312, which no text in Latin-1 holds side by side.
+_CHINESE = re.compile(r"[\u4e00-\u9fff]{2}")
+#: Names above a column that the rows do not have (LabVIEW).
+_NO_COLUMN = frozenset({"", "comment", "comments"})
 _UNIT = re.compile(
     r"[\[(<].*[\])>]|-|%|°|°C|deg|rad|dB|[numkMµμ]?(?:s|Hz|V|A|g|m|N|Pa|C|Ohm|Ω)|counts?|LSB|ticks?"
     r"|[numkµμ]?(?:m|g|V|C|A)\s*/.*|mV/.*",
@@ -136,8 +143,17 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
     try:
         text, encoding = complete.decode("utf-8-sig"), "utf-8"
     except UnicodeDecodeError:
-        text, encoding = complete.decode("latin-1"), "latin-1"
+        text, encoding = _national(complete)
     return text.split("\n")[:_HEAD_LINES], encoding
+
+
+def _national(data: bytes) -> tuple[str, str]:
+    """Text that is not UTF-8, and its encoding: Chinese (GB 2312) or Western European."""
+    try:
+        text = data.decode("gb2312")
+    except UnicodeDecodeError:
+        text = ""
+    return (text, "gb18030") if _CHINESE.search(text) else (data.decode("latin-1"), "latin-1")
 
 
 def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLayout:
@@ -156,7 +172,9 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
             where=f"{file}, first line: {lines[rows[0]].strip()[:60]!r}" if rows else file,
             remedy="export the data again; the file may hold the header alone",
         )
+    first = _behind_names([i for i in rows if i >= first], lines, delimiter, numeric, decimal)
     cells = {i: split_line(lines[i], delimiter) for i in rows if i <= first}
+    _refuse_commas_of_two_kinds(cells, first, delimiter, fields, f"{file}, line {first + 1}")
     _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
     data = (split_line(lines[i], delimiter) for i in rows if i >= first)
     trailing = fields > 1 and all(len(row) != fields or row[-1] == "" for row in data)  # a separator at the end
@@ -222,9 +240,53 @@ def _has_number(row: list[str], fields: int, numeric: list[int], decimal: str) -
     return len(row) == fields and any(is_number(row[column], decimal) for column in numeric)
 
 
+def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
+    """Columns of numbers that hold text in this row."""
+    return [
+        column
+        for column in numeric
+        if column < len(row) and not is_number(row[column], decimal) and row[column].lower() not in _MISSING
+    ]
+
+
+def _behind_names(rows: list[int], lines: list[str], delimiter: str, numeric: list[int], decimal: str) -> int:
+    """The first data line: behind a row of names, if each row above that holds text among its numbers ("Channels, 2").
+
+    Args:
+        rows: lines from the first that holds a number in its place.
+        lines: of the head.
+        delimiter: between cells.
+        numeric: columns of numbers.
+        decimal: sign.
+    """
+    last: list[str] = []
+    for line in rows:
+        row = split_line(lines[line], delimiter)
+        if not _texts(row, numeric, decimal):
+            return line if last and len(_texts(last, numeric, decimal)) == len(numeric) else rows[0]
+        last = row
+    return rows[0]
+
+
+def _refuse_commas_of_two_kinds(
+    cells: dict[int, list[str]], first: int, delimiter: str, fields: int, where: str
+) -> None:
+    """Refuse rows with twice as many cells as names: commas are both decimal sign and delimiter."""
+    headers = [row for i, row in cells.items() if i < first and not any(is_number(cell, ".") for cell in row)]
+    names = len(headers[-1]) if headers else 0
+    if delimiter == "," and names > 1 and fields == 2 * names:
+        raise InputError(
+            "The commas of the file have two meanings.",
+            expected=f"{names} numbers in a row, as there are names above",
+            found=f"{fields} cells between commas; the comma is the decimal sign, too",
+            where=where,
+            remedy="export the data with semicolons or tabs between the columns, or with decimal points",
+        )
+
+
 def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, where: str) -> None:
     """Refuse a line that is half header, half data: dropping or using it would be a guess."""
-    text = [column for column in numeric if not is_number(row[column], decimal) and row[column].lower() not in _MISSING]
+    text = _texts(row, numeric, decimal)
     if text:
         raise InputError(
             "The first row of numbers holds text.",
@@ -244,7 +306,7 @@ def _names(
     def fitting(row: list[str]) -> tuple[str, ...] | None:
         if columns == 1 and delimiter == BLANKS:
             return (" ".join(row),)  # the name of a single column may contain blanks
-        trimmed = row[:-1] if len(row) == columns + 1 and row[-1] == "" else row
+        trimmed = row[:-1] if len(row) == columns + 1 and row[-1].lower() in _NO_COLUMN else row
         return tuple(trimmed) if len(trimmed) == columns else None
 
     above = [fitting(cells[i]) for i in sorted(cells) if i < first]

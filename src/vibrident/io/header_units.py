@@ -32,17 +32,30 @@ _RADIANS = {
     "deg": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "°": math.pi / 180, "grad": math.pi / 200,
     "rad": 1.0, "radian": 1.0, "radians": 1.0, "mrad": 1e-3, "urad": 1e-6,
 }  # fmt: skip
+#: Units in other scripts, by their symbol.
+_SYMBOLS = {
+    "秒": "s", "毫秒": "ms", "微秒": "us", "纳秒": "ns", "分": "min", "分钟": "min", "小时": "h", "ミリ秒": "ms",
+    "マイクロ秒": "us", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "нс": "ns", "мин": "min",
+    "赫": "Hz", "赫兹": "Hz", "千赫": "kHz", "千赫兹": "kHz", "гц": "Hz", "кгц": "kHz",
+    "度": "deg", "弧度": "rad", "рад": "rad", "град": "deg",
+    "伏": "V", "伏特": "V", "毫伏": "mV", "微伏": "uV", "в": "V", "мв": "mV",
+    "米": "m", "毫米": "mm", "微米": "um", "纳米": "nm", "米/秒": "m/s", "毫米/秒": "mm/s", "米/秒²": "m/s^2",
+    "米/秒^2": "m/s^2", "米/秒2": "m/s^2", "м": "m", "мм": "mm", "мкм": "um", "м/с": "m/s", "мм/с": "mm/s",
+    "м/с²": "m/s^2", "м/с^2": "m/s^2", "м/с2": "m/s^2",
+}  # fmt: skip
+_WIDE_SIGNS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/")
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _COUNTED = frozenset({"samples", "sample", "ticks", "tick", "counts", "count", "points", "point", "index", "smp", "#"})
 _BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
 _AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
 _AFTER_WORD = re.compile(r"\b(?:in|en)\s+(\S+)$", re.IGNORECASE)
 #: Suffixes that are a unit of times, frequencies and phases only: "_m" or "_a" are ambiguous.
-_SUFFIX = re.compile(r"^.*[A-Za-z0-9][_.\s-]+([A-Za-zµμ]+)$")
+_SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
 _TIMES = frozenset(
-    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time", "relative time"}
-)
+    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time", "relative time",
+     "时间", "時間", "时刻", "время", "temps", "tiempo", "tempo"}
+)  # fmt: skip
 _LONGEST_NAME = 200
 #: A scale this close to a conversion is that conversion.
 _SAME = 1e-3
@@ -53,7 +66,8 @@ def unit_in_name(name: str) -> str:
     name = _short(name)
     for pattern in (_BRACKETS, _AFTER_WORD, _AFTER_SLASH):
         if found := pattern.search(name):
-            return found.group(1).strip()
+            unit = found.group(1).strip()
+            return _SYMBOLS.get(unit.lower(), unit)
     return ""
 
 
@@ -207,13 +221,14 @@ def _spelling(name: str, known: dict[str, float]) -> str:
     if whole in known and len(whole) > 1:
         return whole
     suffix = _RUN_ON.match(name.strip()) or _SUFFIX.match(name.strip())
-    plain = suffix.group(1).translate(PLAIN).lower() if suffix else ""
+    written = suffix.group(1) if suffix else ""
+    plain = _SYMBOLS.get(written.lower(), written).translate(PLAIN).lower()
     return plain if plain in known else ""
 
 
 def _short(name: str) -> str:
     """The name, stripped; "" for a very long one, for which patterns would take minutes."""
-    return name.strip() if len(name) <= _LONGEST_NAME else ""
+    return name.strip().translate(_WIDE_SIGNS) if len(name) <= _LONGEST_NAME else ""
 
 
 def _known_elsewhere(found: str) -> bool:

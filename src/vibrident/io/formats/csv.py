@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_few
 from vibrident.io.columns import ColumnFile, unreadable
-from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number
+from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number, split_line
 from vibrident.io.csv_lines import numbered_rows, row_lines
 from vibrident.io.reader import Reader
+from vibrident.io.time_stamps import is_stamp, seconds_of_stamps
 from vibrident.records import FloatArray
 
 #: Files up to this size are read without pandas, whose loading takes longer than reading many of them.
 LIGHT_BYTES = 1 << 20
+#: Bytes at the end of a file in which its last row is sought.
+TAIL_BYTES = 1 << 14
 #: Bytes of numbers and lines, beside delimiter and decimal sign.
 PLAIN = b"0123456789+-eE\n"
 #: What pandas takes for a missing value.
@@ -68,10 +71,47 @@ class CsvFile(ColumnFile):
     def _row_lines(self) -> NDArray[np.int64]:
         return row_lines(self._path, self.file, self._layout)
 
+    def in_seconds(self, position: int) -> bool:
+        """Whether the column holds times of day, with or without dates."""
+        return position < len(self._first_row) and is_stamp(self._first_row[position])
+
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Parse these columns; each has shape (rows,). An empty cell is NaN."""
+        """Parse these columns; each has shape (rows,). An empty cell is NaN, a time of day seconds since the first."""
+        stamps = [position for position in positions if self.in_seconds(position)]
+        numbers = [position for position in positions if position not in stamps]
+        found = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
+        found.update(zip(stamps, self._load_stamps(stamps) if stamps else (), strict=True))
+        return tuple(found[position] for position in positions)
+
+    @cached_property
+    def _first_row(self) -> list[str]:
+        try:
+            return next((cells for _, cells in numbered_rows(self._path, self._layout)), [])
+        except OSError as error:
+            raise unreadable(self.file, error, "a text file of columns") from error
+
+    def _load_stamps(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        rows = [cells for _, cells in numbered_rows(self._path, self._layout)]
+        if len(rows) != self._row_lines.size:  # which refuses uneven rows
+            raise self._torn(len(rows))
+        try:
+            return tuple(seconds_of_stamps([cells[position] for cells in rows]) for position in positions)
+        except ValueError as error:
+            raise unreadable(self.file, error, "times of day with existing dates") from error
+
+    def _torn(self, found: int) -> InputError:
+        return InputError(
+            "The rows of the file cannot be separated.",
+            expected=f"{self._row_lines.size} rows, one a line",
+            found=f"{found} rows; a quoted cell may hold a line end",
+            where=self.file,
+            remedy="export the data without line ends inside cells",
+        )
+
+    def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         try:
             rows = self._row_lines.size
+            self._refuse_a_summary()
             found = self._plain(positions)
             if found is not None:
                 return found
@@ -81,13 +121,7 @@ class CsvFile(ColumnFile):
         except (ValueError, TypeError, OverflowError) as error:  # pandas.errors.ParserError is a ValueError
             raise self._text_in(positions, error) from error
         if len(frame) != rows:
-            raise InputError(
-                "The rows of the file cannot be separated.",
-                expected=f"{rows} rows, one a line",
-                found=f"{len(frame)} rows; a quoted cell may hold a line end",
-                where=self.file,
-                remedy="export the data without line ends inside cells",
-            )
+            raise self._torn(len(frame))
         return tuple(frame[position].to_numpy() for position in positions)
 
     def locate(self, position: int, row: int) -> str:
@@ -152,6 +186,24 @@ class CsvFile(ColumnFile):
                 **exact,
             )
 
+    def _refuse_a_summary(self) -> None:
+        """Refuse a last row that begins with a word where the others begin with a number ("Mean, 0.1, 0.2")."""
+        with self._path.open("rb") as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(self._layout.offset, size - TAIL_BYTES))
+            tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
+        last = next((line for line in reversed(tail) if line.strip()), "")
+        first, sign = self._first_row[:1], self._layout.decimal
+        word = split_line(last, self._layout.delimiter)[0] if last.strip() else ""
+        if word[:1].isalpha() and word not in _NO_VALUE and first and (is_number(first[0], sign) or is_stamp(first[0])):
+            raise InputError(
+                "The last row of the file is not like the others.",
+                expected=f"rows that begin with a number, as line {self._layout.first_line} does",
+                found=repr(last.strip()[:60]),
+                where=f"{self.file}, line {self._row_lines[-1]}",
+                remedy="remove the lines below the data, such as mean and maximum",
+            )
+
     def _text_in(self, positions: Sequence[int], error: Exception) -> InputError:
         """Find the first cell that the parser refused."""
         sign = self._layout.decimal
@@ -178,7 +230,7 @@ class CsvFile(ColumnFile):
 CSV = Reader(
     name="csv",
     title="text files of columns",
-    endings=(".csv", ".txt", ".dat", ".asc", ".tsv"),
+    endings=(".csv", ".txt", ".dat", ".asc", ".tsv", ".lvm"),
     open=CsvFile,
     plain=True,
 )

@@ -47,7 +47,7 @@ class MatlabFile(ArrayFile):
             usable = columns_of(name, shape) if kind in _NUMERIC else ()
             columns.extend(usable)
             if not usable:
-                refused[name] = f"of shape {shape}" if kind in _NUMERIC else f"a MATLAB {kind} and not a numeric array"
+                refused[name] = f"of shape {shape}" if kind in _NUMERIC else _reason_against(kind)
         self._numbers = {name: math.prod(shape) for name, shape, _ in variables}
         super().__init__(path, columns, refused)
 
@@ -63,6 +63,11 @@ class MatlabFile(ArrayFile):
             if complex_names:
                 raise ValueError(f"{complex_names[0]!r} is complex and not real")
             return tuple(np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns)
+
+
+def _reason_against(kind: str) -> str:
+    way = '; in MATLAB, save("file.mat", "-struct", "name") stores its fields as arrays' if kind == "struct" else ""
+    return f"a MATLAB {kind} and not a numeric array{way}"
 
 
 MATLAB = Reader(name="matlab", title="MATLAB, every version", endings=(".mat",), open=open_matlab_file)
