@@ -70,10 +70,10 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     if b'"' in chunk:
         return _fields_with_quotes(chunk, layout)
     bytes_ = np.frombuffer(chunk, dtype=np.uint8)
+    if layout.delimiter != BLANKS and layout.fields > 1 and (rows := _complete_rows(bytes_, layout)):
+        return np.full(rows, layout.fields)
     ends = np.flatnonzero(bytes_ == _NEWLINE)
     starts = np.concatenate(([0], ends + 1)) if chunk[-1] != _NEWLINE else np.concatenate(([0], ends[:-1] + 1))
-    if layout.delimiter != BLANKS and layout.fields > 1 and _alike(bytes_, starts, layout):
-        return np.full(starts.size, layout.fields)
     ink = bytes_ > _SPACE
     if layout.delimiter == BLANKS:
         begins = ink.copy()
@@ -85,13 +85,14 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     return np.where(filled, counts + 1, 0)
 
 
-def _alike(bytes_: NDArray[np.uint8], starts: NDArray[np.int64], layout: CsvLayout) -> bool:
-    """Whether every line has as many delimiters as the layout says, by their places: quicker than counting by line."""
-    places = np.flatnonzero(bytes_ == ord(layout.delimiter))
-    if places.size != starts.size * (layout.fields - 1):
-        return False
-    rows = places.reshape(starts.size, -1)
-    return bool(np.all(rows[:, 0] >= starts) and np.all(rows[:-1, -1] < starts[1:]))
+def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
+    """Number of lines if each ends with a line end and has as many delimiters as the layout says; else 0."""
+    delimiter = ord(layout.delimiter)
+    marks = bytes_[(bytes_ == delimiter) | (bytes_ == _NEWLINE)]
+    if marks.size % layout.fields or bytes_[-1] != _NEWLINE:
+        return 0
+    rows = marks.reshape(-1, layout.fields)
+    return len(rows) if np.all(rows[:, -1] == _NEWLINE) and np.all(rows[:, :-1] == delimiter) else 0
 
 
 def _fields_with_quotes(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:

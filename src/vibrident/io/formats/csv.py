@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Sequence
 from functools import cached_property
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_few
@@ -157,8 +159,11 @@ class CsvFile(ColumnFile):
             return None
         # Delimiters become blanks, which no cell contains; an empty cell shows in the count.
         text = data.translate(bytes.maketrans(signs, b" ."))
+        with contextlib.suppress(ValueError, OverflowError):  # most are JSON's numbers, which are read in half the time
+            listed = text.strip().translate(bytes.maketrans(b" \n", b",,"))
+            return np.array(from_json(b"[%b]" % listed), dtype=float)  # each is the nearest float, as in pandas
         try:
-            return np.fromstring(text, sep=" ")  # each is the nearest float, as in pandas
+            return np.fromstring(text, sep=" ")  # so here
         except (ValueError, DeprecationWarning):  # not a number: the parser locates it
             return None
 
