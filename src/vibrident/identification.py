@@ -26,6 +26,7 @@ from vibrident.judge import (
 )
 from vibrident.measure.drift import without_drift
 from vibrident.measure.hum import Tones, hum_tones, without_tones
+from vibrident.memory import keep_freed
 from vibrident.models import parse
 from vibrident.problem import Evidence, LineProblem, network_of
 from vibrident.records import Calibration, FloatArray, Record
@@ -76,6 +77,7 @@ def identify(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
+    keep_freed()
     if not isinstance(calibration, Calibration):
         from vibrident.io import read
 

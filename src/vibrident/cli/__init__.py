@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 
 from vibrident.cli.application import app
 from vibrident.cli.console import forgiving_streams
+from vibrident.memory import keep_freed
 from vibrident.workflow.interruption import end_on_signals
 
 __all__ = ["app", "main"]
+
+#: Objects after which the first garbage is looked for: libraries that are loaded make many, and no garbage.
+SELDOM = 50_000
 
 
 def main(page: Callable[..., None] | None = None) -> None:
@@ -17,6 +22,8 @@ def main(page: Callable[..., None] | None = None) -> None:
     Args:
         page: what ``vibrident serve`` calls; None: there is no page.
     """
+    gc.set_threshold(SELDOM)
+    keep_freed()
     end_on_signals()
     forgiving_streams()
     app(obj=page, prog_name="vibrident")

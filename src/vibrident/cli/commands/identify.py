@@ -185,11 +185,12 @@ def _places(files: list[Path], place: Path) -> list[Path]:
 
 def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) -> None:
     from vibrident import terminal
-    from vibrident.present import methods
-    from vibrident.present.terminal import shown
-    from vibrident.present.views import Sentence
 
     if len(results) > 1 and not quiet:
+        from vibrident.present import methods
+        from vibrident.present.terminal import shown
+        from vibrident.present.views import Sentence
+
         out().print(shown(*methods.joint(results[0]), Sentence("")))
     from vibrident.measure.copies import said_of_copies
 
