@@ -27,7 +27,7 @@ from vibrident.judge import (
 from vibrident.measure.drift import without_drift
 from vibrident.measure.hum import Tones, hum_tones, without_tones
 from vibrident.memory import keep_freed
-from vibrident.models import parse
+from vibrident.models import model_of
 from vibrident.problem import Evidence, LineProblem, network_of
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.registry import ESTIMATORS
@@ -113,7 +113,7 @@ def fit(
     progress: Progress,
 ) -> Fitted:
     """Estimate and judge; arguments and errors as :func:`identify`."""
-    sensor_model = parse(model or calibration.model)
+    sensor_model = model_of(calibration, model)
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     estimate, judgement = fitted_and_judged(evidence, chosen, progress)

@@ -138,7 +138,7 @@ class Registry(Generic[T]):
                 expected=" | ".join(self.names()),
                 found=repr(name) if problem is None else f"a plug-in of {_package(self._added[name])}: {problem}",
                 where=self.where,
-                remedy=did_you_mean(name, self.names(), f"choose a {self.kind} from the list")
+                remedy=did_you_mean(name, self.names())
                 if problem is None
                 else "correct, update or uninstall that package",
             )

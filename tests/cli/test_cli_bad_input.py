@@ -39,6 +39,10 @@ def edit_record(calibration: Path, line: int, change) -> None:
     file.write_text("".join(lines))
 
 
+def unknown_model(file):
+    edit(file, '"accelerometer"', '"accelerometr"')
+
+
 def missing_record(file):
     file.with_name(RECORD).unlink()
 
@@ -95,6 +99,7 @@ def invalid_toml(file):
 
 
 SPOILED = {
+    unknown_model: ["calibration.toml, [sensor] model", "did you mean 'accelerometer'?"],
     missing_record: [RECORD],
     missing_column: ["respons", RECORD],
     repeated_column: ["response", RECORD],

@@ -1,5 +1,6 @@
 """The command as a shell sees it: a process with streams, an environment and signals."""
 
+import json
 import os
 import signal
 import subprocess
@@ -45,6 +46,27 @@ def test_redirected_output_is_plain_text_and_names_of_the_folder_are_no_modules(
     assert b"\x1b" not in done.stdout
     assert "mV/(m/s²)" in done.stdout.decode()
     assert (tmp_path / "out" / "signals.png").is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closed as a shell of POSIX closes them")
+def test_closed_streams_change_no_exit_code(tmp_path):
+    command = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *VIBRIDENT, "identify", str(tmp_path / "none.toml")]
+    assert subprocess.run(command, check=False).returncode == 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of any bytes as Linux has them")
+def test_names_that_are_no_utf_8_give_a_result_that_is(run, calibration, tmp_path):
+    folder = Path(os.fsdecode(os.fsencode(calibration.parent) + b"-f\xfcr"))
+    calibration.parent.rename(folder)
+    (folder / "100_Hz.csv").rename(os.fsdecode(os.fsencode(folder) + b"/M\xfcller.csv"))
+    file = folder / calibration.name
+    text = file.read_text("utf-8").partition("[[records]]")[0]
+    file.write_text(text + '[[records]]\nfile = "*.csv"\nexcitation = "sine"\n', "utf-8")
+    for command in ("identify", "compare"):
+        done = run(command, file, "--out", tmp_path / command)
+        assert done.exit_code == 0, done.output
+    document = json.loads((tmp_path / "identify" / "result.json").read_text("utf-8"))
+    assert "M?ller.csv" in document["measured"]["record"]
 
 
 def test_an_ascii_terminal_gets_question_marks(identified, made, tmp_path):

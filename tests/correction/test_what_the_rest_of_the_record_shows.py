@@ -82,7 +82,7 @@ def test_a_ring_down_that_meets_the_last_sample_is_covered_and_said():
 
 def test_clean_sines_raise_no_warning_of_the_arithmetic():
     values = SENSORS["accelerometer"][0]
-    for frequency in (20.0, 160.0, 1000.0):
+    for frequency in (20.0, 160.0, 1000.0, 3000.0):
         made = simulate(("accelerometer", values), Sine(frequency, 1.0), sampling_rate_hz=20e3, samples=2000)
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -264,12 +264,12 @@ def test_names_units_and_order_of_parameters():
     [
         ("acelerometer", "sensor model 'acelerometer'", "did you mean 'accelerometer'?"),
         ("velocity_pickup", "sensor model", "did you mean 'velocity-pickup'?"),
-        ("", "sensor model ''", "choose a sensor model"),
-        ("delay", "sensor model 'delay'", "choose a sensor model"),
+        ("", "sensor model ''", "choose one of the expected"),
+        ("delay", "sensor model 'delay'", "choose one of the expected"),
         ("accelerometer+dealy", "add-on 'dealy'", "did you mean 'delay'?"),
-        ("accelerometer+", "add-on ''", "choose a"),
+        ("accelerometer+", "add-on ''", "choose one of the expected"),
         ("accelerometer+delay+delay", "named twice", "leave one 'delay' out"),
-        ("accelerometer+velocity-pickup", "add-on", "choose a"),
+        ("accelerometer+velocity-pickup", "add-on", "choose one of the expected"),
     ],
 )
 def test_refused_names_say_what_and_what_instead(name, says, remedy):

@@ -15,7 +15,7 @@ from vibrident.models import parse
 from vibrident.planning import Recording
 from vibrident.planning.design import best_points, best_weights, efficiency, loss
 from vibrident.problem import Evidence
-from vibrident.records import ResponseTable
+from vibrident.records import ResponseTable, SystematicEffect
 from vibrident.simulation import SENSORS, one_third_octave, simulate, with_noise
 
 PAPER = dict(SENSORS["paper"].parameters)
@@ -109,6 +109,24 @@ def test_a_planned_table_is_exact() -> None:
         assert four.parameters[name].standard_uncertainty == pytest.approx(
             0.5 * alike.parameters[name].standard_uncertainty, rel=1e-9
         )
+
+
+def test_a_plan_from_a_result_keeps_what_more_data_do_not_reduce() -> None:
+    """Gains common to all points are stated as in the result, however many points and however long the records."""
+    made = simulate("paper", "sine", frequencies_hz=BAND, sampling_rate_hz=25600.0, samples=2000, response_noise=1e-3)
+    gain, timing = SystematicEffect("amplifier", "gain", 0.006), SystematicEffect("cable", "timing", 1e-7)
+    found = vibrident.identify(replace(made, reference_standard_uncertainty=0.008, effects=(gain, timing)))
+    for longer in (1.0, 100.0):
+        planned = vibrident.plan(found, times_as_long=longer)
+        assert planned.parameters["sensitivity"].standard_uncertainty == pytest.approx(
+            found.parameters["sensitivity"].standard_uncertainty, rel=0.01
+        )
+        assert "leaves out systematic effects of the calibration: cable." in planned.warnings[-1]
+    without = vibrident.plan(found, reference_uncertainty=0.0)
+    noise = found.settings["uncertainty_budget"][0]["contributions"]
+    for name, u in noise.items():
+        if not found.parameters[name].derived:
+            assert without.parameters[name].standard_uncertainty == pytest.approx(u, rel=0.3)
 
 
 def u_of(plan: object) -> np.ndarray:

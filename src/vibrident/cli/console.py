@@ -6,7 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.escaping import terminal
@@ -21,10 +21,15 @@ LEAST_WIDTH = 80
 
 
 def forgiving_streams() -> None:
-    """Print ``?`` for a character that the terminal's encoding lacks."""
+    """Print ``?`` for a character that the terminal's encoding lacks, and nothing to a closed stream."""
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()  # None: closed by the caller
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+def _nowhere() -> TextIO:
+    return open(os.devnull, "w", encoding="utf-8")
 
 
 def out() -> Console:

@@ -190,7 +190,7 @@ def _with_envelope(
     silent = np.flatnonzero(beyond)[1:]
     if silent.size and level > 0:
         slope = float(np.clip(np.max(np.log(level / limit[silent]) / x[silent]), slope, STEEPEST))
-    envelope = np.exp(np.maximum(np.log(max(level, 1e-300)) - slope * x, -690.0))
+    envelope = np.exp(np.maximum(np.log(max(level, 1e-300)) - slope * np.maximum(x, 0.0), -690.0))
     return np.where(beyond, envelope, acceleration), slope
 
 

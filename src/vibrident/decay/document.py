@@ -20,7 +20,7 @@ from vibrident import __version__
 from vibrident.decay.examine import Change, Decays, drifts, examine, motion_of
 from vibrident.errors import InputError, ModelError
 from vibrident.measure.quality import Finding, screen
-from vibrident.models import CORES, SensorModel, parse
+from vibrident.models import CORES, SensorModel, model_of
 from vibrident.models.oscillator import OSCILLATOR as NAMES
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.result import (
@@ -59,7 +59,7 @@ def identify_decays(calibration: Calibration, model: str | None = None, *, infla
         InputError: no record can be used, or the model has further parameters, which a decay does not determine.
     """
     begin = time.perf_counter()
-    sensor = parse(model or calibration.model)
+    sensor = model_of(calibration, model)
     require_one_oscillator(sensor)
     records, findings = screen(calibration.records)
     decays = examine(records)

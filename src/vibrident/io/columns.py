@@ -233,8 +233,8 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 def unreadable(file: str, error: BaseException, expected: str) -> InputError:
     """Return the InputError for a file that the system or a format library refuses."""
     reasons: dict[type[BaseException], tuple[str, str]] = {
-        FileNotFoundError: ("no file of that name", "check the path; relative paths start at the calibration file"),
-        IsADirectoryError: ("a folder", "name a file, or a glob such as 'folder/*.csv'"),
+        FileNotFoundError: ("no file of that name", "check the path; paths in a calibration file start at its folder"),
+        IsADirectoryError: ("a folder", "name a file in it; of data files also a glob such as 'folder/*.csv'"),
         PermissionError: ("a file that may not be read", "ask for the right to read it"),
     }
     if isinstance(error, MemoryError):

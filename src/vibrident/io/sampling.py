@@ -82,13 +82,14 @@ def cut(samples: int, rate_hz: float, start_s: float | None, stop_s: float | Non
     Raises:
         InputError: nothing is left.
     """
+    stated = {"start_s": start_s, "stop_s": stop_s}
     first = 0 if start_s is None else math.ceil(start_s * rate_hz - _ROUNDING_SAMPLES)
     last = samples if stop_s is None else min(samples, math.ceil(stop_s * rate_hz - _ROUNDING_SAMPLES))
     if first >= last:
         raise InputError(
             "The part of the record is empty.",
             expected=f"start_s and stop_s within 0 to {samples / rate_hz:.6g} s, counted from the first sample",
-            found=f"start_s = {start_s!r}, stop_s = {stop_s!r}",
+            found=", ".join(f"{key} = {value:g}" for key, value in stated.items() if value is not None),
             where=where,
             remedy="correct start_s and stop_s",
         )

@@ -49,7 +49,7 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
             expected="TOML: [section], key = value, text in quotes",
             found=str(error),
             where=f"{path}, line {line.group(1)}" if line else f"{path}, end of the file",
-            remedy="correct that line",
+            remedy="correct that line" if path.suffix.lower() == ".toml" else f"name a {what} file (.toml)",
         ) from error
 
 

@@ -13,7 +13,7 @@ from vibrident.decay.examine import Decays, at_values, examine
 from vibrident.errors import InputError
 from vibrident.joint.sharing import Joint, Place
 from vibrident.measure import Finding, screen
-from vibrident.models import SensorModel, parse
+from vibrident.models import SensorModel, model_of
 from vibrident.problem import Coordinates, Local
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.result import Parameter, Result, ResultWarning
@@ -47,7 +47,7 @@ class FreeDecays:
         Raises:
             InputError: no record can be used, or the model has parameters that a decay does not determine.
         """
-        sensor = parse(model or calibration.model)
+        sensor = model_of(calibration, model)
         require_one_oscillator(sensor)
         records, findings = screen(calibration.records)
         return cls(calibration, sensor, tuple(records), tuple(findings), examine(records), inflate)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from vibrident.errors import ModelError, did_you_mean
 from vibrident.models.base import AddOn, Core, Derived, ParameterSpec, Rational, SensorModel
+from vibrident.records import Calibration
 from vibrident.registry import MODELS
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "Rational",
     "SensorModel",
     "installed",
+    "model_of",
     "parse",
 ]
 
@@ -91,6 +93,20 @@ def parse(name: str) -> SensorModel:
     return model
 
 
+def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
+    """The model that ``name`` says; without one that of the calibration.
+
+    Raises:
+        ModelError: as :func:`parse`; it names the calibration file where the name stands there.
+    """
+    if name is not None:
+        return parse(name)
+    try:
+        return parse(calibration.model)
+    except ModelError as error:
+        raise (error.at(f"{calibration.source}, [sensor] model") if calibration.source else error) from None
+
+
 def installed(name: str) -> SensorModel | None:
     """The model of this name; None if a part of it is not installed, or two parts cannot be combined."""
     try:
@@ -133,5 +149,5 @@ def _unknown(kind: str, part: str, table: Mapping[str, Core] | Mapping[str, AddO
         expected=" | ".join(table),
         found=repr(name),
         where="model",
-        remedy=did_you_mean(part, table, f"choose a {kind} from the list"),
+        remedy=did_you_mean(part, table),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -80,7 +80,7 @@ def plan(
     phase_uncertainty_rad: float | Sequence[float] | None = None,
     times_as_long: float = 1.0,
     quantity: Quantity | None = None,
-    reference_uncertainty: float = 0.0,
+    reference_uncertainty: float | None = None,
     response_unit: str = "V",
     best: int | None = None,
     criterion: Criterion = "D",
@@ -102,7 +102,7 @@ def plan(
         phase_uncertainty_rad: standard uncertainty of a tabulated phase; None: no phase is measured.
         times_as_long: with a result's own points: factor of the records' length.
         quantity: of the reference; None takes the result's, or acceleration.
-        reference_uncertainty: relative, systematic: the calibration of the reference.
+        reference_uncertainty: relative, systematic: the calibration of the reference; None takes the result's gains.
         response_unit: for a model; a result has its own.
         best: choose so many frequencies; None: measure all.
         criterion: ``D`` (smallest ellipsoid of all parameters) or ``A`` (smallest sum of squared relative
@@ -133,7 +133,9 @@ def plan(
         raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
     _enough(points, best if best is not None else frequency.size, repeats=repeats, chosen=best is not None)
     unit = source.response_unit if source is not None else response_unit
-    return _plan(points, reference_uncertainty, unit, source, best, criterion, repeats)
+    systematic, findings = _systematic(source) if reference_uncertainty is None else (reference_uncertainty, ())
+    points = replace(points, findings=points.findings + findings)
+    return _plan(points, systematic, unit, source, best, criterion, repeats)
 
 
 def _plan(
@@ -179,6 +181,15 @@ def _plan(
         spread,
         _deviations(points, np.ones(count, dtype=int), reference_uncertainty),
     )
+
+
+def _systematic(source: Result | None) -> tuple[float, tuple[str, ...]]:
+    """Relative standard uncertainty of a result's gains, common to all points, and which other effects it states."""
+    rows = [] if source is None else source.settings.get("uncertainty_budget", ())
+    gains = [row["standard_uncertainty"] for row in rows if row["kind"] == "gain"]
+    others = [row["source"] for row in rows if row["type"] == "B" and row["kind"] != "gain"]
+    said = (f"The plan leaves out systematic effects of the calibration: {', '.join(others)}.",) if others else ()
+    return float(np.linalg.norm(gains)), said
 
 
 def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, float]:
@@ -294,12 +305,14 @@ def _points(
 
 
 def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[FloatArray, FloatArray | None]:
-    """Uncertainties of a result's own points, smoothed, interpolated and scaled to the records' length."""
+    """Noise of a result's own points, smoothed, interpolated and scaled to the records' length."""
     measured = source.measured
     order = np.argsort(measured.frequency_hz, kind="stable")
     f = np.log(measured.frequency_hz[order])
-    u = (measured.magnitude_uncertainty / measured.magnitude)[order]
-    u_phase = measured.phase_deg_uncertainty[order]
+    noise, phase_noise = measured.magnitude_noise, measured.phase_deg_noise
+    apart = np.isfinite(noise).any()  # else an older result, or a table
+    u = ((noise if apart else measured.magnitude_uncertainty) / measured.magnitude)[order]
+    u_phase = (phase_noise if apart else measured.phase_deg_uncertainty)[order]
 
     def at(values: FloatArray) -> FloatArray:
         good = np.isfinite(values) & (values > 0)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from vibrident.naming import Scale, parameter_name, pretty, scaled
-from vibrident.present.numbers import NONE, plain
+from vibrident.present.numbers import NONE, plain, uncertainty
 from vibrident.present.views import Column, Table, columns
 from vibrident.result import Parameter, Result
 
@@ -53,7 +53,7 @@ def _scale(parameter: Parameter) -> Scale:
 
 
 def _size(value: float | None, scale: Scale) -> str:
-    return plain(scale.times(value), 2)
+    return uncertainty(scale.times(value))
 
 
 def _stated(row: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from vibrident.comparison import criteria, recommendation
 from vibrident.naming import Scale, parameter_name, pretty, scaled
 from vibrident.nominal import Nominal
 from vibrident.present import words
-from vibrident.present.numbers import NONE, concise, fit_unit, percent, plain, sensitivity_scale, stated
+from vibrident.present.numbers import NONE, concise, fit_unit, percent, plain, sensitivity_scale, stated, uncertainty
 from vibrident.present.points import sensitivity_at
 from vibrident.present.views import Column, Sentence, Table, columns
 from vibrident.present.weights import weight_rows
@@ -177,8 +177,10 @@ def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_c
         curve += _against(f"|S| at {frequency:g} Hz", sensitivity_scale(results[0]), true, pairs)
     weights = []
     for row in weight_rows(results[-1].weights, digits=3):
-        for i, line in enumerate(line for numbers in row.numbers for line in _by_two(numbers)):
-            weights.append((f"{row.name} {row.layer}" * (i == 0), "", "", *("" for _ in called[:-1]), line))
+        for number, numbers in enumerate(row.numbers, 1):
+            name = f"{row.name} {row.layer}" + f", row {number}" * (len(row.numbers) > 1)
+            lines = _by_two(numbers)
+            weights += [(name * (line is lines[0]), "", "", *("" for _ in called[:-1]), line) for line in lines]
     groups = {len(values): "the curve:"}
     groups |= {len(values) + len(curve): "its weights (Table 1):"} if weights else {}
     heads = (*columns("parameter", "unit"), *columns("true", *called, kind="number"))
@@ -206,9 +208,9 @@ def planned(plan: Plan) -> Table:
     for name, parameter in plan.parameters.items():
         number, scale = stated(parameter), scaled(parameter.unit, abs(parameter.value))
         u = parameter.standard_uncertainty
-        share = NONE if u is None or not parameter.value else f"{plain(100 * abs(u / parameter.value), 2)} %"
+        share = NONE if u is None or not parameter.value else f"{uncertainty(100 * abs(u / parameter.value))} %"
         others = (plan.spread, plan.all_points) if chosen else ()
-        more = (plain(other[name] * scale.factor, 2) if name in other else NONE for other in others)
+        more = (uncertainty(other[name] * scale.factor) if name in other else NONE for other in others)
         rows.append((parameter_name(name).words, number.value, number.standard, number.unit, share, *more))
     heads = (*columns("value", "u", kind="number"), Column("unit"), Column("u / value", "number"))
     heads += columns("u, evenly spread", "u, all", kind="number") if chosen else ()

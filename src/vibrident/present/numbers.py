@@ -116,6 +116,11 @@ def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
     return f"{head}e{int(power)}" if power else "0" if float(text) == 0 else text
 
 
+def uncertainty(u: float | None) -> str:
+    """An uncertainty alone: two significant digits, zeros kept."""
+    return pair(u, u)[0]
+
+
 def concise(value: float | None, uncertainty: float | None) -> str:
     """Value with its standard uncertainty in the last digits, GUM 7.2.2: ``104.01(11)``; the value alone without u."""
     text, u = pair(value, uncertainty)

@@ -24,6 +24,7 @@ from vibrident.present.numbers import (
     plain,
     reference_unit,
     stated,
+    uncertainty,
     unit_of_sensitivity,
     with_u,
 )
@@ -212,7 +213,7 @@ _APART = (
 
 
 def _expanded(u: float | None, factor: float) -> str:
-    return NONE if u is None else plain(COVERAGE_FACTOR * u * factor, 2)
+    return NONE if u is None else uncertainty(COVERAGE_FACTOR * u * factor)
 
 
 def _en(deviation: float | None, u: float | None) -> str:
@@ -236,8 +237,10 @@ def training(result: Result) -> str:
     run = result.training
     if run is None:
         return ""
-    losses = [loss for loss in run.loss if loss is not None]
+    last = run.weighting_changes[-1] if run.weighting_changes else 0  # losses of other weights are not alike
+    losses = [loss for loss in run.loss[last:] if loss is not None]
     ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
+    ran += f" with the last weights, from iteration {last + 1} on" if losses and last else ""
     return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
 
 

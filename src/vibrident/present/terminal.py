@@ -82,7 +82,7 @@ def _doubt(doubt: Doubt) -> Iterator[Any]:
     yield Text.assemble(("Warning: ", "bold yellow"), (terminal(doubt.title), "bold"), f" ({terminal(doubt.code)})")
     body = [literal(message) for message in doubt.messages]
     body.append(Text.assemble(("To do: ", "bold"), terminal(doubt.action.replace("`", ""))))
-    yield from (Padding(text, (0, 0, 0, 2)) for text in body)
+    yield from (Padding(text, (0, 0, 0, 2), expand=False) for text in body)
 
 
 def _table(table: Table, width: int) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -53,6 +54,12 @@ def plain(value: Any) -> Any:
         return value.isoformat()
     number = float(value)
     return number if math.isfinite(number) else None
+
+
+def json_text(document: Any) -> str:
+    """A document as JSON, RFC 8259: no NaN, no Infinity; ``?`` for a byte of a file's name that is no UTF-8."""
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return text.encode(errors="replace").decode()
 
 
 def refuse_constant(name: str) -> float:

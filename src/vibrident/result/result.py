@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.errors import InputError
 from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
-from vibrident.result.plain import SCHEMA, damaged, measured_part, plain, refuse_constant, with_numbers
+from vibrident.result.plain import SCHEMA, damaged, json_text, measured_part, plain, refuse_constant, with_numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -163,7 +163,7 @@ class Result:
 
     def to_json(self) -> str:
         """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        return json_text(self.to_dict())
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write ``result.json`` at ``path``, whole or not at all; return the path."""
@@ -240,7 +240,7 @@ class Result:
             raise InputError(
                 "The result file cannot be read.",
                 expected="a JSON file written by `vibrident identify`",
-                found=str(error),
+                found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
                 where=str(path),
                 remedy="check the path",
             ) from error

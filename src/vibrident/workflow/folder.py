@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 from collections.abc import Iterator
@@ -73,7 +72,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
             "The output cannot be written.",
             expected="a folder that can be written, with room for the files",
             found=f"{type(error).__name__}: {error.strerror or error}",
-            where=str(error.filename or target),
+            where=str(target),
             remedy="give another --out, or make room",
         ) from error
     finally:
@@ -81,13 +80,10 @@ def written_whole(target: Path) -> Iterator[Folder]:
     folder.files.sort(key=lambda file: (file.name != _LAST, file))
 
 
-def json_text(document: Any) -> str:
-    """A document as JSON, RFC 8259: no NaN, no Infinity."""
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
 def write_json(path: Path, document: Any) -> None:
     """Write a document as JSON."""
+    from vibrident.result.plain import json_text
+
     path.write_text(json_text(document), encoding="utf-8")
 
 

@@ -63,7 +63,6 @@ def correct(
 def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:
     from vibrident import terminal
     from vibrident.naming import pretty
-    from vibrident.present.views import count
 
     unit = pretty(document["unit"])
     rows = []
@@ -75,18 +74,13 @@ def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -
                 "band / Hz": f"{band['low_hz']:.4g} to {band['high_hz']:.4g}",
                 f"peak / {unit}": None if peak is None else peak["value"],
                 "95 % interval": None if peak is None else _interval(peak),
-                "u / peak": None if peak is None else f"{100 * _ratio(peak):.2g} %",
+                "u / peak": None if peak is None else _share(peak),
                 f"rmse / {unit}": None if reference is None else reference["rmse"],
             }
         )
     console = out()
     console.print(terminal.inspection_table(rows, f"Restored {motion}"))
-    written = [
-        folder / "correction.json",
-        folder / count(len(rows), "CSV file"),
-        *([folder / "correction.png"] if drawn else []),
-    ]
-    wrote(written)
+    wrote([folder / "correction.json", folder / "*.csv", *([folder / "correction.png"] if drawn else [])])
 
 
 def _interval(peak: dict[str, Any]) -> str:
@@ -96,5 +90,8 @@ def _interval(peak: dict[str, Any]) -> str:
     return " … ".join(pair(end, peak["standard_uncertainty"])[0] for end in peak["interval_95"])
 
 
-def _ratio(peak: dict[str, Any]) -> float:
-    return abs(peak["standard_uncertainty"] / peak["value"]) if peak["value"] else float("inf")
+def _share(peak: dict[str, Any]) -> str:
+    from vibrident.present.numbers import NONE, uncertainty
+
+    value = peak["value"]
+    return f"{uncertainty(100 * abs(peak['standard_uncertainty'] / value))} %" if value else NONE

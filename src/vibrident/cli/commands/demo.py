@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,10 +27,9 @@ def demo(
     """Simulate a calibration, identify the sensor, compare with the truth, write a report."""
     with written_whole(folder) as output:
         _steps(output.path, folder)
+    file, truth = (shlex.quote(str(folder / name)) for name in ("calibration.toml", "truth.json"))
     out().print(
-        f"\nNext: vibrident inspect {folder}/calibration.toml\n"
-        f"      vibrident compare {folder}/calibration.toml --truth {folder}/truth.json\n"
-        "      vibrident --help",
+        f"\nNext: vibrident inspect {file}\n      vibrident compare {file} --truth {truth}\n      vibrident --help",
         soft_wrap=True,
     )
 
@@ -39,7 +39,7 @@ def _steps(place: Path, folder: Path) -> None:
     from vibrident.cli.drawing import painter
     from vibrident.cli.progress import Busy
 
-    console = out()
+    console, file = out(), shlex.quote(str(folder / "calibration.toml"))
     with painter() as artist:
         _say(
             "1  A calibration",
@@ -52,7 +52,7 @@ def _steps(place: Path, folder: Path) -> None:
             write_demo(place)
         _say(
             "2  The identification",
-            "The same as: vibrident identify calibration.toml",
+            f"The same as: vibrident identify {file}",
             "Look at: u, the standard uncertainty of each value, and the verdict on the fit.",
         )
         with Busy("Identifying") as progress:
@@ -65,7 +65,7 @@ def _steps(place: Path, folder: Path) -> None:
         console.print(terminal.summary(result))
         _say(
             "3  The paper's network beside it, and the truth",
-            "The same as: vibrident identify calibration.toml --estimator ipnn --weights",
+            f"The same as: vibrident identify {file} --estimator ipnn --weights",
             "A simulation knows the truth. About two values in three lie within 1 u of it, 95 in 100 within 2 u. The "
             "network's weights are the physics: its curve is that of a sensor with the parameters above it.",
         )
@@ -105,9 +105,9 @@ def _finish(place: Path, folder: Path, result: Result, network: Result, artist: 
         if (curves := beside([result, network], [result.estimator, network.estimator])) is not None:
             plots.save(curves, place / "network.png")
     (place / "report.md").write_text(render(result, pictures=place), encoding="utf-8")
-    records = sorted(file.name for file in place.glob("*.csv"))
+    records = result.measured.record
     said = {
-        "calibration.toml": f"what the columns of the {len(records)} records mean: {records[0]} … {records[-1]}",
+        "calibration.toml": f"what the columns of the {len(records)} CSV files mean: {records[0]} … {records[-1]}",
         "truth.json": "the simulated sensor's parameters",
         "result.json": "every number of step 2 and the curves; all else is made from it",
         "report.md": "a report with these pictures:",
@@ -129,4 +129,4 @@ def _say(title: str, *lines: str) -> None:
     console = out()
     console.print(f"\n{title}", style="bold")
     for line in lines:
-        console.print(Padding(printable(line), (0, 0, 0, 3)))
+        console.print(Padding(printable(line), (0, 0, 0, 3), expand=False))

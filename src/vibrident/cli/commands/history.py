@@ -14,7 +14,7 @@ from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.history_options import question, read_date, read_tolerance
 from vibrident.cli.options import ResultFiles, argument, between, choice, one_of, option
 from vibrident.errors import InputError
-from vibrident.workflow.folder import json_text, write_json, written_whole
+from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
 
 if TYPE_CHECKING:
@@ -266,6 +266,8 @@ def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]
     from vibrident.present.terminal import shown
 
     if form == "json":
+        from vibrident.result.plain import json_text
+
         typer.echo(json_text(content), nl=False)
     else:
         out().print(shown(*blocks()))

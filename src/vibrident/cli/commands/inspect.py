@@ -75,7 +75,7 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
         console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
         for finding in findings:
             if finding.code == code:
-                console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2)))
+                console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2), expand=False))
     if not findings and calibration.records:
         console.print("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
     wrote(files)

@@ -74,7 +74,8 @@ _Magnitude = Annotated[
 _Phase = Annotated[float | None, option("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", panel=_POINTS)]
 _Longer = Annotated[float, option("--times-as-long", "X", "With --from alone: records X times as long.", panel=_POINTS)]
 _Systematic = Annotated[
-    float, option("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", panel=_POINTS)
+    float | None,
+    option("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", "the result's", _POINTS),
 ]
 _Best = Annotated[int | None, option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all")]
 _Criterion = Annotated[
@@ -112,7 +113,7 @@ def plan(
     magnitude_uncertainty: _Magnitude = None,
     phase_uncertainty: _Phase = None,
     longer: _Longer = 1.0,
-    reference_uncertainty: _Systematic = 0.0,
+    reference_uncertainty: _Systematic = None,
     best: _Best = None,
     criterion: _Criterion = "D",
     repeats: _Repeats = False,

@@ -52,7 +52,6 @@ def predict(
 
 def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> None:
     from vibrident import terminal
-    from vibrident.present.views import count
 
     unit = document["unit"]
     rows = [
@@ -69,4 +68,4 @@ def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> N
     console.print(terminal.inspection_table(rows, "Predicted response"))
     if predictions.rmse is not None:
         console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
-    wrote([folder / "prediction.json", folder / count(len(rows), "CSV file")])
+    wrote([folder / "prediction.json", folder / "*.csv"])
