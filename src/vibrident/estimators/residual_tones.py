@@ -108,7 +108,8 @@ def _cleaned(
                 record = replace(record, response=residual, valid=used)
         records.append(record)
         cleaned.append(reached)
-    tones = measure_tones(records, plain.frequency_hz.tolist(), poles)
+    measured = [evidence.records[index] for index in plain.record]
+    tones = measure_tones(records, plain.frequency_hz.tolist(), poles, measured)
     share = np.where(cleaned, 1.0, 0.0)
     model, quantity = evidence.model, evidence.quantity
     power = [np.var(r.response[r.mask]) if reached else 0.0 for r, reached in zip(records, cleaned, strict=True)]

@@ -311,9 +311,19 @@ def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
     peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
     peak = {DEAD: -abs(peak), SPRING: abs(peak)}.get(kind, peak)  # beyond the resonance a spring's bend changes sign
     gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
-    if size_of_rest < STEPS * converter_step(one.record.response):
+    if size_of_rest < STEPS * _step_in_response(one):
         return None
     return Distortion(kind, one.record.name, peak, gain, float(np.sqrt(2.0 * strength[least])))
+
+
+def _step_in_response(one: _Series) -> float:
+    """The larger step of both channels' converters; of the reference's, what the sensor makes of it."""
+    record, motion = one.record, one.motions[0]
+    own = converter_step(record.response)
+    if record.reference is None:
+        return own
+    gain = float(np.std(motion[one.used])) / max(float(np.std(record.reference[one.used])), TINY)
+    return max(own, gain * converter_step(record.reference))
 
 
 def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tuple[complex, float, float]]:

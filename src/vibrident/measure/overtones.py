@@ -13,7 +13,7 @@ from numpy import fft
 
 from vibrident.measure.lines import about_mean, power_of
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.rounding import DITHERED, converter_step, rounding_errors
+from vibrident.measure.rounding import DITHERED, FEW, converter_step, repeated_errors, rounding_errors
 from vibrident.measure.tones import hann, turning
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
@@ -111,6 +111,9 @@ def _by_response_steps(
     step = converter_step(record.response, record.mask)
     if step == 0.0 or float(np.std(residual[used])) > DITHERED * step:
         return 0.0
+    number, _ = repeated_errors(record.response, used, frequency / record.sampling_rate_hz)
+    if 0 < number < FEW:
+        return np.full(highest, step**2 / 6.0 / number)
     errors = rounding_errors(np.where(used, series, 0.0), used, step, float(record.response[used][0]))
     made = [_harmonics(e, used, frequency, record.sampling_rate_hz, highest)[0] for e in errors]
     return np.mean(np.abs(made) ** 2, axis=0) / 2.0

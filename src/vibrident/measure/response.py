@@ -36,6 +36,8 @@ class MeasuredResponse:
         degrees_of_freedom: of each variance estimate, shape (n,).
         record: index of the record of each point, shape (n,).
         distortion: harmonic distortion of both channels, (n, 2): rms of harmonics 2… over the fundamental.
+        rounding: variance of the real part of X and of Y by a converter's errors that return from period to period, so
+            that no line shows them, shape (n, 2); None for none.
     """
 
     frequency_hz: FloatArray
@@ -48,6 +50,7 @@ class MeasuredResponse:
     degrees_of_freedom: FloatArray
     record: NDArray[np.int64]
     distortion: FloatArray
+    rounding: FloatArray | None = None
 
     @property
     def points(self) -> int:
@@ -75,6 +78,9 @@ class MeasuredResponse:
             lines = (self.line_reference, self.line_response)
             apart, holds = levels_apart(lines, h, model(self.frequency_hz), ratio, self.line_weight)
             variance = np.where(holds, apart, variance)
+        if self.rounding is not None:
+            through = self.ratio if model is None else model(self.frequency_hz)
+            variance = variance + self.rounding[:, 1] + np.abs(through) ** 2 * self.rounding[:, 0]
         floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
 
@@ -97,4 +103,5 @@ class MeasuredResponse:
             np.concatenate([p.degrees_of_freedom for p in parts]),
             np.concatenate([p.record for p in parts]),
             np.concatenate([p.distortion for p in parts]),
+            np.concatenate([np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in parts]),
         )

@@ -30,6 +30,16 @@ FEWEST = 3
 FIRST = 32
 #: Largest number of steps in the smallest difference of two values.
 STEPS_APART = 4
+#: A motion in step with the sampling shows so few values …
+FEW = 64
+#: … that many steps may lie between any two: at most so many, on a grid to this part of a step.
+MOST_APART, ON_FINE_GRID = 4000, 1e-3
+#: The values of a motion in step with the sampling return at least so often.
+REPEATS = 8
+#: Samples of the longest period in which it returns.
+LONGEST_PERIOD = 4096
+#: A sine is in step if it moves no sample by this part of a step over the record.
+DRIFTED = 0.5
 
 
 def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
@@ -45,12 +55,64 @@ def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
     if some.size < FEWEST:
         return 0.0
     gaps = np.diff(some)
-    least = float(np.min(gaps[gaps > SAME * (some[-1] - some[0])]))
+    apart = gaps > SAME * (some[-1] - some[0])
+    least = float(np.min(gaps[apart]))
+    if np.sum(apart) < FEW:
+        return _step_between_few(some[np.concatenate([[True], apart])], least)
     few = some[:: max(1, some.size // FIRST)]
     for parts in range(1, STEPS_APART + 1):
         if all(_on_grid(values, some[0], parts / least) for values in (few, some)):
             return least / parts
     return 0.0
+
+
+def _step_between_few(values: FloatArray, least: float) -> float:
+    """The step of a grid through a few values that rise, ``least`` apart or more; zero where there is none."""
+    if values.size < FEWEST:
+        return 0.0
+    place = np.arange(1.0, MOST_APART + 1.0)[:, None] * ((values - values[0]) / least)
+    off = np.max(np.abs(place - np.rint(place)), axis=1)
+    parts = 1 + np.flatnonzero((off < ON_FINE_GRID) | ((off < ON_GRID) & (np.arange(MOST_APART) < STEPS_APART)))
+    return least / float(parts[0]) if parts.size else 0.0
+
+
+def repeated_errors(values: FloatArray, used: BoolArray, turns: float) -> tuple[int, float]:
+    """Number of different rounding errors of a sine in step with the sampling, and the step; zeros for others.
+
+    A few samples a period, always at the same phases, are rounded in the same way from period to period: as many
+    errors are left as there are distances from the mean, and no longer record has a smaller one.
+
+    Args:
+        values: a channel, shape (samples,).
+        used: samples that count, shape (samples,).
+        turns: of the sine from sample to sample.
+    """
+    seen, period = values[used], np.arange(1, min(LONGEST_PERIOD, max(values.size // REPEATS, 1)) + 1)
+    span = float(np.ptp(seen)) if seen.size else 0.0
+    drift = np.abs(period * turns - np.rint(period * turns)) * values.size / period
+    if seen.size < REPEATS * FEWEST or span == 0.0 or np.min(drift) > 1.0:
+        return 0, 0.0
+    step = converter_step(values, used)
+    period = period[np.pi * span * drift < DRIFTED * step]
+    if step == 0.0 or not period.size:
+        return 0, 0.0
+    whole = int(period[0])
+    number = whole if whole % 2 else max(whole // 2, 1)  # the halves of a period are rounded alike
+    if whole > FEW:
+        return number, step
+    levels = np.unique(np.rint(np.abs(seen - np.mean(seen)) / (0.5 * step)))
+    return min(1 + int(np.sum(np.diff(levels) > 1.5)), number), step  # noise may reach the neighbouring code
+
+
+def undithered(step: float, residual_variance: float) -> float:
+    """Part of the variance of rounding errors that noise leaves coherent with the motion (Widrow & Kollár 2008).
+
+    Args:
+        step: of the converter.
+        residual_variance: noise and rounding errors together.
+    """
+    noise = max(residual_variance - step**2 / 12.0, 0.0)
+    return float(np.exp(-((2.0 * np.pi) ** 2) * noise / step**2))
 
 
 def _on_grid(values: FloatArray, origin: float, rate: float) -> bool:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vibrident.information import inverse_where_shown
 from vibrident.measure.lines import MOST_KEPT, about_mean, fast_length, waves
 from vibrident.measure.response import ComplexArray, MeasuredResponse
+from vibrident.measure.rounding import repeated_errors, undithered
 from vibrident.records import FloatArray, Record
 
 HARMONICS = 5
@@ -47,6 +48,7 @@ def measure_tones(
     records: Sequence[Record],
     frequencies_hz: Sequence[float] | None = None,
     poles: ComplexArray | None = None,
+    measured: Sequence[Record] | None = None,
 ) -> MeasuredResponse:
     """Fit every sine record.
 
@@ -54,10 +56,12 @@ def measure_tones(
         records: sine records with a reference.
         frequencies_hz: tone frequencies found before; None estimates them.
         poles: poles of the sensor, 1/s; their free response is then fitted along in the response channel.
+        measured: the records as they were measured, where something was subtracted from the response.
     """
     if frequencies_hz is None:
         frequencies_hz = [tone_frequency(record) for record in records]
-    parts = [_fit(index, r, f, poles) for index, (r, f) in enumerate(zip(records, frequencies_hz, strict=True))]
+    every = zip(records, frequencies_hz, measured or records, strict=True)
+    parts = [_fit(index, record, f, poles, whole) for index, (record, f, whole) in enumerate(every)]
     return MeasuredResponse.join(parts)
 
 
@@ -176,7 +180,9 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
     return float((peak + np.clip(shift, -0.5, 0.5)) * rate / size)
 
 
-def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None) -> MeasuredResponse:
+def _fit(
+    index: int, record: Record, frequency: float, poles: ComplexArray | None, measured: Record
+) -> MeasuredResponse:
     mask, rate = record.mask, record.sampling_rate_hz
     times, place = record.time_s, _span(mask)
     tone, extra = _design(times, frequency, rate), _free_response(times, poles, rate)
@@ -216,7 +222,24 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         np.array([min(2.0 * number / HANN_CORRELATION, free)]),
         np.array([index]),
         overtones[None, :],
+        _rounding(measured, frequency, residual)[None, :],
     )
+
+
+def _rounding(record: Record, frequency: float, residual: FloatArray) -> FloatArray:
+    """Variance of the real parts of both amplitudes by rounding errors that return each period, shape (2,).
+
+    Args:
+        record: a sine, as it was measured.
+        frequency: of its tone, Hz.
+        residual: of both channels, shape (2, samples); noise makes the errors of the steps noise.
+    """
+    found, mask = np.zeros(2), record.mask
+    for channel, values in enumerate((np.asarray(record.reference), record.response)):
+        number, step = repeated_errors(values, mask, frequency / record.sampling_rate_hz)
+        if number:
+            found[channel] = step**2 / (6.0 * number) * undithered(step, float(residual[channel, mask].var()))
+    return found
 
 
 def _beside(record: Record, frequency: float) -> FloatArray:

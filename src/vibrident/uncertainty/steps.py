@@ -4,8 +4,9 @@ Rounding errors of a deterministic motion are deterministic too (Widrow & Kollá
 the motion and acts as a gain. It depends on the position of the peaks between two steps, which is unknown. In records
 of one motion it is always the same, so that more of them do not reduce it. The predicted response, and the reference
 limited to its band, are therefore rounded at several sizes within one step. The part of the errors that is coherent
-with the motion at each point is taken as a systematic effect of unknown amount. Where noise is larger than the steps,
-their errors are noise, and nothing is added.
+with the motion at each point is taken as a systematic effect of unknown amount, common to the records of one motion:
+sines of other frequencies or sizes have errors of their own. Where noise is larger than the steps, their errors are
+noise, and nothing is added.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy import fft
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import line_frequencies
 from vibrident.measure.response import ComplexArray
-from vibrident.measure.rounding import DITHERED, TRIALS, converter_step, rounding_errors
+from vibrident.measure.rounding import DITHERED, FEW, TRIALS, converter_step, repeated_errors, rounding_errors
 from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.uncertainty.adequacy import Adequacy
@@ -37,6 +38,10 @@ SINE_BAND = 1.5
 HIGHEST = 0.45
 #: Fewest lines beyond the band from which noise is estimated.
 FEWEST_BEYOND = 10
+#: Sines are one motion if their frequencies differ by less than this part of a spectral line …
+SAME_LINE = 0.1
+#: … and their sizes by less than this part of a step.
+SAME_SIZE = 0.5
 #: Quantile of the power of these lines; the stronger lines may hold leakage of the motion.
 QUIET = 0.1
 
@@ -60,15 +65,55 @@ def effects_of_steps(
     rows = []
     owner = {record.name: index for index, record in enumerate(records)}
     at = np.array([owner.get(name, -1) for name in points.record])
+    motion = _motions(records, predicted, at, points.frequency_hz)
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
         places = np.flatnonzero(at == index)
-        if record.reference is not None and places.size:
+        if record.reference is not None and places.size and not _alone_in_step(record, motion, places, points):
             found = _errors(record, series, response, points.frequency_hz[places])
             rows.append((places, found))
     patterns = np.zeros((2 * TRIALS, len(at)), dtype=complex)
     for places, found in rows:
-        patterns[:, places] = found
-    return _as_effects(patterns / np.sqrt(TRIALS), points)
+        patterns[:, places] = found / np.sqrt(TRIALS)
+    return [
+        effect
+        for each in np.unique(motion[motion >= 0])
+        for effect in _as_effects(np.where(motion == each, patterns, 0.0), points)
+    ]
+
+
+def _alone_in_step(record: Record, motion: np.ndarray, places: np.ndarray, points: Adequacy) -> bool:
+    """Whether a sine in step with the sampling is the only one of its motion: its errors are in its own noise."""
+    if record.excitation != "sine" or np.sum(motion == motion[places[0]]) > 1:
+        return False
+    turns = float(points.frequency_hz[places[0]]) / record.sampling_rate_hz
+    channels = record.response, np.asarray(record.reference)
+    return any(0 < repeated_errors(values, record.mask, turns)[0] < FEW for values in channels)
+
+
+def _motions(
+    records: Sequence[Record], predicted: Sequence[FloatArray], at: np.ndarray, frequency_hz: FloatArray
+) -> np.ndarray:
+    """Number of the motion of each point, shape (points,); that of all but sines is one; −1 for no record."""
+    motion = np.where(at < 0, -1, 0)
+    known: list[tuple[float, float]] = []
+    for place in np.flatnonzero(at >= 0):
+        record, series = records[at[place]], predicted[at[place]]
+        if record.excitation != "sine":
+            continue
+        line = record.sampling_rate_hz / record.samples
+        step = converter_step(record.response, record.mask)
+        frequency, size = float(frequency_hz[place]), float(np.nanstd(series)) * np.sqrt(2.0)
+        same = (
+            index
+            for index, (other, its_size) in enumerate(known)
+            if abs(other - frequency) < SAME_LINE * line and abs(its_size - size) <= SAME_SIZE * step
+        )
+        found = next(same, None)
+        if found is None:
+            found = len(known)
+            known.append((frequency, size))
+        motion[place] = found + 1
+    return motion
 
 
 def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffect]:
