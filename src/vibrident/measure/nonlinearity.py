@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import about_mean, fast_below, line_frequencies, median, power_of
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
-from vibrident.measure.rounding import converter_step
+from vibrident.measure.rounding import step_in_response
 from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
@@ -311,19 +311,9 @@ def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
     peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
     peak = {DEAD: -abs(peak), SPRING: abs(peak)}.get(kind, peak)  # beyond the resonance a spring's bend changes sign
     gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
-    if size_of_rest < STEPS * _step_in_response(one):
+    if size_of_rest < STEPS * step_in_response(one.record, motion, one.used):
         return None
     return Distortion(kind, one.record.name, peak, gain, float(np.sqrt(2.0 * strength[least])))
-
-
-def _step_in_response(one: _Series) -> float:
-    """The larger step of both channels' converters; of the reference's, what the sensor makes of it."""
-    record, motion = one.record, one.motions[0]
-    own = converter_step(record.response)
-    if record.reference is None:
-        return own
-    gain = float(np.std(motion[one.used])) / max(float(np.std(record.reference[one.used])), TINY)
-    return max(own, gain * converter_step(record.reference))
 
 
 def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tuple[complex, float, float]]:

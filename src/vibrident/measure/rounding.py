@@ -115,6 +115,22 @@ def undithered(step: float, residual_variance: float) -> float:
     return float(np.exp(-((2.0 * np.pi) ** 2) * noise / step**2))
 
 
+def returning_errors(record: Record, frequency: float, residual: FloatArray) -> FloatArray:
+    """Variance of the real parts of both amplitudes by rounding errors that return each period, shape (2,).
+
+    Args:
+        record: a sine, as it was measured.
+        frequency: of its tone, Hz.
+        residual: of both channels, shape (2, samples); noise makes the errors of the steps noise.
+    """
+    found, mask = np.zeros(2), record.mask
+    for channel, values in enumerate((np.asarray(record.reference), record.response)):
+        number, step = repeated_errors(values, mask, frequency / record.sampling_rate_hz)
+        if number:
+            found[channel] = step**2 / (6.0 * number) * undithered(step, float(residual[channel, mask].var()))
+    return found
+
+
 def _on_grid(values: FloatArray, origin: float, rate: float) -> bool:
     place = (values - origin) * rate
     return float(np.max(np.abs(place - np.rint(place)))) < ON_GRID
@@ -151,3 +167,18 @@ def rounding_errors(values: FloatArray, used: BoolArray, step: float, origin: fl
     sized = factor[:, None] * motion + (mean - origin)
     errors = step * np.rint(sized / step) - sized
     return np.where(used, errors - np.mean(errors[:, used], axis=1, keepdims=True), 0.0)
+
+
+def step_in_response(record: Record, motion: FloatArray, used: BoolArray) -> float:
+    """The larger step of both channels' converters; of the reference's, what the sensor makes of it.
+
+    Args:
+        record: with a reference or without.
+        motion: the predicted response, shape (samples,).
+        used: samples that count, shape (samples,).
+    """
+    own = converter_step(record.response)
+    if record.reference is None:
+        return own
+    size = float(np.std(record.reference[used]))
+    return max(own, float(np.std(motion[used])) / size * converter_step(record.reference)) if size > 0.0 else own

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vibrident.information import inverse_where_shown
 from vibrident.measure.lines import MOST_KEPT, about_mean, fast_length, waves
 from vibrident.measure.response import ComplexArray, MeasuredResponse
-from vibrident.measure.rounding import repeated_errors, undithered
+from vibrident.measure.rounding import returning_errors
 from vibrident.records import FloatArray, Record
 
 HARMONICS = 5
@@ -58,10 +58,9 @@ def measure_tones(
         poles: poles of the sensor, 1/s; their free response is then fitted along in the response channel.
         measured: the records as they were measured, where something was subtracted from the response.
     """
-    if frequencies_hz is None:
-        frequencies_hz = [tone_frequency(record) for record in records]
-    every = zip(records, frequencies_hz, measured or records, strict=True)
-    parts = [_fit(index, record, f, poles, whole) for index, (record, f, whole) in enumerate(every)]
+    frequencies_hz = [tone_frequency(record) for record in records] if frequencies_hz is None else frequencies_hz
+    every = enumerate(zip(records, frequencies_hz, measured or records, strict=True))
+    parts = [_fit(index, record, f, poles, raw) for index, (record, f, raw) in every]
     return MeasuredResponse.join(parts)
 
 
@@ -161,28 +160,22 @@ def own_sine(record: Record) -> FloatArray:
 
 def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
-    n = signal.shape[0]
-    centred = about_mean(signal, mask)
-    size = fast_length(n)
-    power = np.abs(np.asarray(fft.rfft(centred * hann(n), size)))
+    n, size = signal.shape[0], fast_length(signal.shape[0])
+    power = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
     bins = np.arange(power.shape[0]) * rate / size
     inside = bins > 0.25 * rate / n
     if near is not None:
         close = inside & (bins > min(near / 1.3, near - 2 * rate / n)) & (bins < max(near * 1.3, near + 2 * rate / n))
         inside = close if close.any() else inside
-    peak = int(np.argmax(np.where(inside, power, -1.0)))
+    peak, shift = int(np.argmax(np.where(inside, power, -1.0))), 0.0
     if 0 < peak < power.shape[0] - 1 and power[peak] > 0:
         left, top, right = np.log(np.maximum(power[peak - 1 : peak + 2], 1e-300 + 1e-12 * power[peak]))
         curvature = left - 2 * top + right
         shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
-    else:
-        shift = 0.0
     return float((peak + np.clip(shift, -0.5, 0.5)) * rate / size)
 
 
-def _fit(
-    index: int, record: Record, frequency: float, poles: ComplexArray | None, measured: Record
-) -> MeasuredResponse:
+def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None, raw: Record) -> MeasuredResponse:
     mask, rate = record.mask, record.sampling_rate_hz
     times, place = record.time_s, _span(mask)
     tone, extra = _design(times, frequency, rate), _free_response(times, poles, rate)
@@ -210,7 +203,7 @@ def _fit(
     lines *= np.sqrt(_cost(gram, count))
     free = max(count - len(rows), 1.0)
     overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
-    number = lines_hz.shape[0]
+    number, rounding = lines_hz.shape[0], returning_errors(raw, frequency, residual)
     return MeasuredResponse(
         np.array([frequency]),
         amplitude[0, :1],
@@ -222,24 +215,8 @@ def _fit(
         np.array([min(2.0 * number / HANN_CORRELATION, free)]),
         np.array([index]),
         overtones[None, :],
-        _rounding(measured, frequency, residual)[None, :],
+        rounding[None, :],
     )
-
-
-def _rounding(record: Record, frequency: float, residual: FloatArray) -> FloatArray:
-    """Variance of the real parts of both amplitudes by rounding errors that return each period, shape (2,).
-
-    Args:
-        record: a sine, as it was measured.
-        frequency: of its tone, Hz.
-        residual: of both channels, shape (2, samples); noise makes the errors of the steps noise.
-    """
-    found, mask = np.zeros(2), record.mask
-    for channel, values in enumerate((np.asarray(record.reference), record.response)):
-        number, step = repeated_errors(values, mask, frequency / record.sampling_rate_hz)
-        if number:
-            found[channel] = step**2 / (6.0 * number) * undithered(step, float(residual[channel, mask].var()))
-    return found
 
 
 def _beside(record: Record, frequency: float) -> FloatArray:
