@@ -7,14 +7,19 @@ import itertools
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import Any, Literal, overload
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from vibrident.errors import VibridentError
 from vibrident.records import Calibration
 from vibrident.result import Result
 
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
 #: A calibration, or the path of its file.
 Given = Calibration | str | os.PathLike[str]
+_Waiting = tuple[Given, "Future[Result | VibridentError]"]
 #: Calibrations in work or waiting, for each worker.
 WINDOW = 2
 #: Calibrations that are fitted together on a device; they are in memory at the same time.
@@ -67,8 +72,8 @@ def identify_many(
         model: as for :func:`vibrident.identify`, the same for all.
         estimator: as for :func:`vibrident.identify`, the same for all.
         uncertainty: as for :func:`vibrident.identify`, the same for all.
-        workers: processes, each with one thread of arithmetic; 1: this one. A script that asks for more needs the usual
-            ``if __name__ == "__main__":``.
+        workers: processes, this one among them; the others have one thread of arithmetic each. A script that asks for
+            more than 1 needs the usual ``if __name__ == "__main__":``.
         refused: on an error of input or model: ``raise`` it, which ends the iteration, or ``return`` it in place of the
             result.
         device: ``gpu`` fits tones and lines of several calibrations at once on the first GPU that JAX finds, in float64
@@ -125,24 +130,55 @@ def _together(calibrations: Iterable[Given], given: dict[str, Any]) -> Iterator[
 
 
 def _beside(calibrations: Iterable[Given], given: dict[str, Any], workers: int) -> Iterator[Result | VibridentError]:
-    """In worker processes, a few calibrations ahead of the caller."""
-    import multiprocessing
-    from concurrent.futures import Future, ProcessPoolExecutor
+    """Here and in further processes, a few calibrations ahead of the caller.
 
-    waiting: deque[Future[Result | VibridentError]] = deque()
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when a worker starts
+    This process works while the others start, and where it would wait for one of them: a few small sensors take no
+    longer than one by one.
+    """
+    waiting: deque[_Waiting] = deque()
+    pool = _started(workers - 1)
     try:
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-            for calibration in calibrations:
-                waiting.append(pool.submit(_identified, calibration, given))
-                if len(waiting) >= WINDOW * workers:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
+        for calibration in calibrations:
+            waiting.append((calibration, pool.submit(_identified, calibration, given)))
+            if len(waiting) >= WINDOW * workers:
+                yield _next(waiting, given)
+        while waiting:
+            yield _next(waiting, given)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _started(processes: int) -> ProcessPoolExecutor:
+    """Processes with one thread of arithmetic each, which is read when they start."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
+        for _ in range(processes + 1):  # a pool takes one call more than it can work on, and does not give it back
+            pool.submit(_load)
     finally:
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+    return pool
+
+
+def _load() -> None:
+    import vibrident.identification  # noqa: F401
+
+
+def _next(waiting: deque[_Waiting], given: dict[str, Any]) -> Result | VibridentError:
+    """The outcome of the first; until it is there, those that no process has begun are identified here."""
+    for place, (calibration, future) in enumerate(tuple(waiting)):
+        if waiting[0][1].done():
+            break
+        if future.cancel():
+            here: Future[Result | VibridentError] = Future()
+            here.set_result(_identified(calibration, given))
+            waiting[place] = calibration, here
+    return waiting.popleft()[1].result()

@@ -125,11 +125,14 @@ def test_a_scheduler_that_is_killed_is_said_and_nothing_is_lost(tmp_path, cluste
 
 
 @needs_dask
-@pytest.mark.parametrize("where", ["tcp://127.0.0.1:1", "none.json", "no address"])
-def test_a_scheduler_that_is_not_there_is_said(where, monkeypatch):
+@pytest.mark.parametrize(
+    ("where", "said"), [("tcp://127.0.0.1:1", "imed out"), ("n.json", "no file"), ("n", "no port")]
+)
+def test_a_scheduler_that_is_not_there_is_said(where, said, monkeypatch):
     monkeypatch.setattr(Dask, "_PATIENCE_S", 1.0)
-    with pytest.raises(InputError, match="No scheduler answers"):
+    with pytest.raises(InputError, match="No scheduler answers") as refused:
         Dask(where)
+    assert said in refused.value.found
 
 
 def _numbers(row: dict) -> dict:

@@ -1,6 +1,9 @@
 """The pieces of a fleet: keys, batches, parts, limits, and what is called an outlier."""
 
+import os
+
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import good
@@ -13,7 +16,7 @@ from vibrident.fleet.key import fingerprint
 from vibrident.fleet.limits import Specification, read_limits
 from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.page import write_page
-from vibrident.fleet.patterns import Paths
+from vibrident.fleet.patterns import Paths, found
 from vibrident.fleet.statistics import FEWEST, outlier_limit, statistics
 from vibrident.fleet.table import write_table
 
@@ -92,6 +95,37 @@ def test_of_two_rows_of_a_key_one_counts(tmp_path):
     assert index.parameters[index.part[0]] == ("sensitivity", "natural_frequency")
 
 
+def test_a_part_that_was_damaged_or_is_none_is_ignored(tmp_path):
+    whole = tmp_path / parts.write_part(tmp_path, list(simulated(3)), 1.0, None)
+    content, count = whole.read_bytes(), lambda: parts.index(tmp_path, None, 1.0, None).keys.size
+    for place in (len(content) // 3, len(content) // 2):
+        whole.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        assert count() == 0
+    whole.write_bytes(content)
+    (tmp_path / "copy.parquet").write_bytes(content)
+    for number, keys in enumerate(([None], ["xyz"], [1.0])):
+        rest = {"status": ["identified"], "time_limit_s": [1.0], "memory_limit_bytes": [None]}
+        pq.write_table(pa.table({"key": keys, **rest}), tmp_path / f"{number}.parquet")
+    (tmp_path / "folder.parquet").mkdir()
+    assert count() == 3
+
+
+def test_folders_behind_links_count_and_no_link_leads_in_circles(tmp_path):
+    for name in ("here/a", "elsewhere/b", "elsewhere/c/d"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "c.toml").touch()
+    links = {
+        "here/out": "../elsewhere",
+        "here/again": "../elsewhere/c",
+        "elsewhere/c/back": "../../here",
+        "here/up": "..",
+    }
+    for link, target in links.items():
+        (tmp_path / link).symlink_to(target)
+    files = {os.path.realpath(path) for path in found([str(tmp_path / "here")]).paths}
+    assert files == {str(tmp_path / name / "c.toml") for name in ("here/a", "elsewhere/b", "elsewhere/c/d")}
+
+
 def test_what_a_missing_library_refuses_is_in_the_table_and_not_kept(tmp_path):
     orders = Orders(str(tmp_path), results=False)
     orders.parts_folder.mkdir()
@@ -130,7 +164,7 @@ def test_statistics_know_limits_and_their_unit(tmp_path):
     gains = made.groups[0].distributions[0]
     values = [row["parameters"]["sensitivity"][0] for row in found[:200]]
     assert gains.mean == pytest.approx(np.mean(values), rel=1e-12)
-    assert gains.histogram.counts.sum() + gains.histogram.below + gains.histogram.above == 200
+    assert (gains.histogram.counts.sum(), gains.histogram.below, gains.histogram.above) == (199, 0, 1)  # the outlier
     other = Specification.model_validate({"limits": [{**limit, "unit": "mV/(m/s^2)"}]})
     assert not statistics(tmp_path / "fleet.parquet", tally, other).limited
 

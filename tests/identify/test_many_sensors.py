@@ -1,5 +1,6 @@
 """Many sensors: the results of one by one, in order, with calibrations taken only as they are asked for."""
 
+from concurrent.futures import Future
 from dataclasses import replace
 
 import pytest
@@ -34,6 +35,27 @@ def test_workers_give_the_same_in_order():
     one_by_one = [plain(vibrident.identify(one, estimator="ipnn")) for one in calibrations(5)]
     found = vibrident.identify_many(calibrations(5), estimator="ipnn", workers=2)
     assert [plain(result) for result in found] == one_by_one
+
+
+def test_a_process_that_has_not_started_yet_holds_nothing_up(monkeypatch):
+    class Starting:
+        """A pool whose processes never come."""
+
+        def __init__(self, *_):
+            pass
+
+        def submit(self, *_):
+            return Future()
+
+        def shutdown(self, **_):
+            pass
+
+    monkeypatch.setattr("concurrent.futures.ProcessPoolExecutor", Starting)
+    taken = []
+    found = vibrident.identify_many(calibrations(9, taken), estimator="ipnn", workers=2)
+    first = plain(next(found))
+    assert len(taken) <= 4  # a few ahead
+    assert [first, *map(plain, found)] == [plain(vibrident.identify(one, estimator="ipnn")) for one in calibrations(9)]
 
 
 def test_calibrations_are_taken_as_they_are_asked_for():

@@ -42,6 +42,8 @@ MOST_NAMES = 5
 _MOST_TYPES = 100
 #: Rows in memory at the same time.
 _ROWS = 4096
+#: Columns of parameters with a limit.
+_JUDGED = ("limits", "outside", "undecided", "Cpk")
 _LEGEND = Sentence(
     "Bars: calibrations. Red lines: limits, with what lies outside shaded; dashed: nominal. ◂ and ▸ count what lies "
     "beyond the ends. Undecided: values within U (k = 2) of a limit, inside or outside. Cpk: distance of the mean from "
@@ -186,11 +188,11 @@ def _numbers(group: Group, specification: Specification) -> Table:
         if limit is not None and one.limit is None:
             name = parameter_name(one.parameter).words
             said.append(f"The limit of the {name} is in {limit.unit}, the values are in {one.unit}: not judged.")
-    heads = ("n", "median", "mean", "sd", "least", "greatest", "median u", "limits", "outside", "undecided", "Cpk")
-    rows = tuple(map(_row, group.distributions))
+    limited = any(one.limit for one in group.distributions)
+    heads = ("n", "median", "sd", "least", "greatest", "median u", *(_JUDGED if limited else ()))
     return Table(
         (*columns("parameter", "unit"), *columns(*heads, kind="number")),
-        rows,
+        tuple(_row(one)[: 2 + len(heads)] for one in group.distributions),
         notes=tuple(said),
         title=f"{title}: {group.count}",
     )
@@ -198,19 +200,20 @@ def _numbers(group: Group, specification: Specification) -> Table:
 
 def _row(one: Distribution) -> tuple[str, ...]:
     scale, limit = scaled(one.unit, max(abs(one.least), abs(one.greatest))), one.limit
-    sizes = (one.median, one.mean, one.sd, one.least, one.greatest)
-    judged = (NONE, NONE, NONE)
+    judged = (NONE,) * len(_JUDGED)
     if limit is not None:
         span = f"{limit.lower * scale.factor:.5g} … {limit.upper * scale.factor:.5g}"
-        judged = (span, str(one.count - one.conforming), str(one.count - one.certain))
+        capability = NONE if one.capability is None else f"{one.capability:.2f}"
+        judged = (span, str(one.count - one.conforming), str(one.count - one.certain), capability)
     return (
         parameter_name(one.parameter).words,
         scale.printed,
         str(one.count),
-        *(f"{value * scale.factor:.5g}" for value in sizes),
+        f"{one.median * scale.factor:.5g}",
+        f"{one.sd * scale.factor:.3g}",
+        *(f"{value * scale.factor:.5g}" for value in (one.least, one.greatest)),
         NONE if one.median_u is None else f"{one.median_u * scale.factor:.2g}",
         *judged,
-        NONE if one.capability is None else f"{one.capability:.2f}",
     )
 
 

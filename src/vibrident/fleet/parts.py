@@ -129,11 +129,16 @@ def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_li
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    name = hashlib.sha256("".join(sorted(row["key"] for row in rows)).encode()).hexdigest() + ".parquet"
+    name = _name([row["key"] for row in rows])
     sink = pa.BufferOutputStream()
-    pq.write_table(as_table(rows, time_limit_s, memory_limit_bytes), sink, compression="zstd")
+    table = as_table(rows, time_limit_s, memory_limit_bytes)
+    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     write_whole(folder / name, sink.getvalue().to_pybytes())
     return name
+
+
+def _name(keys: Sequence[str]) -> str:
+    return hashlib.sha256("".join(sorted(keys)).encode()).hexdigest() + ".parquet"
 
 
 def _text(value: str | None) -> str | None:
@@ -194,18 +199,17 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
 
 
 def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
-    """Names of a part's columns, and those that an index needs."""
+    """Names of a part's columns, and those that an index needs; None for a file that is damaged, or no part."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    columns = ["key", "status", "time_limit_s", "memory_limit_bytes"]
     try:
-        with pq.ParquetFile(path) as file:
-            found = file.read(columns=columns).to_pydict()
-            names = file.schema_arrow.names
-    except (pa.ArrowException, OSError, ValueError):
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            table = file.read()
+        found = {name: table[name].to_pylist() for name in ("key", "status", "time_limit_s", "memory_limit_bytes")}
+        return (table.column_names, found) if path.name == _name(found["key"]) else None
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
-    return (names, found) if set(columns) <= set(found) else None
 
 
 def unwritable(error: OSError, folder: str) -> InputError:

@@ -8,7 +8,6 @@ import os
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -72,7 +71,8 @@ class Found:
 def found(patterns: Sequence[str]) -> Found:
     """The calibration files that the patterns name, each once, pattern by pattern and then by name.
 
-    A folder names every ``.toml`` file in it and below it, and a glob the files and folders that match.
+    A folder names every ``.toml`` file in it and below it, also behind links to folders elsewhere, and a glob the files
+    and folders that match.
 
     Raises:
         InputError: a pattern names nothing.
@@ -110,15 +110,26 @@ def _of(path: str) -> Iterator[tuple[str, bool]]:
     if not os.path.isdir(path):
         yield path, False
         return
-    for folder, below, files in os.walk(path):
-        below[:] = sorted(name for name in below if not name.startswith("."))
-        for name in sorted(files):
-            if name.lower().endswith(_ENDING) and not name.startswith("."):
-                yield os.path.join(folder, name), True
+    roots, places = [path], [os.path.realpath(path)]
+    for root in roots:  # links to folders elsewhere are roots too, after the folder that has them
+        for folder, below, files in os.walk(root):
+            below[:] = sorted(name for name in below if not name.startswith("."))
+            for name in sorted(files):
+                if name.lower().endswith(_ENDING) and not name.startswith("."):
+                    yield os.path.join(folder, name), True
+            for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
+                place, here = os.path.realpath(link), os.path.realpath(folder)
+                if not _within(here, place) and not any(_within(place, other) for other in places):
+                    roots.append(link)
+                    places.append(place)
+
+
+def _within(place: str, folder: str) -> bool:
+    return os.path.join(place, "").startswith(os.path.join(folder, ""))
 
 
 def _nothing(pattern: str) -> InputError:
-    folder = Path(pattern).is_dir()
+    folder = os.path.isdir(pattern)
     return InputError(
         "No calibration file is there.",
         expected="a calibration file, a folder that holds some, or a glob that matches some",

@@ -119,9 +119,12 @@ class Dask:
         self._where, self._futures, self._calls = where, {}, 0
         self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
         self._count, self._counted = 0, -self._COUNT_S
-        if where.endswith(".json") and not Path(where).is_file():
+        in_file = where.endswith(".json")
+        if in_file and not Path(where).is_file():
             raise self._unreachable("no file of that name")
-        place = {"scheduler_file": where} if where.endswith(".json") else {"address": where}
+        if not in_file and "/" not in where.partition("://")[2] and not where.rpartition(":")[2].isdigit():
+            raise self._unreachable("no port")  # Dask would wait for it at the end
+        place = {"scheduler_file": where} if in_file else {"address": where}
         try:
             self._client = distributed.Client(**place, timeout=self._PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:

@@ -282,7 +282,7 @@ def _distribution(sample: _Sample) -> Distribution:
 
 def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
     """By Freedman and Diaconis (1981), over the central values and the limit; the others are counted separately."""
-    low, first, third, high = (float(one) for one in np.quantile(values, [0.001, 0.25, 0.75, 0.999]))
+    low, first, third, high = (float(one) for one in np.quantile(values, [0.0, 0.25, 0.75, 1.0]))
     spread = third - first
     if spread > 0:
         low, high = max(low, first - 4 * spread), min(high, third + 4 * spread)
