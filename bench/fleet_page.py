@@ -51,9 +51,9 @@ def _measured(kept: dict[str, Any]) -> str:
             f"{100 * speed['busy_share_of_two_workers']:.1f} % each",
         ),
         (
-            "sensors a second, two workers over one that is always busy: by these shares, where each has a core; and "
-            "measured over one, on a virtual machine of two shared cores",
-            f"{2 * speed['busy_share_of_two_workers']:.2f}; {speed['two_workers_over_one']:.2f}",
+            f"sensors a second of {speed['calibrations']} calibrations, two workers over one, on two cores of a virtual "
+            "machine; and two processes over one that know nothing of each other",
+            f"{speed['two_workers_over_one']:.2f}; {speed['two_processes_over_one']:.2f}",
         ),
         (
             f"`memory`: of the coordinator with {many['rows']} simulated rows over {few['rows']}",

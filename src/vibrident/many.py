@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import os
+import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
@@ -24,6 +25,8 @@ _Waiting = tuple[Given, "Future[Result | VibridentError]"]
 WINDOW = 2
 #: Calibrations that are fitted together on a device; they are in memory at the same time.
 TOGETHER = 64
+#: Seconds that a process takes to start.
+_START_S = 1.0
 #: Environment variables that keep a worker's arithmetic on one core.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -132,13 +135,23 @@ def _together(calibrations: Iterable[Given], given: dict[str, Any]) -> Iterator[
 def _beside(calibrations: Iterable[Given], given: dict[str, Any], workers: int) -> Iterator[Result | VibridentError]:
     """Here and in further processes, a few calibrations ahead of the caller.
 
-    This process works while the others start, and where it would wait for one of them: a few small sensors take no
-    longer than one by one.
+    The others are started once this one has worked as long as that takes, which a few small sensors do not need; and
+    this one works on meanwhile, and where it would wait for one of them.
     """
+    rest, spent_s = iter(calibrations), 0.0
+    for calibration in rest:
+        begin = time.perf_counter()
+        found = _identified(calibration, given)
+        spent_s += time.perf_counter() - begin
+        yield found
+        if spent_s >= _START_S:
+            break
+    else:
+        return
     waiting: deque[_Waiting] = deque()
     pool = _started(workers - 1)
     try:
-        for calibration in calibrations:
+        for calibration in rest:
             waiting.append((calibration, pool.submit(_identified, calibration, given)))
             if len(waiting) >= WINDOW * workers:
                 yield _next(waiting, given)

@@ -119,6 +119,12 @@ def test_four_writers_at_once_lose_nothing_and_a_kill_leaves_the_store_whole(url
     assert count(url) == before + 1
 
 
+def test_what_postgresql_cannot_keep_is_said(database):
+    for serial in ("7" * 300, "a\0b"):
+        with pytest.raises(InputError, match="cannot be kept"):
+            history.add(database, [calibrated(serial=serial)])
+
+
 def test_postgresql_keeps_its_rows_as_they_are(database):
     history.add(database, [calibrated()])
     for table in schema.metadata.sorted_tables:

@@ -155,6 +155,16 @@ def test_a_single_calibration_tells_no_drift():
     assert "alone" in told.why
 
 
+def test_two_calibrations_of_one_day_are_one_date():
+    """The interval in force is between dates, and the staircase looks at the calibration of an earlier date."""
+    made = [*entries([1.0, 1.009], step=2), *entries([1.0, 1.0, 1.0], step=2)[1:2]]
+    made[2] = made[2]._replace(id=9, value=1.0089, data_files='["other"]')
+    told = due(life(made, []), Tolerance(0.01), None, datetime.date(2012, 2, 1))
+    assert (told.interval_years, told.staircase_years) == (2.0, 0.7 * 2.0)
+    alone = due(life(made[1:], []), Tolerance(0.01), None, datetime.date(2012, 2, 1))
+    assert (alone.interval_years, alone.staircase_years, alone.why) == (1.0, None, "no series has two dates")
+
+
 def test_a_sensor_is_due_when_its_risk_reaches_5_percent():
     drifting = life(entries(1 + 0.002 * np.arange(8), 0.0005), [])
     told = due(drifting, Tolerance(0.01), None, datetime.date(2017, 6, 1))

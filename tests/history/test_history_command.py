@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from tests.support.lives import at_reference, calibrated
 from tests.support.shell import printed, run
 
+from vibrident.history.tables import _percent
 from vibrident.nominal import Nominal
 from vibrident.present.history import drift_table, histories
 from vibrident.present.points import sensitivity_at
@@ -201,10 +203,12 @@ def test_the_page_and_the_picture_show_the_history(store, tmp_path):
         (("show", "4711", "--at", "2011-01-01"), "before the last"),
         (("show", "4711", "--tolerance", "wide"), "1%"),
         (("show", "4711", "--interval", "-1"), "a number from 0.001 to 1000"),
+        (("show", "4711", "--tolerance", "1%", "--nominal", "0"), "cannot be 0"),
         (("event", "4711", "--kind", "painted"), "repaired"),
         (("event", "4711", "--kind", "superseded"), "--calibration"),
         (("event", "4711", "--kind", "recalled", "--calibration", "99"), "no such calibration"),
         (("result", "99", "--out", "x.json"), "no such calibration"),
+        (("result", "1", "--out", "/proc/nowhere/x.json"), "cannot be written"),
         (("export", "x.xlsx"), ".parquet"),
     ],
 )
@@ -213,6 +217,47 @@ def test_what_cannot_be_done_is_said(store, arguments, said):
     assert done.exit_code == 2
     assert said in done.output
     assert "Traceback" not in done.output
+
+
+def test_a_sensor_that_was_recalled_is_not_due_until_it_is_back(lived, store):
+    asked = ("history", "due", "12", "--tolerance", "1%", "--store", store)
+    event = ("history", "event", " 12 ", "--store", store, "--date")
+    for kind, date, said in (("recalled", "2019-05-01", "alone"), ("recalled", "2020-05-01", "recalled on 2020-05-01")):
+        printed(*event, date, "--kind", kind)
+        assert said in printed(*asked)
+    assert "recalled on" in printed("history", "due", "--tolerance", "1%", "--store", store)
+    printed(*event, "2020-06-01", "--kind", "repaired")
+    assert "recalled" not in printed(*asked)
+
+
+def test_a_calibration_that_does_not_count_is_shown_and_its_sensor_is_in_the_list(tmp_path):
+    url, made = str(tmp_path / "h.db"), calibrated(0.1)
+    unknown = {name: replace(one, standard_uncertainty=None) for name, one in made.parameters.items()}
+    replace(made, parameters=unknown).save(tmp_path / "r.json")
+    asked = ("--quantity", "natural_frequency", "--store", url)
+    printed("history", "add", str(tmp_path / "r.json"), "--store", url)
+    shown = printed("history", "show", "4711", *asked)
+    assert "5000" in shown
+    assert "no uncertainty" in shown
+    for serial in ((), ("4711",)):
+        assert "no calibration counts" in printed("history", "due", *serial, "--tolerance", "1%", *asked)
+
+
+def test_sensors_of_one_serial_number_are_told_apart(tmp_path):
+    url, makers = str(tmp_path / "h.db"), ("A", "B")
+    for maker in makers:
+        calibrated(sensor={"manufacturer": maker}).save(tmp_path / f"{maker}.json")
+        printed("history", "add", str(tmp_path / f"{maker}.json"), "--store", url)
+    refused = run("history", "show", "4711", "--type", "type A", "--store", url)
+    assert (refused.exit_code, "--manufacturer" in refused.output) == (2, True)
+    for maker in makers:
+        assert f"{maker} type A" in printed("history", "show", "4711", "--manufacturer", maker, "--store", url)
+
+
+def test_a_probability_is_printed_as_one():
+    assert [_percent(value) for value in (None, 1e-20, 0.0523, 0.994, 0.9951, 1.0)] == [
+        *("–", "below 0.01 %", "5.2 %", "99 %", "100 %", "100 %")
+    ]
 
 
 def test_one_refused_result_keeps_all_out(lived, tmp_path):

@@ -35,6 +35,14 @@ def test_a_result_is_kept_whole_and_once(tmp_path):
     assert (tmp_path / "new folder" / "100% ?.db").exists()
 
 
+def test_a_date_that_cannot_be_read_is_not_replaced_by_that_of_the_evaluation(tmp_path):
+    written = replace(calibrated(date="30.06.2022"), provenance={"time": "2023-01-01T00:00:00Z"})
+    with pytest.raises(InputError) as refused:
+        history.add(str(tmp_path / "h.db"), [written])
+    assert refused.value.found == "'30.06.2022'"
+    assert history.add(str(tmp_path / "h.db"), [written], date=datetime.date(2022, 6, 30)) == 1
+
+
 @pytest.mark.parametrize(
     ("result", "option"),
     [
@@ -78,6 +86,16 @@ def test_a_store_that_another_program_holds_is_said_to_be_held(tmp_path, monkeyp
     with pytest.raises(InputError, match="held by another program"):
         history.add(str(tmp_path / "h.db"), [calibrated(0.2)])
     other.close()
+
+
+def test_a_store_that_can_only_be_read_is_read(tmp_path, monkeypatch):
+    file = tmp_path / "h.db"
+    history.add(str(file), [calibrated()])
+    monkeypatch.setattr("vibrident.history.store.os.access", lambda *_: False)
+    assert count(str(file)) == 1
+    with pytest.raises(InputError, match="can only be read"):
+        history.add(str(file), [calibrated(0.2)])
+    assert [path.name for path in tmp_path.iterdir()] == ["h.db"]
 
 
 def test_a_driver_that_is_missing_is_named(monkeypatch):

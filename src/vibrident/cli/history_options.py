@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -40,8 +41,16 @@ def read_tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
     """A tolerance such as 1% or 0.01.
 
     Raises:
-        InputError: the text cannot be read.
+        InputError: the text cannot be read, or the nominal value cannot be used.
     """
+    if nominal is not None and (not math.isfinite(nominal) or nominal == 0):
+        raise InputError(
+            "A tolerance is relative to the nominal value, which cannot be 0.",
+            expected="a finite number other than 0, in the quantity's unit",
+            found=f"{nominal:g}",
+            where="--nominal",
+            remedy="give the value that the sensor is used with, or leave --nominal out",
+        )
     if text is None:
         return None
     from vibrident.history.due import Tolerance

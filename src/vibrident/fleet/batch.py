@@ -44,18 +44,16 @@ class Done:
     """Summary of a batch; its rows are on the disk.
 
     Attributes:
-        part: name of the file with the rows; empty if no row is to be kept.
+        part: name of the file with the rows.
         statuses: number of rows by status.
         seconds: duration of the batch.
         moved: key asked for → key found, of calibrations whose files changed meanwhile.
-        passing: rows that are not kept for the next run.
     """
 
     part: str
     statuses: dict[str, int]
     seconds: float
     moved: dict[str, str]
-    passing: list[rows.Row]
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
@@ -74,16 +72,13 @@ def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
     process = _process(orders)
     size = TOGETHER if orders.device == "gpu" else 1
     found = [row for at in range(0, len(tasks), size) for row in _rows(process, tasks[at : at + size])]
-    keep, passing = [row for row in found if not row["passing"]], [row for row in found if row["passing"]]
-    part = ""
     try:
-        if keep:
-            part = write_part(orders.parts_folder, keep, orders.time_limit_s, process.memory_bytes)
+        part = write_part(orders.parts_folder, found, orders.time_limit_s, process.memory_bytes)
     except OSError as error:
         raise unwritable(error, orders.folder) from error
     moved = {key: row["key"] for (_, key), row in zip(tasks, found, strict=True) if row["key"] != key}
     seconds = sum(row["seconds"] for row in found)
-    return Done(part, dict(Counter(row["status"] for row in found)), seconds, moved, passing)
+    return Done(part, dict(Counter(row["status"] for row in found)), seconds, moved)
 
 
 def end_processes(run: str) -> None:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident import memory
 from vibrident.errors import InputError
@@ -23,7 +22,6 @@ from vibrident.fleet.key import Fingerprint
 from vibrident.fleet.limits import Specification
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.page import write_page
-from vibrident.fleet.row import Row
 from vibrident.fleet.schedulers import Reply, Scheduler
 from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
 
@@ -39,8 +37,6 @@ _TURN_S = 0.5
 _MOST_LOST = 4
 #: How often it is hashed again after its files changed.
 _MOST_MOVES = 3
-#: Keys held as texts before they are packed.
-_MOST_NEW = 4096
 
 
 @dataclass(frozen=True)
@@ -122,19 +118,19 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], No
         named = patterns.found(asked.patterns)
         _prepare(orders, fresh=asked.fresh)
         index = index_of(orders)
-        work = _Work(named, orders, _Keys(index.keys[index.stands]), scheduler, progress)
+        work = _Work(named, orders, set(index.keys[index.stands].tolist()), scheduler, progress)
         del index
         try:
             work.do()
         finally:
             scheduler.close(orders.run)
-        seconds, computed, passing = time.monotonic() - begin, work.computed, work.passing
+        seconds, computed = time.monotonic() - begin, work.computed
         known = work.keys != b""
         names, keys = itertools.compress(named.paths, known.tolist()), work.keys[known]
         table, left_out = Path(orders.folder) / "fleet.parquet", int(np.sum(~known))
         del work
         memory.give_back()
-        tally = write_table(table, names, keys, orders, passing)
+        tally = write_table(table, names, keys, orders)
         memory.give_back()
         page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
     except OSError as error:
@@ -167,31 +163,6 @@ def _not_seen(path: str) -> InputError:
     )
 
 
-class _Keys:
-    """A set of packed keys: most of them sorted in an array, the newest beside it."""
-
-    def __init__(self, keys: NDArray[np.bytes_]) -> None:
-        self._sorted, self._new, self._removed = keys, set[str](), set[str]()
-
-    def __contains__(self, key: str) -> bool:
-        if key in self._new:
-            return True
-        place = int(np.searchsorted(self._sorted, wanted := parts.packed([key])[0]))
-        there = place < self._sorted.size and self._sorted[place] == wanted
-        return there and key not in self._removed
-
-    def add(self, key: str) -> None:
-        self._removed.discard(key)
-        self._new.add(key)
-        if len(self._new) > max(_MOST_NEW, self._sorted.size // 8):
-            self._sorted = np.union1d(self._sorted, parts.packed(list(self._new)))
-            self._new.clear()
-
-    def discard(self, key: str) -> None:
-        self._new.discard(key)
-        self._removed.add(key)
-
-
 class _Work:
     """The open calls, and the remaining work."""
 
@@ -199,13 +170,12 @@ class _Work:
         self,
         named: patterns.Found,
         orders: Orders,
-        there: _Keys,
+        there: set[bytes],
         scheduler: Scheduler,
         progress: Callable[[RunProgress], None],
     ) -> None:
         self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
         self.keys = np.zeros(len(named.paths), dtype=parts.PACKED)  # empty: not hashed yet, or no calibration
-        self.passing: list[Row] = []
         self.computed = 0
         self._lost: Counter[str] = Counter()
         self._moves: Counter[int] = Counter()
@@ -263,7 +233,7 @@ class _Work:
         elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MOST_LOST:
             row = lost(*tasks[0], self.orders)
             part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
-            self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}, []))
+            self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}))
         else:  # in halves: one of them holds the calibration that ended the workers
             self._lost.update(key for _, key in tasks)
             middle = (len(tasks) + 1) // 2
@@ -277,28 +247,28 @@ class _Work:
                 continue
             if not one.there and os.path.exists(self.named.paths[place]):
                 raise _not_seen(self.named.paths[place])
-            self.keys[place] = bytes.fromhex(one.key)
-            if one.key not in self._there:
-                self._there.add(one.key)
+            self.keys[place] = key = parts.packed([one.key])[0]
+            if key not in self._there:
+                self._there.add(bytes(key))
                 self._waiting_for += 1
                 self._batches.add(one.shape, (os.path.abspath(self.named.paths[place]), one.key))
 
     def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
         self.computed += len(tasks)
         self._waiting_for -= len(tasks)
-        self.passing += done.passing
         self._batches.measured(shape, done.seconds, len(tasks))
         for before, after in done.moved.items():
             self._moved(before, after)
 
     def _moved(self, before: str, after: str) -> None:
         """Files changed after they were hashed: hash again all calibrations that had the same key."""
-        self._there.discard(before)
-        self._there.add(after)
-        places = np.flatnonzero(self.keys == parts.packed([before])[0]).tolist()
+        old, new = parts.packed([before, after]).tolist()
+        self._there.discard(old)
+        self._there.add(new)
+        places = np.flatnonzero(self.keys == old).tolist()
         again = [place for place in places if self._moves[place] < _MOST_MOVES]
         for place in set(places) - set(again):  # its files keep changing: use the latest row
-            self.keys[place] = bytes.fromhex(after)
+            self.keys[place] = new
         self._moves.update(again)
         self._seen -= len(again)
         if again:

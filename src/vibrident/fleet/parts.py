@@ -23,6 +23,7 @@ from vibrident.fleet.row import FAILED, IDENTIFIED, Row
 #: Columns of a part beside those of parameters; units are JSON, limits are stated for failed calibrations.
 _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
+_FLAGS = ("adequate", "passing")
 #: Age after which an unfinished file is taken to be left by a process that has ended.
 _LEFT_S = 3600.0
 _ENDING = ".part"
@@ -115,7 +116,8 @@ def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int |
     limits = {"time_limit_s": time_limit_s, "memory_limit_bytes": memory_limit_bytes}
     for field in _NUMBERS:
         columns[field] = pa.array([{**row, **limits}[field] for row in rows], pa.float64())
-    columns["adequate"] = pa.array([row["adequate"] for row in rows], pa.bool_())
+    for field in _FLAGS:
+        columns[field] = pa.array([row[field] for row in rows], pa.bool_())
     columns["warnings"] = pa.array([row["warnings"] for row in rows], pa.list_(pa.string()))
     for parameter in dict.fromkeys(parameter for row in rows for parameter in row["parameters"]):
         found = [row["parameters"].get(parameter, (None, None)) for row in rows]
@@ -152,15 +154,15 @@ def _units(row: Row) -> str:
 
 def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
     """Names of the parameters that a part has columns for."""
-    known = {*_TEXTS, *_NUMBERS, "adequate", "warnings"}
+    known = {*_TEXTS, *_NUMBERS, *_FLAGS, "warnings"}
     return tuple(name for name in columns if name not in known and f"{name}_u" in columns)
 
 
 def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None) -> Index:
     """Index all rows on the disk. A part that cannot be read is ignored.
 
-    A row has to be computed again if its whole result is wanted and missing, or if the calibration failed within
-    tighter limits than these.
+    A row has to be computed again if its whole result is wanted and missing, if the calibration failed within tighter
+    limits than these, or if another attempt may have another outcome.
 
     Args:
         folder: of the parts.
@@ -176,14 +178,14 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
         columns, found = read
         block = np.zeros(len(found["key"]), dtype=_PLACE)
         block["key"], block["part"], block["row"] = packed(found["key"]), len(names), np.arange(block.size)
-        status = np.array(found["status"])
+        failed, passing = np.array(found["status"]) == FAILED, np.array(found["passing"])
         seconds = np.array(found["time_limit_s"], dtype=float)
         memory = np.array([math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float)
-        ended, wanted = status != FAILED, math.inf if memory_limit_bytes is None else memory_limit_bytes
-        stands = ended | ((time_limit_s <= seconds) & (wanted <= memory))
+        ended, wanted = ~failed & ~passing, math.inf if memory_limit_bytes is None else memory_limit_bytes
+        stands = ended | (failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory))
         if there is not None:
-            whole = np.array([f"{key}.json" in there for key in found["key"]], dtype=bool)
-            stands &= (status != IDENTIFIED) | whole
+            pairs = zip(found["key"], found["status"], strict=True)
+            stands &= [status != IDENTIFIED or f"{key}.json" in there for key, status in pairs]
         block["ended"], block["seconds"], block["memory"], block["stands"] = ended, seconds, memory, stands
         blocks.append(block)
         names.append(path.name)
@@ -206,7 +208,8 @@ def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             table = file.read()
-        found = {name: table[name].to_pylist() for name in ("key", "status", "time_limit_s", "memory_limit_bytes")}
+        columns = ("key", "status", "passing", "time_limit_s", "memory_limit_bytes")
+        found = {name: table[name].to_pylist() for name in columns}
         return (table.column_names, found) if path.name == _name(found["key"]) else None
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None

@@ -17,7 +17,7 @@ _GPU = "gpu"
 
 #: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate, chi2_reduced, warnings,
 #: seconds as in the table, ``parameters`` being name → [value, u, unit]; ``finished``: when, in seconds since 1970;
-#: ``passing``: True if another attempt may have another outcome; the row is then not kept for the next run.
+#: ``passing``: True if the next run is to try again, because another attempt may have another outcome.
 Row = dict[str, Any]
 
 

@@ -6,7 +6,7 @@ import itertools
 import json
 import uuid
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vibrident.errors import InputError
 from vibrident.fleet import parts
 from vibrident.fleet.orders import Orders, memory_limit
-from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED, Row
+from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.naming import parameter_names
 
 #: Rows in memory at the same time.
@@ -74,9 +74,7 @@ def index_of(orders: Orders) -> parts.Index:
     return parts.index(orders.parts_folder, results, orders.time_limit_s, memory_limit(orders))
 
 
-def write_table(
-    path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders, passing: Sequence[Row] = ()
-) -> Tally:
+def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders) -> Tally:
     """Write the table, whole or not at all.
 
     Args:
@@ -84,17 +82,16 @@ def write_table(
         names: of the rows, in order.
         keys: of the rows, packed (see ``parts``), shape (rows,).
         orders: of the run.
-        passing: rows that are in no part.
 
     Raises:
         InputError: the row of a calibration has gone from the parts.
     """
     import pyarrow.parquet as pq
 
-    rows = _Rows(orders, passing)
+    rows = _Rows(orders)
     places = rows.index.places(keys)
-    rows.require_all(keys, places)
-    schema = _schema(rows.parameters(keys, places))
+    rows.require_all(places)
+    schema = _schema(rows.parameters(places))
     partial = path.with_name(f".{uuid.uuid4().hex}.part")
     count = _Count()
     try:
@@ -102,7 +99,7 @@ def write_table(
             named = iter(names)
             for start in range(0, keys.size, _BLOCK):
                 stop = start + _BLOCK
-                block = rows.block(keys[start:stop], places[start:stop], schema)
+                block = rows.block(places[start:stop], schema)
                 count.add(block)
                 some = [_printable(name) for name in itertools.islice(named, block.num_rows)]
                 writer.write_table(_with_names(block, some, schema))
@@ -127,61 +124,42 @@ def identified_keys(path: Path) -> list[str]:
 
 
 class _Rows:
-    """Rows by key: from the parts, and those that are in no part."""
+    """Rows from the parts, by key."""
 
-    def __init__(self, orders: Orders, passing: Sequence[Row]) -> None:
+    def __init__(self, orders: Orders) -> None:
         self.folder = orders.parts_folder
         self.index = index_of(orders)
-        self.passing = {row["key"]: number for number, row in enumerate(passing)}
-        self.extra = parts.as_table(passing, orders.time_limit_s, None) if passing else None
 
-    def require_all(self, keys: NDArray[np.bytes_], places: NDArray[np.intp]) -> None:
-        missing = [key for key in parts.digits(keys[places < 0]) if key not in self.passing]
+    def require_all(self, places: NDArray[np.intp]) -> None:
+        missing = int(np.sum(places < 0))
         if missing:
             raise InputError(
                 "Rows were removed during the run.",
                 expected="parts that stay where they are",
-                found=f"{len(missing)} rows that were written, and are not there",
+                found=f"{missing} rows that were written, and are not there",
                 where=str(self.folder),
                 remedy="do not use --fresh while another run works in this folder; then give the same command again",
             )
 
-    def parameters(self, keys: NDArray[np.bytes_], places: NDArray[np.intp]) -> list[str]:
+    def parameters(self, places: NDArray[np.intp]) -> list[str]:
         """All that the rows have, the estimated ones first, in the order of the documentation."""
-        used = np.unique(self.index.part[places[places >= 0]]).tolist()
+        used = np.unique(self.index.part[places]).tolist()
         found = dict.fromkeys(name for part in used for name in self.index.parameters[part])
-        if self.extra is not None:
-            found |= dict.fromkeys(parts.parameters_of(self.extra.column_names))
         known = [name for name in parameter_names() if name in found]
         return [*known, *sorted(name for name in found if name not in known)]
 
-    def block(self, keys: NDArray[np.bytes_], places: NDArray[np.intp], schema: Any) -> Any:
-        """Rows in the order of the keys, with all columns, those for the tally among them."""
+    def block(self, places: NDArray[np.intp], schema: Any) -> Any:
+        """Rows at these places of the index, with all columns, those for the tally among them."""
         import pyarrow as pa
-
-        pieces, where = [], []
-        for table, rows, positions in self._pieces(keys, places):
-            pieces.append(_completed(table.take(pa.array(rows)), schema))
-            where.append(positions)
-        order = np.argsort(np.concatenate(where), kind="stable")
-        return pa.concat_tables(pieces).take(pa.array(order))
-
-    def _pieces(
-        self, keys: NDArray[np.bytes_], places: NDArray[np.intp]
-    ) -> Iterator[tuple[Any, NDArray[np.integer[Any]], NDArray[np.intp]]]:
-        """A table, the selected rows of it, and their positions in the block."""
         import pyarrow.parquet as pq
 
-        part = np.where(places >= 0, self.index.part[places] if self.index.part.size else -1, -1)
+        pieces, where, part = [], [], self.index.part[places]
         for number in np.unique(part).tolist():
-            positions = np.flatnonzero(part == number)
-            if number < 0:
-                assert self.extra is not None
-                yield self.extra, np.array([self.passing[key] for key in parts.digits(keys[positions])]), positions
-            else:
-                with pq.ParquetFile(self.folder / self.index.parts[number]) as file:
-                    table = file.read()
-                yield table, self.index.row[places[positions]], positions
+            where.append(np.flatnonzero(part == number))
+            rows = pa.array(self.index.row[places[where[-1]]])
+            pieces.append(_completed(pq.read_table(self.folder / self.index.parts[number]).take(rows), schema))
+        order = np.argsort(np.concatenate(where), kind="stable")
+        return pa.concat_tables(pieces).take(pa.array(order))
 
 
 class _Count:

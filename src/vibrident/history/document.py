@@ -73,7 +73,7 @@ def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question(
         "calibrations": _calibrations(found),
         "events": [_plain(asdict(event)) for event in found.events],
         "series": _series(found),
-        "drift": _drift(found, question) if found.entries else _none("no calibration counts"),
+        "drift": _drift(found, question) if found.entries else {"why": "no calibration counts"},
         "control": _control(found),
         "due": _due(found, question),
     }
@@ -109,28 +109,29 @@ def all_due(
     sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)}
     rows = []
     for key, entries in query.entries(store, sensor_id, question.quantity, question.frequency_hz).items():
-        if key not in sensors:
+        if key not in sensors or all(entry.value is None for entry in entries):
             continue
         found = life(entries, events.get(key, []))
-        if found.entries:
-            told = _due(found, _of(sensors[key], question)) or _no_limit(found, question)
-            last = {"last": found.entries[-1].date.isoformat(), "calibrations": len(found.entries)}
-            rows.append(sensors[key].as_dict() | last | told)
-    return sorted(rows, key=lambda row: (row.get("date") or row["by_interval"], row["serial_number"]))
+        told = _due(found, _of(sensors[key], question)) or _without_risk(found, question)
+        last = {"last": found.entries[-1].date.isoformat() if found.entries else None}
+        rows.append(sensors[key].as_dict() | last | {"calibrations": len(found.entries)} | told)
+    return sorted(rows, key=lambda row: (row["date"] or row["by_interval"] or "9", row["serial_number"]))
 
 
-def _no_limit(found: Life, question: Question) -> dict[str, Any]:
-    """The due date without a tolerance: that of the interval in force."""
+def _without_risk(found: Life, question: Question) -> dict[str, Any]:
+    """The due date without a tolerance: that of the interval in force; none if no calibration counts."""
+    unknown = dict.fromkeys(("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase"))
+    if not found.entries:
+        return unknown | {"why": "no calibration counts", "interval_years": None, "by_interval": None}
     interval = question.interval_years or interval_in_force(found)
     by_interval = later(found.entries[-1].date, interval).isoformat()
-    unknown = dict.fromkeys(("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase"))
     return unknown | {"why": "no tolerance for its type", "interval_years": interval, "by_interval": by_interval}
 
 
 def _quantity(found: Life, name: str) -> dict[str, Any]:
-    present = found.entries[-1] if found.entries else None
-    unit, frequency = (present.unit, present.frequency_hz) if present else ("", None)
-    return {"name": name, "unit": unit, "frequency_hz": frequency, "coverage_factor": K}
+    entries = found.entries or [entry for entry, _ in found.left_out if entry.value is not None]
+    present = entries[-1]
+    return {"name": name, "unit": present.unit, "frequency_hz": present.frequency_hz, "coverage_factor": K}
 
 
 def _calibrations(found: Life) -> list[dict[str, Any]]:
@@ -174,7 +175,7 @@ def _series(found: Life) -> list[dict[str, Any]]:
 def _drift(found: Life, question: Question) -> dict[str, Any]:
     drift = found.drift
     if drift is None:
-        return _none("one calibration alone shows no drift" if len(found.entries) < 2 else "no series has two dates")
+        return {"why": found.without_drift}
     interval = question.interval_years or interval_in_force(found)
     last = found.entries[-1]
     until = question.until or later(last.date, interval)
@@ -210,12 +211,8 @@ def _next_reading(found: Life, date: datetime.date) -> dict[str, Any]:
     """Prediction for a calibration of the same quality as the last one, with the same reference."""
     assert found.drift is not None
     last = found.entries[-1]
-    shared = np.array([covariance(entry, _again(last)) for entry in found.entries])
+    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
     return {"reading": _mixture(found.drift.reading(_year(found, date), shared, float(last.u or 0.0)))}
-
-
-def _again(entry: Entry) -> Entry:
-    return Entry(-1, entry.date, entry.value, entry.u, entry.unit, entry.frequency_hz, entry.shared)
 
 
 def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
@@ -231,7 +228,7 @@ def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
 
 def _mixture(mixture: Mixture) -> dict[str, Any]:
     low, high = mixture.interval_95
-    u = (high - low) / 4
+    u = (high - low) / 4  # as ``Mixture.u``, without the quantiles once more
     return {"value": mixture.value, "u": u, "U": K * u, "interval_95": [low, high]}
 
 
@@ -264,10 +261,6 @@ def _due(found: Life, question: Question) -> dict[str, Any] | None:
     told: Due = due(found, question.tolerance, question.interval_years, question.today or datetime.date.today())
     low, high = question.tolerance.limits(found)
     return _plain(asdict(told)) | {"risk": RISK, "limits": [low, high], "tolerance": question.tolerance.relative}
-
-
-def _none(why: str) -> dict[str, Any]:
-    return {"why": why}
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:

@@ -46,12 +46,12 @@ class Due:
 
     Attributes:
         date: by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in ``why``.
-        why: reason if there is no date; else empty.
+        why: reason if there is no date, such as a sensor that was recalled; else empty.
         risk_today: probability of being outside the tolerance today.
         risk_at_end: at the end of the interval in force.
         interval_years: the interval in force.
         by_interval: date by that.
-        staircase_years: interval by ILAC-G24's staircase; None with fewer than two calibrations in the series.
+        staircase_years: interval by ILAC-G24's staircase; None with fewer than two dates in the series.
         by_staircase: date by that.
     """
 
@@ -79,8 +79,7 @@ def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: d
     by_interval = later(last, force)
     stairs = staircase(life, tolerance, force)
     by_stairs = None if stairs is None else later(last, stairs)
-    if life.drift is None:
-        why = "one calibration alone shows no drift" if len(life.entries) < 2 else "no series has two calibrations"
+    if why := life.recalled or life.without_drift:
         return Due(None, why, None, None, force, by_interval, stairs, by_stairs)
     now, end = (risk(life, tolerance, date) for date in (max(today, last), by_interval))
     found = _first_date(life, tolerance)
@@ -110,16 +109,17 @@ def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
 
 
 def interval_in_force(life: Life) -> float:
-    """Time between the last two calibrations, to a tenth of a year; a year where there is only one."""
-    gap = float(life.years[-1] - life.years[-2]) if len(life.entries) > 1 else 1.0
-    return max(round(gap, 1), 0.1)
+    """Time between the last two dates of calibration, to a tenth of a year; a year where there is only one."""
+    gaps = np.diff(np.unique(life.years))
+    return max(round(float(gaps[-1]), 1), 0.1) if gaps.size else 1.0
 
 
 def staircase(life: Life, tolerance: Tolerance, interval_years: float) -> float | None:
     """The next interval by ILAC-G24's staircase, from how far the sensor was found from the value it was used with."""
-    if len(life.entries) < 2 or life.group[-1] != life.group[-2]:
+    before = np.flatnonzero((life.years < life.years[-1]) & (life.group == life.group[-1]))
+    if not before.size:
         return None
-    used = tolerance.nominal if tolerance.nominal is not None else float(life.value[-2])
+    used = tolerance.nominal if tolerance.nominal is not None else float(life.value[before[-1]])
     found = abs(float(life.value[-1]) / used - 1.0) if used else math.inf
     factor = STAIRCASE_LONGER if found <= STAIRCASE_PART * tolerance.relative else STAIRCASE_SHORTER
     return factor * interval_years

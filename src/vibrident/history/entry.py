@@ -57,14 +57,15 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
     text = result.to_json()
     sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
     sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
-    stated = result.certificate.get("date_of_calibration") is not None
-    when = date_of(result) if stated or date is None else date
+    stated, when = result.certificate.get("date_of_calibration"), date_of(result)
+    when = when if date is None or (stated is not None and when is not None) else date
     if when is None:
-        raise _missing("date of its calibration", '[certificate] date_of_calibration = "2025-03-31"', "--date")
+        key = '[certificate] date_of_calibration = "2025-03-31"'
+        raise _missing("date of its calibration", key, "--date", "none" if stated is None else repr(stated))
     calibration = {
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "date": when,
-        "date_stated": stated or date is not None,
+        "date_stated": stated is not None or date is not None,
         "model": result.model,
         "estimator": result.estimator,
         "adequate": result.fit.adequate,
@@ -79,6 +80,7 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
 
 
 def _serial_number(stated: str, given: str | None) -> str:
+    given = (given or "").strip()
     if given and stated and given != stated:
         raise InputError(
             "The serial number is not that of the result.",
@@ -89,14 +91,14 @@ def _serial_number(stated: str, given: str | None) -> str:
         )
     if not (stated or given):
         raise _missing("serial number", '[sensor] serial_number = "4711"', "--serial")
-    return stated or str(given)
+    return stated or given
 
 
-def _missing(what: str, key: str, option: str) -> InputError:
+def _missing(what: str, key: str, option: str, found: str = "none") -> InputError:
     return InputError(
         f"The result does not state the {what}, so it cannot be added to a history.",
         expected=key.split(" ", 1)[1].partition(" =")[0],
-        found="none",
+        found=found,
         where="result.json, sensor and certificate",
         remedy=f"state {key} in the calibration file, or give {option}",
     )

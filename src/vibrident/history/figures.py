@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.history.tables import quantity_name, scale_of, unit_of
+from vibrident.history.tables import quantity_name, scale_of
+from vibrident.naming import pretty
 from vibrident.present import axes
 from vibrident.present.numbers import sensor_name
 from vibrident.present.views import BLUE, GREEN, GREY, VERMILION, Axis, Figure, FloatArray, Look, Panel, Series, Stack
@@ -65,7 +66,7 @@ def _values(document: Mapping[str, Any]) -> Panel:
     for limit in (document["due"] or {}).get("limits", ()):
         series.append(Series(np.array([x.low, x.high]), np.full(2, limit * factor), "", _TOLERANCE))
     ends = [one.y + sign * (0.0 if one.half is None else one.half) for one in series for sign in (-1, 1)]
-    y_axis = axes.linear(f"{quantity_name(document)}\nin {unit_of(document)}", np.concatenate(ends))
+    y_axis = axes.linear(f"{quantity_name(document)}\nin {pretty(scale_of(document).unit)}", np.concatenate(ends))
     repaired = [event for event in document["events"] if event["kind"] == "repaired"]
     marks = tuple((float(day), "repaired") for day in _days(repaired))
     return Panel(x, y_axis, tuple(series), 2.4, marks=marks)

@@ -182,6 +182,22 @@ class Life:
         drift = Drift(self.years, self.value, self.covariance, self.group)
         return drift if drift.determined else None
 
+    @property
+    def without_drift(self) -> str:
+        """The reason why no drift is known; empty if it is."""
+        if self.drift is not None:
+            return ""
+        return "one calibration alone shows no drift" if len(self.entries) < 2 else "no series has two dates"
+
+    @property
+    def recalled(self) -> str:
+        """Since when the sensor is withdrawn, in words; empty if it was calibrated or repaired since."""
+        told = [
+            event for event in self.events if event.kind in ("recalled", "repaired") and event.calibration_id is None
+        ]
+        withdrawn = told and told[-1].kind == "recalled" and told[-1].date >= self.entries[-1].date
+        return f"recalled on {told[-1].date}" if withdrawn else ""
+
     def agreement(self, index: int) -> Agreement:
         """E_n of calibration ``index`` and the one before it."""
         return agreement(self.entries[index], self.entries[index - 1])

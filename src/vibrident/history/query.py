@@ -70,14 +70,21 @@ def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
         return [Overview(_sensor(row), row.times, row.first, row.last) for row in connection.execute(asked)]
 
 
-def find(store: Store, serial_number: str, type_name: str | None = None, axis: str | None = None) -> StoredSensor:
-    """The sensor of a serial number.
+def find(
+    store: Store,
+    serial_number: str,
+    type_name: str | None = None,
+    axis: str | None = None,
+    manufacturer: str | None = None,
+) -> StoredSensor:
+    """The sensor of a serial number; of several by type, axis and manufacturer.
 
     Raises:
         InputError: no sensor has this serial number, or more than one has it.
     """
-    asked = sa.select(sensor).where(sensor.c.serial_number == serial_number)
-    for column, wanted in ((sensor.c.type, type_name), (sensor.c.axis, axis)):
+    asked = sa.select(sensor).where(sensor.c.serial_number == serial_number.strip())
+    named = ((sensor.c.type, type_name), (sensor.c.axis, axis), (sensor.c.manufacturer, manufacturer))
+    for column, wanted in named:
         asked = asked if wanted is None else asked.where(column == wanted)
     with store.reading() as connection:
         found = [_sensor(row) for row in connection.execute(asked)]
@@ -90,7 +97,7 @@ def find(store: Store, serial_number: str, type_name: str | None = None, axis: s
             expected="one of " + "; ".join(one.name for one in found),
             found=serial_number,
             where=store.shown,
-            remedy="give --type, or --axis, as well",
+            remedy="give --type, --axis or --manufacturer as well",
         )
     raise InputError(
         "The store holds no such sensor.",
@@ -196,14 +203,16 @@ def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]
 
 def quantities(store: Store, sensor_id: int) -> list[str]:
     """Names of the quantities that the calibrations of a sensor have."""
-    asked = sa.select(parameter.c.name).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
-    with store.reading() as connection:
-        return sorted(connection.execute(asked).scalars())
+    return _distinct(store, sensor_id, parameter.c.name)
 
 
 def frequencies(store: Store, sensor_id: int) -> list[float]:
     """Nominal frequencies, Hz, at which the calibrations of a sensor have a sensitivity."""
-    asked = sa.select(point.c.nominal_hz).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
+    return _distinct(store, sensor_id, point.c.nominal_hz)
+
+
+def _distinct(store: Store, sensor_id: int, column: Any) -> list[Any]:
+    asked = sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
     with store.reading() as connection:
         return sorted(connection.execute(asked).scalars())
 

@@ -5,21 +5,7 @@ Rows are added, never changed or removed: triggers of the database enforce that.
 
 from __future__ import annotations
 
-from sqlalchemy import (
-    Boolean,
-    Column,
-    Date,
-    Float,
-    ForeignKey,
-    Index,
-    Integer,
-    LargeBinary,
-    MetaData,
-    String,
-    Table,
-    Text,
-    UniqueConstraint,
-)
+import sqlalchemy as sa
 
 #: The newest migration; a store at another one is refused.
 REVISION = "0002"
@@ -29,77 +15,77 @@ KINDS = ("added", "approved", "superseded", "repaired", "recalled")
 #: Name among the parameters of the magnitude of the sensitivity at the reference frequency.
 REFERENCE_SENSITIVITY = "reference_sensitivity"
 
-metadata = MetaData()
+metadata = sa.MetaData()
 
-sensor = Table(
+sensor = sa.Table(
     "sensor",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("manufacturer", String(200), nullable=False),
-    Column("type", String(200), nullable=False),
-    Column("serial_number", String(200), nullable=False),
-    Column("axis", String(50), nullable=False),
-    UniqueConstraint("serial_number", "manufacturer", "type", "axis", name="sensor_identity"),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("manufacturer", sa.String(200), nullable=False),
+    sa.Column("type", sa.String(200), nullable=False),
+    sa.Column("serial_number", sa.String(200), nullable=False),
+    sa.Column("axis", sa.String(50), nullable=False),
+    sa.UniqueConstraint("serial_number", "manufacturer", "type", "axis", name="sensor_identity"),
 )
 
-calibration = Table(
+calibration = sa.Table(
     "calibration",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False),
-    Column("sha256", String(64), nullable=False, unique=True),
-    Column("date", Date, nullable=False),
-    Column("date_stated", Boolean, nullable=False),
-    Column("model", String(200), nullable=False),
-    Column("estimator", String(50), nullable=False),
-    Column("adequate", Boolean, nullable=False),
-    Column("chi2_reduced", Float),
-    Column("warnings", Text, nullable=False),
-    Column("laboratory", Text, nullable=False),
-    Column("certificate_number", Text, nullable=False),
-    Column("data_files", Text, nullable=False, server_default="[]"),
-    Column("document", LargeBinary, nullable=False),
-    Index("calibration_by_sensor", "sensor_id", "date"),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False),
+    sa.Column("sha256", sa.String(64), nullable=False, unique=True),
+    sa.Column("date", sa.Date, nullable=False),
+    sa.Column("date_stated", sa.Boolean, nullable=False),
+    sa.Column("model", sa.String(200), nullable=False),
+    sa.Column("estimator", sa.String(50), nullable=False),
+    sa.Column("adequate", sa.Boolean, nullable=False),
+    sa.Column("chi2_reduced", sa.Float),
+    sa.Column("warnings", sa.Text, nullable=False),
+    sa.Column("laboratory", sa.Text, nullable=False),
+    sa.Column("certificate_number", sa.Text, nullable=False),
+    sa.Column("data_files", sa.Text, nullable=False, server_default="[]"),
+    sa.Column("document", sa.LargeBinary, nullable=False),
+    sa.Index("calibration_by_sensor", "sensor_id", "date"),
 )
 
-parameter = Table(
+parameter = sa.Table(
     "parameter",
     metadata,
-    Column("calibration_id", Integer, ForeignKey("calibration.id"), primary_key=True),
-    Column("name", String(60), primary_key=True),
-    Column("value", Float),
-    Column("unit", String(60), nullable=False),
-    Column("standard_uncertainty", Float),
-    Column("identifiable", Boolean, nullable=False),
-    Column("derived", Boolean, nullable=False),
-    Column("frequency_hz", Float),
-    Column("shared", Text, nullable=False, server_default="{}"),
-    Index("parameter_by_name", "name", "calibration_id"),
+    sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
+    sa.Column("name", sa.String(60), primary_key=True),
+    sa.Column("value", sa.Float),
+    sa.Column("unit", sa.String(60), nullable=False),
+    sa.Column("standard_uncertainty", sa.Float),
+    sa.Column("identifiable", sa.Boolean, nullable=False),
+    sa.Column("derived", sa.Boolean, nullable=False),
+    sa.Column("frequency_hz", sa.Float),
+    sa.Column("shared", sa.Text, nullable=False, server_default="{}"),
+    sa.Index("parameter_by_name", "name", "calibration_id"),
 )
 
-point = Table(
+point = sa.Table(
     "point",
     metadata,
-    Column("calibration_id", Integer, ForeignKey("calibration.id"), primary_key=True),
-    Column("nominal_hz", Float, primary_key=True),
-    Column("frequency_hz", Float, nullable=False),
-    Column("magnitude", Float, nullable=False),
-    Column("magnitude_uncertainty", Float),
-    Column("phase_deg", Float),
-    Column("phase_deg_uncertainty", Float),
+    sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
+    sa.Column("nominal_hz", sa.Float, primary_key=True),
+    sa.Column("frequency_hz", sa.Float, nullable=False),
+    sa.Column("magnitude", sa.Float, nullable=False),
+    sa.Column("magnitude_uncertainty", sa.Float),
+    sa.Column("phase_deg", sa.Float),
+    sa.Column("phase_deg_uncertainty", sa.Float),
 )
 
-event = Table(
+event = sa.Table(
     "event",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False),
-    Column("calibration_id", Integer, ForeignKey("calibration.id")),
-    Column("kind", String(20), nullable=False),
-    Column("date", Date, nullable=False),
-    Column("recorded", String(32), nullable=False),
-    Column("by", Text, nullable=False),
-    Column("note", Text, nullable=False),
-    Index("event_by_sensor", "sensor_id", "kind"),
-    Index("event_by_calibration", "calibration_id"),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False),
+    sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id")),
+    sa.Column("kind", sa.String(20), nullable=False),
+    sa.Column("date", sa.Date, nullable=False),
+    sa.Column("recorded", sa.String(32), nullable=False),
+    sa.Column("by", sa.Text, nullable=False),
+    sa.Column("note", sa.Text, nullable=False),
+    sa.Index("event_by_sensor", "sensor_id", "kind"),
+    sa.Index("event_by_calibration", "calibration_id"),
 )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +22,17 @@ from vibrident.history.location import FORMS, chosen, printable, sqlite_file, wi
 PATIENCE_S = 60
 #: Number of PostgreSQL's advisory lock for changes of the schema.
 _SCHEMA_LOCK = 8_247_163_905
-_WAYS_OF_LOCKING = ("locked", "lock timeout", "deadlock")
+#: What a database says; the problem, and what to do about it.
+_CAUSES = (
+    (("append-only",), "Rows of the history cannot be changed.", "add an event"),
+    (("locked", "lock timeout", "deadlock"), "The store is held by another program.", "try again later"),
+    (
+        ("readonly", "read-only", "permission denied"),
+        "The store can only be read.",
+        "take an account that may write there, for a file in its folder too",
+    ),
+    (("",), "The store cannot be used.", "check that the database runs, the address, and the account"),
+)
 
 
 class Store:
@@ -39,6 +51,7 @@ class Store:
         self.is_sqlite = self._engine.dialect.name == "sqlite"
         if self.is_sqlite:
             event.listen(self._engine, "connect", _prepare_sqlite)
+            event.listen(self._engine, "do_connect", _read_only)
             event.listen(self._engine, "begin", _begin_sqlite)
         self._checked = False
 
@@ -118,7 +131,8 @@ class Store:
         with self._explained():
             self._make_folder()
             with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
-                self._lock_schema(connection)
+                if not self.is_sqlite:  # SQLite's transaction for writing is such a lock
+                    connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
                 before = _revision(connection)
                 if before is not None and before > schema.REVISION:
                     raise self._other(before)
@@ -141,10 +155,6 @@ class Store:
                 self._file().parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise self._failed("The store cannot be used.", error, "check the path and your rights to it") from None
-
-    def _lock_schema(self, connection: sa.Connection) -> None:
-        if not self.is_sqlite:  # SQLite's transaction for writing is such a lock
-            connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
 
     def _require_revision(self, connection: sa.Connection) -> None:
         if self._checked:
@@ -189,25 +199,33 @@ class Store:
         """An error of the database or its driver, as a message for the user."""
         try:
             yield
+        except exc.DataError as error:
+            raise self._failed("A text cannot be kept in this database.", error.orig, "shorten or correct it") from None
         except exc.DBAPIError as error:
             said = str(error.orig).lower()
-            if any(word in said for word in _WAYS_OF_LOCKING):
-                raise self._failed("The store is held by another program.", error.orig, "try again later") from None
-            if "append-only" in said:
-                raise self._failed("Rows of the history cannot be changed.", error.orig, "add an event") from None
-            raise self._failed(
-                "The store cannot be used.", error.orig, "check that the database runs, the address, and the account"
-            ) from None
+            problem, remedy = next(told for words, *told in _CAUSES if any(word in said for word in words))
+            raise self._failed(problem, error.orig, remedy) from None
 
     def _failed(self, problem: str, error: object, remedy: str) -> InputError:
         found = " ".join(without_secrets(str(error), self.url).split())[:300]
         return InputError(problem, expected=FORMS, found=found, where=self.shown, remedy=remedy)
 
 
+def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
+    """Open a file that this account cannot write for reading; SQLite would make files beside it."""
+    file = Path(arguments[0])
+    if file.exists() and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
+        writers = file.with_name(f"{file.name}-wal").exists()
+        arguments[0] = f"{file.as_uri()}?mode=ro{'' if writers else '&immutable=1'}"
+        options["uri"] = True
+
+
 def _prepare_sqlite(connection: Any, _: Any) -> None:
     """Set SQLite to allow readers beside a writer, to enforce foreign keys, and to begin transactions explicitly."""
     connection.isolation_level = None
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "recursive_triggers = ON"):
+    with contextlib.suppress(sqlite3.OperationalError):  # of a file that can only be read
+        connection.execute("PRAGMA journal_mode = WAL")
+    for pragma in ("synchronous = FULL", "foreign_keys = ON", "recursive_triggers = ON"):
         connection.execute(f"PRAGMA {pragma}")
 
 

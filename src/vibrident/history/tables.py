@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from vibrident.comparison import COVERAGE_FACTOR as K
-from vibrident.naming import Scale, in_words, pretty, scaled
+from vibrident.naming import Scale, in_words, scaled
 from vibrident.present.numbers import NONE, frequency_text, pair, plain
 from vibrident.present.views import Column, Facts, Sentence, Table, columns
 
@@ -23,8 +23,9 @@ def quantity_name(document: Document) -> str:
 
 def scale_of(document: Document) -> Scale:
     """The scale from the quantity's unit to one with a suitable prefix."""
-    sizes = [abs(row["value"]) for row in document["calibrations"] if row["counts"] and row["value"]]
-    return scaled(document["quantity"]["unit"], sizes[-1] if sizes else 0.0)
+    unit = document["quantity"]["unit"]
+    sizes = [abs(row["value"]) for row in document["calibrations"] if row["unit"] == unit and row["value"]]
+    return scaled(unit, sizes[-1] if sizes else 0.0)
 
 
 def calibrations(document: Document) -> Table:
@@ -32,7 +33,7 @@ def calibrations(document: Document) -> Table:
     scale = scale_of(document)
     rows = []
     for row in document["calibrations"]:
-        value, expanded = _value(row, scale) if row["counts"] else (NONE, NONE)
+        value, expanded = _value(row, scale) if row["unit"] == document["quantity"]["unit"] else (NONE, NONE)
         en = row["en"] or {}
         rows.append(
             (
@@ -65,9 +66,9 @@ def calibrations(document: Document) -> Table:
 
 def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
     """Value and U; the value is rounded by its unshared uncertainty, because changes are compared with that."""
-    own = row["u_own"] or row["u"]
-    value, _ = pair(row["value"] * scale.factor, 2 * own * scale.factor)
-    return value, pair(row["value"] * scale.factor, row["U"] * scale.factor)[1]
+    sizes = (row["value"], K * (row["u_own"] or row["u"] or 0.0), row["U"])
+    value, own, expanded = (None if size is None else size * scale.factor for size in sizes)
+    return pair(value, own)[0], pair(value, expanded)[1]
 
 
 def _en(value: float | None) -> str:
@@ -110,7 +111,7 @@ def drift(document: Document) -> Facts:
     if found["why"]:
         return Facts((("drift", f"not known: {found['why']}"),), "Drift")
     rate, prediction = found["rate_per_year"], found["prediction"]
-    percent = f"; {100 * rate['relative']:+.2g} %/a, U = {200 * rate['relative_u']:.2g} %/a"
+    percent = "; ({} ± {}) %/a".format(*pair(100 * rate["relative"], 200 * rate["relative_u"]))
     likely = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found["probability"].items())
     rows = (
         ("steady drift, if there is one", f"{_with_u(rate, scale, '/a')}{percent}"),
@@ -162,7 +163,9 @@ def due(document: Document) -> Facts | None:
 
 
 def _percent(value: float | None) -> str:
-    return NONE if value is None else f"{100 * value:.2g} %"
+    if value is None:
+        return NONE
+    return f"{100 * value:.2g} %" if 1e-4 <= value < 0.995 else "100 %" if value >= 0.995 else "below 0.01 %"
 
 
 def events(document: Document) -> Table | None:
@@ -180,9 +183,9 @@ def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
     heads = columns("last", "due by risk", "by interval", "by staircase", "risk today")
     cells = (
         (
-            row["last"],
+            row["last"] or NONE,
             row["date"] or row["why"],
-            row["by_interval"],
+            row["by_interval"] or NONE,
             row["by_staircase"] or NONE,
             _percent(row["risk_today"]),
         )
@@ -212,8 +215,3 @@ def _sensors(
 
 def _named(row: Mapping[str, Any]) -> str:
     return row["serial_number"] + (f" {row['axis']}" if row.get("axis") else "")
-
-
-def unit_of(document: Document) -> str:
-    """The printed unit of the quantity."""
-    return pretty(scale_of(document).unit)

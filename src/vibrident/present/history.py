@@ -67,13 +67,12 @@ def _history(entries: Sequence[tuple[datetime.date, str, Result]], dates: tuple[
 
 
 def date_of(result: Result) -> datetime.date | None:
-    """Date of calibration as stated, else of the evaluation; None where neither can be read."""
-    for text in (result.certificate.get("date_of_calibration"), result.provenance.get("time")):
-        try:
-            return datetime.date.fromisoformat(str(text)[:10])
-        except ValueError:
-            continue
-    return None
+    """Date of calibration as stated; of the evaluation where none is stated; None if it cannot be read."""
+    stated = result.certificate.get("date_of_calibration")
+    try:
+        return datetime.date.fromisoformat(str(result.provenance.get("time") if stated is None else stated)[:10])
+    except ValueError:
+        return None
 
 
 def drift(history: History, name: str) -> Figure:

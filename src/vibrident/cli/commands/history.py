@@ -39,6 +39,7 @@ _Store = Annotated[
 _Serial = Annotated[str, argument("SERIAL", "Serial number.")]
 _Calibration = Annotated[int, argument("ID", "Number of the calibration.")]
 _Type = Annotated[str | None, option("--type", "TYPE", "Of sensors with one serial number.")]
+_Maker = Annotated[str | None, option("--manufacturer", "NAME", "Of sensors with one serial number.")]
 _Axis = Annotated[str | None, option("--axis", "AXIS", "Of sensors with several.")]
 _Form = Annotated[str, choice("--format", FORMS, "Tables, or one JSON document.")]
 _By = Annotated[str | None, option("--by", "NAME", "Author of the entry.", "the account")]
@@ -107,6 +108,7 @@ def show(
     store: _Store = None,
     type_name: _Type = None,
     axis: _Axis = None,
+    maker: _Maker = None,
     quantity: _Quantity = None,
     frequency: _Frequency = None,
     at: Annotated[str | None, option("--at", "DATE", "Predict for it.", "the end of the interval")] = None,
@@ -125,7 +127,7 @@ def show(
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
     asked = question(quantity, frequency, read_tolerance(tolerance, nominal), limits, interval, read_date(at, "--at"))
     with _opened(store) as opened:
-        document = of_sensor(opened, query.find(opened, serial, type_name, axis), asked)
+        document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), asked)
     _print(form, document, lambda: page.printed(document))
     if target is not None:
         _write(document, target)
@@ -138,6 +140,7 @@ def due(
     store: _Store = None,
     type_name: _Type = None,
     axis: _Axis = None,
+    maker: _Maker = None,
     quantity: _Quantity = None,
     frequency: _Frequency = None,
     nominal: _Nominal = None,
@@ -164,11 +167,11 @@ def due(
         if serial is None:
             rows = all_due(opened, asked, type_name)
         else:
-            found = query.find(opened, serial, type_name, axis)
+            found = query.find(opened, serial, type_name, axis, maker)
             document = of_sensor(opened, found, asked)
             rows = all_due(opened, asked, type_name, found.id)
     if serial is not None:
-        _print(form, rows, lambda: [tables.due(document)])
+        _print(form, rows, lambda: [tables.due(document) or tables.all_due(rows)])
         return
     within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
     title = f"{count(len(rows), 'sensor')}, the soonest first; {within}"
@@ -203,13 +206,14 @@ def event(
     store: _Store = None,
     type_name: _Type = None,
     axis: _Axis = None,
+    maker: _Maker = None,
 ) -> None:
     """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
     day = read_date(date, "--date")
     from vibrident.history import edit, query
 
     with _opened(store) as opened:
-        found = query.find(opened, serial, type_name, axis)
+        found = query.find(opened, serial, type_name, axis, maker)
         edit.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
     subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
     out().print(printable(f"{subject}: {kind}, {day or datetime.date.today()}"), soft_wrap=True)
@@ -225,8 +229,10 @@ def result(
     from vibrident.history import query
 
     with _opened(store) as opened:
-        query.result(opened, number).save(target)
-    wrote([target])
+        stored = query.result(opened, number)
+    with written_whole(target.parent) as output:
+        stored.save(output.path / target.name)
+    wrote(output.files)
 
 
 @history.command("export")

@@ -59,30 +59,13 @@ def _fill(connection: sa.Connection) -> None:
                 connection.execute(sa.insert(table[name]), kept)
 
 
+_PARAMETER = "calibration_id name value unit standard_uncertainty identifiable derived frequency_hz shared"
+_POINT = "calibration_id nominal_hz frequency_hz magnitude magnitude_uncertainty phase_deg phase_deg_uncertainty"
 _COLUMNS = {
-    "calibration": ("id", "document", "data_files"),
-    "parameter": (
-        "calibration_id",
-        "name",
-        "value",
-        "unit",
-        "standard_uncertainty",
-        "identifiable",
-        "derived",
-        "frequency_hz",
-        "shared",
-    ),
-    "point": (
-        "calibration_id",
-        "nominal_hz",
-        "frequency_hz",
-        "magnitude",
-        "magnitude_uncertainty",
-        "phase_deg",
-        "phase_deg_uncertainty",
-    ),
+    "calibration": ["id", "document", "data_files"],
+    "parameter": _PARAMETER.split(),
+    "point": _POINT.split(),
 }
-
 
 _SAME_ROW = {
     "sensor": "id = NEW.id OR (serial_number = NEW.serial_number AND manufacturer = NEW.manufacturer "
