@@ -42,7 +42,7 @@ from vibrident.process import Process
 from vibrident.simulation import simulate, with_noise
 
 #: Repetitions of each timing, in turn.
-_ROUNDS = 3
+_ROUNDS = 2
 RECORDS = 21
 SAMPLES = 2000
 
@@ -91,7 +91,7 @@ def speed(count: int) -> dict[str, Any]:
     of workers are from the first begin to the last end, without start and page, which do not grow with the fleet; the
     least of some rounds, because other load only adds to them.
     """
-    wanted = count or 24
+    wanted = count or 16
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = calibrations(folder / "data", wanted)

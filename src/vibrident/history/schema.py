@@ -10,8 +10,6 @@ import sqlalchemy as sa
 #: The newest migration; a store at another one is refused.
 REVISION = "0002"
 VERSION_TABLE = "vibrident_schema"
-#: Kinds of event of a sensor or of one of its calibrations.
-KINDS = ("added", "approved", "superseded", "repaired", "recalled")
 #: Name among the parameters of the magnitude of the sensitivity at the reference frequency.
 REFERENCE_SENSITIVITY = "reference_sensitivity"
 
