@@ -51,8 +51,8 @@ def _measured(kept: dict[str, Any]) -> str:
             f"{100 * speed['busy_share_of_two_workers']:.1f} % each",
         ),
         (
-            f"sensors a second of {speed['calibrations']} calibrations, two workers over one, on two cores of a virtual "
-            "machine; and two processes over one that know nothing of each other",
+            f"sensors a second of {speed['calibrations']} calibrations, two workers over one on two virtual cores "
+            "of a busy machine; and two processes over one that know nothing of each other",
             f"{speed['two_workers_over_one']:.2f}; {speed['two_processes_over_one']:.2f}",
         ),
         (
