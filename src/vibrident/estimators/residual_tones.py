@@ -19,16 +19,20 @@ from vibrident.discretize.inputs import half_width_for
 from vibrident.errors import InputError
 from vibrident.measure import MeasuredResponse, measure_tones
 from vibrident.measure.response import ComplexArray
+from vibrident.measure.tones import hann, turning
 from vibrident.problem import Coordinates, Evidence, NetworkProblem, network_of
-from vibrident.records import FloatArray
+from vibrident.records import FloatArray, Record
 
 #: Interpolation by so many samples on either side is good to 1e-5.
 FINE = 32
 #: Noise of the reference passes the network. Where it is this factor above the noise beside the tone, a plain sine with
 #: the free motion is fitted instead.
 LOUD = 3.0
-#: A plain sine is not fitted where its standard deviation is larger by this factor.
+#: A plain sine is not fitted where its standard deviation is larger by this factor …
 NOISIER = 1.5
+#: … nor where the amplitude of the reference is another under Hann's window by so many standard deviations: the motion
+#: rings up, or changes in size, and the sensor's answer to that is in no sine.
+UNSTEADY = 5.0
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
@@ -78,8 +82,22 @@ def residual_tones(
         return cleaned
     by_sines, _ = _cleaned(evidence, plain, None, values, poles)
     loud &= by_sines.error_deviation(at) < NOISIER * deviation
+    loud[loud] = [_steady(evidence.records[plain.record[k]], by_sines, k) for k in np.flatnonzero(loud).tolist()]
+    if not np.any(loud):
+        return cleaned
     fewer = [np.full_like(p, np.nan) if worse else p for p, worse in zip(predicted, loud, strict=True)]
     return _cleaned(evidence, plain, fewer, values, poles)[0]
+
+
+def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
+    """Whether the reference keeps the size of its tone over the record, as far as its noise tells."""
+    mask, turns = record.mask, tones.frequency_hz[place] / record.sampling_rate_hz
+    wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
+    rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
+    faded = rows * hann(record.samples)[mask]
+    found = np.linalg.lstsq(faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12)[0]
+    noise = np.sqrt(np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place]))
+    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < UNSTEADY * noise)
 
 
 def _cleaned(
