@@ -156,6 +156,8 @@ def _wall(folder: Path, workers: int) -> tuple[float, float]:
 
 def _plainly(files: list[Path], processes: int) -> float:
     """Seconds of so many processes that share the files, and nothing else."""
+    from bench.fleet import in_turn  # where another process finds it; here it is a part of __main__
+
     shares = [[str(file) for file in files[number::processes]] for number in range(processes)]
     with contextlib.ExitStack() as open_, ThreadPoolExecutor(processes) as pool:
         started = [open_.enter_context(Process()) for _ in shares]

@@ -92,7 +92,8 @@ def test_a_store_that_can_only_be_read_is_read(tmp_path, monkeypatch):
     file = tmp_path / "h.db"
     history.add(str(file), [calibrated()])
     monkeypatch.setattr("vibrident.history.store.os.access", lambda *_: False)
-    assert count(str(file)) == 1
+    monkeypatch.chdir(tmp_path)
+    assert count(str(file)) == count("sqlite:///h.db") == 1
     with pytest.raises(InputError, match="can only be read"):
         history.add(str(file), [calibrated(0.2)])
     assert [path.name for path in tmp_path.iterdir()] == ["h.db"]

@@ -210,7 +210,7 @@ def _row(one: Distribution) -> tuple[str, ...]:
         scale.printed,
         str(one.count),
         f"{one.median * scale.factor:.5g}",
-        f"{one.sd * scale.factor:.3g}",
+        f"{one.sd * scale.factor:.3g}" if one.count > 1 else NONE,
         *(f"{value * scale.factor:.5g}" for value in (one.least, one.greatest)),
         NONE if one.median_u is None else f"{one.median_u * scale.factor:.2g}",
         *judged,

@@ -216,7 +216,7 @@ def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -
     file = Path(arguments[0])
     if file.exists() and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
         writers = file.with_name(f"{file.name}-wal").exists()
-        arguments[0] = f"{file.as_uri()}?mode=ro{'' if writers else '&immutable=1'}"
+        arguments[0] = f"{file.absolute().as_uri()}?mode=ro{'' if writers else '&immutable=1'}"
         options["uri"] = True
 
 

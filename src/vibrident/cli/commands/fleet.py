@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -187,6 +188,7 @@ def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
             where="command line",
             remedy="leave one of the two out",
         )
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said once, in words of our own
     return Dask(scheduler)
 
 
