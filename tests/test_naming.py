@@ -64,4 +64,4 @@ def test_a_drift_is_stated_in_the_unit_of_the_response():
     _, (finding,) = without_drift([record], [1e-6 * tone], "V")
     assert "drifts by 800 nV over" in finding.message
     bare = without_drift([replace(record, name="bare")], [1e-6 * tone])[1][0].message
-    assert "8e-07 over" in bare
+    assert "8e-7 over" in bare

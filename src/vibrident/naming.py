@@ -61,6 +61,23 @@ def in_words(name: str) -> str:
     return parameter_name(name).words
 
 
+#: Significant digits of a value whose uncertainty is not known.
+PLAIN_DIGITS = 6
+#: Printed where there is no number.
+NONE = "–"
+
+
+def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
+    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    text = f"{value:.{digits}g}"
+    head, _, power = text.partition("e")
+    if power and 0 <= int(power) < 6:  # 4.1e+03 reads better as 4100
+        return f"{float(text):.0f}"
+    return f"{head}e{int(power)}" if power else "0" if float(text) == 0 else text
+
+
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {"u": -6, "μ": -6}
 
@@ -141,4 +158,4 @@ def scaled(unit: str, size: float) -> Scale:
 def amount(value: float, unit: str, digits: int = 5) -> str:
     """A number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
     scale = scaled(unit, value)
-    return f"{value * scale.factor:.{digits}g} {scale.printed}".rstrip()
+    return f"{plain(value * scale.factor, digits)} {scale.printed}".rstrip()

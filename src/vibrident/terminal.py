@@ -76,7 +76,7 @@ def fit_line(result: Result) -> Sentence:
     if fit.r2 is not None:
         parts.append(f"R² {plain(fit.r2, 6)}")
     if fit.chi2_reduced is not None:
-        parts.append(f"chi²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
+        parts.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
     said = ("fine", "adequate") if fit.adequate else ("doubt", "not adequate")
     return Sentence(f"Fit: {', '.join(parts)}:", said[0], end=said[1])  # type: ignore[arg-type]
 

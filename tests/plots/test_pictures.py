@@ -52,6 +52,21 @@ def test_every_inspection(name):
     check_inside(figure)
 
 
+def test_long_names_of_records_and_sensors_run_into_nothing():
+    """Titles beside each other keep apart, and the serial number, which comes last, is there."""
+    result = table2()
+    names = [f"a folder of a very long name/measurement of the sensor, run {i:03d}" for i in range(6)]
+    signals = tuple(replace(one, record=name) for one, name in zip(result.signals, names, strict=False))
+    sensor = {"manufacturer": 20 * "Maker ", "type": 10 * "kind ", "serial_number": "0123456789"}
+    figure = drawn(plots.draw("signals", replace(result, signals=signals, sensor=sensor)))
+    titles = [axes.title.get_window_extent() for axes in figure.axes if axes.get_title()]
+    assert len(titles) == 6
+    assert not any(a.overlaps(b) for i, a in enumerate(titles) for b in titles[:i])
+    assert all("run 00" in axes.get_title() for axes in figure.axes if axes.get_title())
+    assert any("0123456789" in text.get_text() for text in figure.texts)
+    check_inside(figure)
+
+
 def test_labels_carry_the_units_of_the_result():
     upper, lower = plots.draw("sensitivity", table2()).axes
     assert "mV/(m/s²)" in upper.get_ylabel()

@@ -91,6 +91,12 @@ def test_links_are_relative(tmp_path):
     assert "](<" not in report.render(troubled())
 
 
+def test_a_result_without_a_budget_has_no_empty_one():
+    result = table2()
+    settings = {key: value for key, value in result.settings.items() if "budget" not in key}
+    assert "Uncertainty budget" not in report.render(replace(result, settings=settings))
+
+
 def test_foreign_text_stays_text():
     text = report.render(pickup())
     assert "\\$1 & \\$2 \\| " in text  # GitHub takes what stands between dollars for a formula

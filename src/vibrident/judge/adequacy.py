@@ -18,6 +18,7 @@ from vibrident.measure import MeasuredResponse
 from vibrident.measure.explained import unexplained
 from vibrident.measure.overtones import Overtone, audible, overtones
 from vibrident.measure.response import ComplexArray
+from vibrident.naming import plain
 from vibrident.problem import Evidence, network_of
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray, Quantity, SystematicEffect
@@ -179,8 +180,8 @@ def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Seq
         if far.parts.chi2 > max(float(np.max(part.squares)) for part in points):
             worst = f"; most in a free decay: {far.words}"
     return (
-        f"The model does not explain the data: deviations at the excited frequencies are {np.sqrt(chi2):.3g} times "
-        f"what the noise explains (χ²/dof = {chi2:.4g}, {adequacy.degrees_of_freedom} degrees of freedom)"
+        f"The model does not explain the data: deviations at the excited frequencies are {plain(chi2**0.5, 3)} times "
+        f"what the noise explains (χ²/dof = {plain(chi2, 4)}, {adequacy.degrees_of_freedom} degrees of freedom)"
         f"{worst}."
     )
 
@@ -244,8 +245,8 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
         text = (
-            f"The model does not explain the table: deviations are {np.sqrt(chi2 or 0.0):.3g} times the stated "
-            f"uncertainties (χ²/dof = {chi2 or 0.0:.4g}, {degrees} degrees of freedom)."
+            f"The model does not explain the table: deviations are {plain((chi2 or 0.0) ** 0.5, 3)} times the stated "
+            f"uncertainties (χ²/dof = {plain(chi2 or 0.0, 4)}, {degrees} degrees of freedom)."
         )
     if degrees <= 0:
         text = _nothing_left(len(residual), len(estimate.z), "table")

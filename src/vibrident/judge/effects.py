@@ -12,7 +12,7 @@ from vibrident.estimators import Estimate
 from vibrident.judge.adequacy import Judgement, measured_curve
 from vibrident.judge.doubts import linearised
 from vibrident.measure.verdict import REJECTION, rejected
-from vibrident.naming import amount
+from vibrident.naming import amount, plain
 from vibrident.problem import Evidence
 from vibrident.records import FloatArray, SystematicEffect
 from vibrident.result import MeasuredCurve
@@ -77,8 +77,8 @@ def _judged(
 
 def _misfit(judgement: Judgement, chi2_reduced: float) -> str:
     return (
-        f"The model does not explain the data: deviations are {np.sqrt(chi2_reduced):.3g} times what noise and the "
-        f"stated systematic effects explain together (χ²/dof = {chi2_reduced:.4g}, "
+        f"The model does not explain the data: deviations are {plain(chi2_reduced**0.5, 3)} times what noise and the "
+        f"stated systematic effects explain together (χ²/dof = {plain(chi2_reduced, 4)}, "
         f"{judgement.adequacy.degrees_of_freedom} degrees of freedom)."
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.measure.quality import Finding
 from vibrident.measure.response import ComplexArray
-from vibrident.naming import amount
+from vibrident.naming import amount, plain
 from vibrident.records import FloatArray, Record
 
 #: Slow lines that tell how far noise alone may wander.
@@ -51,8 +51,8 @@ def without_drift(
         kept.append(record.with_response(record.response - drift, f"drift of {rise * duration:.6g} removed"))
         text = (
             f"{record.name}: the response drifts by {amount(rise * duration, unit or '1', 3)} over the record, "
-            f"{100 * abs(rise) * duration / size:.2g} % of its rms, which the motion does not explain; a straight line "
-            "was taken out."
+            f"{plain(100 * abs(rise) * duration / size, 2)} % of its rms, which the motion does not explain; a "
+            "straight line was taken out."
         )
         findings.append(Finding("drift", text))
     return tuple(kept), tuple(findings)

@@ -118,7 +118,7 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
             stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
             first = float(np.argmax(bad)) / record.sampling_rate_hz
             text = (
-                f"{record.name}: the {label} channel stands still in {stretches} place(s), the first at {first:.4g} s, "
+                f"{record.name}: the {label} channel stands still {_how_often(stretches)}at {first:.4g} s, "
                 f"as where a recorder lost samples; {_left_out(bad, record)}"
             )
             findings.append(Finding("dead_channel", text))
@@ -127,15 +127,19 @@ def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
     findings += copied
     channels = {label: Channel.of(values, record.mask) for label, values, _ in _channels(record)}
     for label, bad in _wild(channels).items():
-        first = float(np.argmax(bad)) / record.sampling_rate_hz
+        first, wild = float(np.argmax(bad)) / record.sampling_rate_hz, int(bad.sum())
         text = (
-            f"{record.name}: the {label} channel is far off its neighbours in {int(bad.sum())} single sample(s), the "
-            f"first at {first:.6g} s, as where a recorder or a contact fails; {_left_out(bad, record)}"
+            f"{record.name}: the {label} channel has a single sample far off its neighbours "
+            f"{_how_often(wild)}at {first:.6g} s, as where a recorder or a contact fails; {_left_out(bad, record)}"
         )
         findings.append(Finding("dead_channel", text))
         record = _without(record, label, bad, f"{label} wild in single samples")
     record, broken = _longest_part(record, channels)
     return record, findings + broken
+
+
+def _how_often(number: int) -> str:
+    return "" if number == 1 else f"{number} times, first "
 
 
 def _without_copied(record: Record) -> tuple[Record, list[Finding]]:

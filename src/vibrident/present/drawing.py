@@ -66,6 +66,7 @@ _TITLE = 15.0
 # Widths in points of a digit and of a small letter.
 _DIGIT = 5.1
 _LETTER = 4.2
+_TITLE_LETTER = 4.6
 
 _LOCK = threading.RLock()  # matplotlib's settings belong to the whole process
 
@@ -134,6 +135,12 @@ def _lines(text: str) -> list[str]:
     return [printable(line) for line in text.split("\n", 2)] if text else []
 
 
+def _fitting(line: str, width_pt: float) -> str:
+    """A title that fits, without its middle: records' names differ at the end, and what is before them is short."""
+    most = max(12, int(width_pt / _TITLE_LETTER))
+    return line if len(line) <= most else f"{line[: most // 3]}…{line[1 + most // 3 - most :]}"
+
+
 def _wrapped(text: str, width_pt: float, most: int, letter: float = _LETTER) -> list[str]:
     return textwrap.wrap(printable(text), max(10, int(width_pt / letter)), max_lines=most, placeholder=" …")
 
@@ -151,7 +158,7 @@ class _Drawing:
         self.lefts = [max(map(_left, column)) for column in down]
         shares = np.array([max(stack.width for stack in column) for column in down])
         self.widths = (self.width - sum(self.lefts) - 12.0 * columns) * shares / shares.sum()
-        self.head = _lines(figure.title)[:1] + _wrapped(figure.subject, self.width - 12.0, 2, 5.0)
+        self.head = _lines(figure.title)[:1] + _wrapped(figure.subject, self.width - 12.0, 3, 5.0)
         caption = " ".join(part for part in (figure.caption, figure.note) if part)
         shown = f"{len(stacks)} of {len(figure.stacks)} records shown." if len(stacks) < len(figure.stacks) else ""
         self.foot = _wrapped(f"{shown} {caption}", self.width - 16.0, 5)
@@ -208,7 +215,8 @@ class _Drawing:
             height = 72.0 * panel.height_in
             box = (left / self.width, 1.0 - (top + height) / self.height, width / self.width, height / self.height)
             axes = self.picture.add_axes(box)
-            title = "\n".join(_lines("\n".join(part for part in (stack.title * (i == 0), panel.title) if part)))
+            title = "\n".join(part for part in (stack.title * (i == 0), panel.title) if part)
+            title = "\n".join(_fitting(line, width + 12.0) for line in _lines(title))
             if title:
                 loc = "left" if i or (panel.title and len(stack.panels) > 1) else "center"
                 # At a given height: the automatic one measures every label of the panel.

@@ -50,7 +50,7 @@ def signals(result: Result) -> Figure | None:
     stacks = tuple(_signal(signal, frequencies.get(signal.record), common) for signal in ordered)
     caption = "Measured and predicted response of a part of each record, and the residual on a scale of its own."
     if len(ordered) < len(result.signals):
-        caption += f" {len(ordered)} of {len(result.signals)} records can be chosen."
+        caption += f" Of {len(result.signals)} records these are {len(ordered)}, spread evenly."
     title = "Measured and predicted response"
     return Figure("signals", title, stacks, subject(result.model, result.sensor), caption, choice=True)
 

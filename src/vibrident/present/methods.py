@@ -94,7 +94,7 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
         row = [name, *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS)]
         row += [str(len(result.warnings)), *([plain(time if isinstance(time, int | float) else None, 3)] * timed)]
         rows.append(tuple(row))
-    heads = [*(words.METRICS[field].label.replace("χ", "chi") for field in _FIELDS), "warn.", *(["time/s"] * timed)]
+    heads = [*(words.METRICS[field].label for field in _FIELDS), "warn.", *(["time/s"] * timed)]
     title = f"Fit{f' (RMSE, MAE in {pretty(units.pop())})' if len(units) == 1 else ''}"
     return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
 
@@ -116,7 +116,7 @@ def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, An
             share = score.get("deviation_percent")
             row += [NONE if share is None else f"{plain(share, 3)} %", plain(score.get("deviation_in_u"), 3)]
         rows.append((*row, "yes" if result.fit.adequate else "no", str(weak) if weak else NONE))
-    heads = ["parameters", "chi²", "AIC", "BIC", *(["predicted", "in u"] if left_out else []), "explains", "weak"]
+    heads = ["parameters", "χ²", "AIC", "BIC", *(["predicted", "in u"] if left_out else []), "explains", "weak"]
     notes = ("predicted: rms deviation at records left out of the fit",) if left_out else ()
     table = Table(
         (Column("method"), *columns(*heads, kind="number")), tuple(rows), notes=notes, title="Choice of the model"
@@ -146,7 +146,7 @@ def joint(result: Result) -> tuple[Table | Sentence, ...]:
     said = [Sentence(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}.")] if unused else []
     whole = found["consistency"]
     line = (
-        f"The calibrations by themselves: chi² = {plain(whole['chi2'], 4)} (ν = {whole['degrees_of_freedom']}), "
+        f"The calibrations by themselves: χ² = {plain(whole['chi2'], 4)} (ν = {whole['degrees_of_freedom']}), "
         f"p = {plain(whole['probability'], 2)}:"
     )
     fine = whole["consistent"]

@@ -12,19 +12,15 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any, TypeGuard
 
-from vibrident.naming import Scale, scaled
+from vibrident.naming import NONE, Scale, plain, scaled
 from vibrident.nominal import nominal_value
 from vibrident.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 
 #: Coverage factor of every expanded uncertainty that is printed.
 COVERAGE_FACTOR = 2.0
-#: Significant digits of a value whose uncertainty is not known.
-PLAIN_DIGITS = 6
 #: Digits of a value beyond which a float has nothing more to say.
 _MOST_DIGITS = 15
-#: Printed where there is no number.
-NONE = "–"
 
 
 @dataclass(frozen=True)
@@ -103,17 +99,6 @@ def _fixed(value: Decimal, last: int, power: int) -> str:
     if not text.strip("-0."):
         text = text.lstrip("-")  # no negative zero
     return f"{text}e{power}" if power else text
-
-
-def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
-    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
-    if value is None or not math.isfinite(value):
-        return NONE
-    text = f"{value:.{digits}g}"
-    head, _, power = text.partition("e")
-    if power and 0 <= int(power) < 6:  # 4.1e+03 reads better as 4100
-        return f"{float(text):.0f}"
-    return f"{head}e{int(power)}" if power else "0" if float(text) == 0 else text
 
 
 def uncertainty(u: float | None) -> str:

@@ -46,7 +46,7 @@ def facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("estimator", result.estimator),
         ("reference", reference),
         ("response", f"in {pretty(result.response_unit)}"),
-        ("frequencies", _band(result.measured)),
+        *((("frequencies", _band(result.measured)),) if result.has_gain else ()),
     )
 
 
@@ -270,7 +270,7 @@ def leaf(value: Any) -> str:
 def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
     """Nested settings: names and plain values, and a table for each list of alike mappings."""
     rows, lists = [], []
-    for name, value in _leaves(settings, ""):
+    for name, value in _leaves(settings, "") if settings else ():
         if isinstance(value, list):
             lists.append(_listed(name, value))
         else:
