@@ -49,6 +49,23 @@ def slow_or_quick(rng: np.random.Generator, orders: tuple[int, ...] = (1,)) -> F
     return sum(np.sin(order * angle * T + rng.uniform(0.0, 6.3)) / order**2 for order in orders)
 
 
+def in_step(rng: np.random.Generator) -> FloatArray:
+    """A sine of 3 to 12 samples a period that begins in the record, and settles."""
+    wave = np.sin(2.0 * np.pi * (T + rng.uniform(0.0, 1.0)) / rng.integers(3, 13))
+    return wave * (1.0 - np.exp(-np.clip(T - rng.uniform(0.0, 1000.0), 0.0, None) / rng.uniform(3.0, 100.0)))
+
+
+def swept_from_a_quarter_of_the_rate(rng: np.random.Generator) -> FloatArray:
+    return np.sin(0.5 * np.pi * T - 0.5 * rng.uniform(0.2, 1.4) * T**2 / N)
+
+
+def of_few_digits(rng: np.random.Generator) -> FloatArray:
+    """As a text file holds a slow sine with noise."""
+    values = rng.uniform(1.2, 9.0) * slow_or_quick(rng) + 10.0 ** rng.uniform(-6.0, -3.0) * rng.standard_normal(N)
+    digits = rng.integers(3, 6)
+    return np.array([float(f"{value:.{digits}e}") for value in values])
+
+
 def shock(rng: np.random.Generator) -> FloatArray:
     u = (T - rng.uniform(500.0, 2000.0)) / rng.uniform(40.0, 150.0)
     return np.exp(-(u**2)) - 0.2 * np.exp(-(((u - 4.0) / 3.0) ** 2))
@@ -75,6 +92,8 @@ FREE = {
     "slow or quick sine": slow_or_quick,
     "harmonics": lambda rng: slow_or_quick(rng, (1, 2, 3)),
     "noise": lambda rng: rng.standard_normal(N),
+    "in step": in_step,
+    "swept from a quarter of the rate": swept_from_a_quarter_of_the_rate,
 }
 
 
@@ -87,6 +106,15 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
         values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
         found += bool(clipped(values, ALL)[0].any()) + bool(lost(values, ALL).any()) + bool(wild(values, ALL).any())
     assert found <= (1 if motion == "sine" else 0)
+
+
+@pytest.mark.draws(10, 300)
+def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Generator) -> None:
+    """Their steps are ten times as coarse above one as below it."""
+    for _ in range(draws):
+        values = of_few_digits(rng)
+        assert not clipped(values, ALL)[0].any()
+        assert not lost(values, ALL).any()
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "shock"])

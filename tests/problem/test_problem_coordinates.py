@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from vibrident.backend import jax, jnp
 from vibrident.models import parse
 from vibrident.problem import Coordinates
-from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
+from vibrident.problem.coordinates import BAND_MARGIN, MARGIN_BELOW, searched
 from vibrident.problem.time_domain import TimeProblem
 
 START = {
@@ -79,3 +79,11 @@ def test_numpy_and_traced_values_agree_and_differentiate():
         step[k] = 1e-6
         sides = [np.array(list(c.values(z + sign * step).values())) for sign in (-1, 1)]
         np.testing.assert_allclose(slopes[:, k], (sides[1] - sides[0]) / 2e-6, rtol=1e-8, atol=1e-12)
+
+
+def test_a_trial_step_far_beyond_the_search_ends_at_its_limit():
+    model = parse("accelerometer")
+    start = {"sensitivity": 1.0, "natural_frequency": 100.0, "damping_ratio": 0.1}
+    coordinates = Coordinates.at(model, start, (10.0, 1000.0))
+    far = coordinates.first + np.array([0.0, 1e4, 0.0])
+    assert coordinates.values(far)["natural_frequency"] == searched((10.0, 1000.0))["log"][1]

@@ -35,6 +35,8 @@ WIDTHS = range(4, 13)
 VISITS = 3
 #: … unless its samples are exactly equal for longer than this.
 LONG = 8
+#: … and this part of its visits does not follow the one before it at one distance.
+EVENLY = 0.9
 #: A level that holds this part of the record in one piece is rest …
 REST = 0.12
 #: … and one that holds this part of it in all.
@@ -131,7 +133,12 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
         if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
             continue
         inside = valid & (values > limit)
-        if _visits(inside) >= VISITS and not _at_rest(inside, valid) and _confirmed(values, inside, valid):
+        if (
+            _visits(inside) >= VISITS
+            and not _in_step(inside)
+            and not _at_rest(inside, valid)
+            and _confirmed(values, inside, valid)
+        ):
             return limit
     return None
 
@@ -151,6 +158,8 @@ def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same
         return None  # with a few levels the motion between them is not known
     limit = float(top[0]) - same
     inside = valid & (values >= limit)
+    if _in_step(inside):
+        return None
     if np.max(counts[1:]) == 1.0:
         strange = counts[0] > 1.0 and _ties_by_chance(top, counts[0]) < CHANCE
         return limit if strange and not _at_rest(inside, valid) else None
@@ -205,6 +214,18 @@ def _visits(inside: BoolArray) -> int:
 
 def _longest(inside: BoolArray) -> float:
     return float(np.max(_runs(inside), initial=0.0))
+
+
+def _in_step(inside: BoolArray) -> bool:
+    """Whether one or two samples are at the level in every so many: the tops of a tone in step with the sampling.
+
+    They return exactly once the motion has settled, while values below them, of its beginning, occur once.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    apart = np.diff(edges[::2])
+    if apart.size < VISITS - 1 or np.median(edges[1::2] - edges[::2]) > 2:
+        return False
+    return float(np.mean(apart == np.median(apart))) > EVENLY
 
 
 def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:

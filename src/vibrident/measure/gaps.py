@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.measure.rounding import converter_step
 from vibrident.records import BoolArray, FloatArray
 
 #: Equal samples in a row that are looked at.
@@ -68,6 +69,8 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     before = np.abs(np.diff(values[max(first - AROUND, 0) : first + 1]))[:-1]
     after = np.abs(np.diff(values[last : last + AROUND]))[1:]
     usual = float(np.quantile(np.concatenate([before, after, [0.0]]), 0.25))
+    here = values[max(first - AROUND, 0) : last + AROUND]
+    step = max(step, converter_step(here))  # numbers of so many digits have coarser steps where they are large
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 

@@ -28,6 +28,8 @@ from vibrident.records import FloatArray
 BAND_MARGIN = 300.0
 #: … and below it further: a first-order high-pass acts as f0/f.
 MARGIN_BELOW = 1e6
+#: Largest exponent of a trial step: e to it is finite, and beyond every end of the search.
+FARTHEST = 300.0
 
 
 def searched(band_hz: Any) -> dict[str, tuple[Any, Any]]:
@@ -100,7 +102,7 @@ class Coordinates:
             if spec.kind == "gain":
                 values[spec.name] = z[index] * start
             elif spec.kind in ends:
-                values[spec.name] = xp.clip(start * xp.exp(z[index]), *ends[spec.kind])
+                values[spec.name] = xp.clip(start * xp.exp(xp.minimum(z[index], FARTHEST)), *ends[spec.kind])
             elif spec.kind == "ratio":
                 values[spec.name] = z[index]
             elif spec.kind == "inverse":
