@@ -191,3 +191,19 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
         ends.append((end.z - coordinates.first) / np.sqrt(np.diag(end.covariance)))
     assert np.all(np.abs(ends[0]) < 4.0)
     np.testing.assert_allclose(ends[1], ends[0], atol=0.1)
+
+
+@pytest.mark.parametrize("seed", [0, 12])
+def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_reference(seed):
+    """Twenty times above the band: each full step led back to where it came from, and equal weights were rejected."""
+    stiff = {"sensitivity": 0.1, "natural_frequency": 44e3, "damping_ratio": 0.01}
+    clean = simulate(
+        ("accelerometer", stiff), "random", frequencies_hz=[50.0, 2000.0], sampling_rate_hz=10e3, samples=1000,
+        repeats=4, start="rest", seed=seed,
+    )  # fmt: skip
+    result = vibrident.identify(with_noise(clean, reference_noise=0.01, response_noise=1e-3, seed=seed))
+    assert result.settings["noise_weights"] == "spectrum"
+    assert result.fit.adequate
+    for name, true in stiff.items():
+        found = result.parameters[name]
+        assert abs(found.value - true) < 4.0 * found.standard_uncertainty, name

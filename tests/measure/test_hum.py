@@ -98,3 +98,22 @@ def test_hum_is_seen_and_a_misfit_or_a_harmonic_is_not():
     steady = [r.response for r in bent.records]
     squared = [r.with_response(v + 0.1 * v**2 / np.std(v), "") for r, v in zip(bent.records, steady, strict=True)]
     assert not any(hum_tones(squared, steady))
+
+
+def test_hum_is_seen_where_a_late_response_leaves_the_first_part_without_a_prediction():
+    clean = recorded(1)
+    late = [np.where(np.arange(N) < 400, np.nan, r.response) for r in clean.records]
+    tones = hum_tones(beside_hum(clean, 1, 0.01).records, late)
+    np.testing.assert_allclose([own[:2] for own in tones], ((24.7, 74.1),) * len(tones), atol=0.03)
+
+
+def test_a_fundamental_that_a_resonance_hides_is_where_its_harmonic_says():
+    """A fit took it for 25.9 Hz, a line beside, and what is left shows no tone there; the harmonic still says."""
+    clean = recorded(1)
+    predicted = [r.response for r in clean.records]
+    t = np.arange(N) / RATE
+    harmonic = [r.with_response(r.response + 0.01 * np.std(r.response) * np.cos(466.0 * t), "") for r in clean.records]
+    tones = hum_tones(harmonic, predicted, ((25.9,),) * len(harmonic))
+    assert len(set(tones)) == 1
+    np.testing.assert_allclose(tones[0], np.array([1.0, 3.0]) * 466.0 / (6.0 * np.pi), atol=0.03)
+    assert all(len(own) == 1 for own in hum_tones(harmonic, predicted))

@@ -162,6 +162,21 @@ def test_noise_that_grows_while_a_sweep_rises_is_no_misfit():
     assert 0.8 < np.mean(np.concatenate(ratios)) < 1.25
 
 
+def test_where_noise_grows_the_mean_square_of_a_deviation_is_one():
+    """Lines of such noise are alike, so that a band has fewer independent ones than lines; it was 1.11."""
+    rng, t = np.random.default_rng(1), np.arange(1000) / 1000.0
+    fade = np.sin(0.5 * np.pi * np.clip(np.minimum(t, 0.95 - t) / 0.05, 0.0, 1.0)) ** 2
+    predicted = fade * np.sin(2.0 * np.pi * 5.0 / np.log(40.0) * (40.0**t - 1.0))
+    growing, squares = np.linspace(0.5, 1.5, t.size), []
+    for _ in range(200):
+        noise = 0.005 * np.std(predicted) * growing * rng.standard_normal(t.size)
+        found = coherent_remainder(Record("r", predicted, predicted + noise, 1000.0, "sweep"), predicted.copy())
+        assert found is not None
+        _, rho, deviation, freedom = found
+        squares.append(np.mean(np.abs(rho) ** 2 / (2.0 * deviation**2) * (1.0 - 2.0 / freedom)))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.05)
+
+
 def test_free_motion_hides_the_delay_of_a_record_and_not_that_of_all(rng):
     """Shocks that come 300 samples late to a sensor that still rings with a third of their response."""
     values = {"sensitivity": 1e-5, "natural_frequency": 118.0, "damping_ratio": 0.028, "delay": 0.03}

@@ -85,10 +85,10 @@ class Place:
         deviation = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
         return float(np.max(np.abs(self.inverse @ self.gradient) / deviation))
 
-    def ahead(self, damping: float, bent: Bent | None) -> FloatArray:
-        """The end of a step, shape (p,): straight on, or along the valley where that leads up."""
+    def ahead(self, damping: float, bent: Bent | None, part: float = 1.0) -> FloatArray:
+        """The end of a step, shape (p,): a part of the way straight on, or along the valley where that leads up."""
         if damping == 0.0:
-            return self.z + self.inverse @ self.gradient
+            return self.z + part * (self.inverse @ self.gradient)
         step = np.linalg.solve(np.linalg.inv(self.inverse) + damping * np.eye(len(self.z)), self.gradient)
         return self.z + step if bent is None else bent(self.z, np.asarray(step, dtype=float), damping)
 

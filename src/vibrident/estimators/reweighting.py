@@ -37,7 +37,7 @@ from vibrident.records import FloatArray
 from vibrident.tails import chi2_tail
 
 #: Evaluations of the network at most, straight on and along a valley.
-EVALUATIONS, ALONG_A_VALLEY = 8, 30
+EVALUATIONS, ALONG_A_VALLEY = 16, 30
 #: The step, in standard deviations, at which no further evaluation is needed …
 SETTLED = 0.02
 #: … and beyond which the last is no optimum.
@@ -50,6 +50,10 @@ DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
 MOST_DAMPED = 1e12
 #: A descent that comes no closer by this factor in more damped steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
+#: No descent begins where the sum of squares with equal weights is larger than its least by this factor.
+FARTHEST_START = 100.0
+#: The steps are halved where one leaves more than this part of the way.
+BACK = 0.7
 #: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor …
 COSTLIER = 2.0
 #: … or the shift of the estimate has a probability below this under equal weights.
@@ -98,6 +102,8 @@ def reweighted(
     spread, information = _spread(lines, spectra), _equal_information(lines)
     if start is not None:
         lines = problem.lines(start, coordinates, noise)
+        if not equal_cost(lines) <= FARTHEST_START * cost:
+            return None
         spectra = [beside_hum(record) for record in lines]
     here = place_at(lines, spectra, z if start is None else start)
     del spectra  # of a long record each copy counts
@@ -139,11 +145,11 @@ def _down(
     bent: Bent | None,
 ) -> Place:
     """The last place of a descent; ``lines`` hold the records at the last place that was tried."""
-    damping, rejected, slow = 0.0, 0, 0
+    damping, part, rejected, slow = 0.0, 1.0, 0, 0
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
         if here.far <= SETTLED or not np.isfinite(here.far) or damping > MOST_DAMPED or slow > MOST_SLOW:
             break
-        trial, there = here.ahead(damping, bent), None
+        trial, there = here.ahead(damping, bent, part), None
         if np.all(np.abs(trial - here.z) <= FARTHEST * np.maximum(np.abs(here.z), 1.0)):
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
@@ -155,6 +161,8 @@ def _down(
             rejected += 1
         else:
             slow = slow + 1 if damping > 0.0 and there.far > CLOSER * here.far else 0
+            if damping == 0.0 and there.far > BACK * here.far:
+                part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here

@@ -277,6 +277,12 @@ def descend(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual, r
     return Front(u, sign, cost, (np.array(places), np.array(costs)))
 
 
+def information_at(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual) -> FloatArray:
+    """JᵀJ of the residual at each candidate, by the coordinates, shape (C, P, P)."""
+    _, slopes = _evaluated(chart, u, sign, residual)
+    return np.einsum("cmp,cmq->cpq", slopes, slopes)
+
+
 def _limit(off: FloatArray) -> FloatArray:
     """Size beyond which a candidate's residuals are out of the common, shape (C, 1)."""
     common = median(np.abs(np.where(np.isfinite(off), off, 0.0)))

@@ -17,7 +17,16 @@ import numpy as np
 
 from vibrident.errors import NotConverged
 from vibrident.estimators.rational import two_modes
-from vibrident.estimators.search import Chart, Front, Sought, descend, differences, logarithms, magnitudes
+from vibrident.estimators.search import (
+    Chart,
+    Front,
+    Sought,
+    descend,
+    differences,
+    information_at,
+    logarithms,
+    magnitudes,
+)
 from vibrident.models import SensorModel
 from vibrident.problem import FrequencyProblem
 from vibrident.records import FloatArray
@@ -117,6 +126,8 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
         found = chart.named(u, front.sign, row)
         return {name: found.get(name, 0.0) for name in whole.parameter_names}
 
+    if linear.shares:
+        rows = _likeliest_first(rows, front, chart, final)
     first, *others = _shortest_delay_first(rows, front, linear)
     places, costs = front.path[0][:, first : first + 1], front.path[1][:, first] * scale
     path = tuple(_whole(chart.named(p, front.sign[first : first + 1], 0), whole) for p in places)
@@ -141,6 +152,19 @@ def _shortest_delay_first(rows: np.ndarray, front: Front, model: SensorModel) ->
     alike = [row for row in rows.tolist() if front.cost[row] < front.cost[rows[0]] + ALIKE]
     first = min(alike, key=lambda row: round(abs(float(front.u[row, index])), 1))
     return [first, *(row for row in rows.tolist() if row != first)]
+
+
+def _likeliest_first(rows: np.ndarray, front: Front, chart: Chart, final: Sought) -> np.ndarray:
+    """The rows by χ² + log det(1 + JᵀJ): how likely the data are, not how well they fit (Laplace's approximation).
+
+    Somewhere in the band a mode of hardly any width or size follows a line of the noise, and fits better than the right
+    one that is seen by its tail alone. Of all places, widths and sizes that it could have, only one does so.
+    """
+    u, sign = front.u[rows], front.sign[rows]
+    information = information_at(chart, u, sign, differences(final))
+    occam = np.linalg.slogdet(np.eye(u.shape[1]) + information)[1]
+    score = front.cost[rows] + np.where(np.isfinite(occam), occam, 0.0)
+    return rows[np.argsort(score, kind="stable")]
 
 
 def sought_response(problem: FrequencyProblem) -> Sought:

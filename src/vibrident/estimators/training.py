@@ -203,7 +203,7 @@ class _Trained:
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
         bent = ValleySteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
         end = reweighted(*at, bent=bent)
-        if end is None and two_modes:
+        if end is None:  # equal weights were drawn aside; the points' start knows the noise of both channels
             end = reweighted(*at, start=self.coordinates.place(self.begin.values), bent=bent)
         if end is None:
             return self.with_equal_weights()

@@ -104,7 +104,7 @@ def _better_weighted(
     Such a fit, of equal weights, is drawn aside by noise of the reference, or has followed a line of the noise.
     """
     begin = best[0].begin
-    if best[0].settings.get("noise_weights") != "white" or begin is None:
+    if _noise_weights(best[0]) != "white" or begin is None:
         return best
     least, first = _chi2(best[1]) + ALIKE, best
     for start, cost in begin.others[:MORE_STARTS]:
@@ -114,10 +114,16 @@ def _better_weighted(
             other = _once(replace(evidence, start=dict(start)), estimator, progress)
         except (NotConverged, InputError):
             continue
-        reached = other[0].settings.get("noise_weights") == "spectrum" and other[1].adequacy.adequate
+        reached = _noise_weights(other[0]) == "spectrum" and other[1].adequacy.adequate
         if reached and _chi2(other[1]) < least:
             least, first = _chi2(other[1]), other
     return first
+
+
+def _noise_weights(estimate: Estimate) -> str:
+    """By what the lines of the residual count; empty without a network."""
+    network = estimate.findings.network
+    return "" if network is None else network.weights
 
 
 def _chi2(judgement: Judgement) -> float:

@@ -257,7 +257,7 @@ def coherent_remainder(
     power = power_of(spectrum)
     own = _own_power(predicted - np.mean(predicted[used]), used, power)
     edges = band_edges(n, rate).astype(int)
-    there = noise_where_bands_move(left, np.where(used, predicted, 0.0), used, edges)
+    there, even = noise_where_bands_move(left, np.where(used, predicted, 0.0), used, edges)
     totals = np.add.reduceat(power[: edges[-1]], edges[:-1])
     strongest = float(np.max(totals / np.diff(edges)))
     own = np.add.reduceat(own[: edges[-1]], edges[:-1])
@@ -272,7 +272,7 @@ def coherent_remainder(
             continue
         rho = (np.vdot(spectrum[a:b], error[a:b]) + shared) / total
         rest = float(np.sum(power_of(error[a:b] - (rho if shared == 0.0 else 0.0) * spectrum[a:b])))
-        freedom = 2.0 * max((b - a) * whole - 1.0, 1.0)
+        freedom = 2.0 * max((b - a) * whole * even - 1.0, 1.0)
         floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
         if least is not None:
             floor = max(floor, float(count * np.mean(least[a:b])) / total / 2.0)
@@ -290,8 +290,8 @@ def coherent_remainder(
 
 def noise_where_bands_move(
     left: FloatArray, motion: FloatArray, used: BoolArray, edges: NDArray[np.int_]
-) -> FloatArray:
-    """Noise power while each band moves, over its mean over the record, shape (bands,).
+) -> tuple[FloatArray, float]:
+    """Noise power while each band moves, over its mean over the record, and how even the noise is.
 
     A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
     The noise of a stretch of time is read where there is no motion, so that no misfit counts; one where all moves.
@@ -301,6 +301,10 @@ def noise_where_bands_move(
         motion: predicted response, zero where not used, shape (samples,).
         used: shape (samples,).
         edges: first line of each band and the end of the last, shape (bands + 1,).
+
+    Returns:
+        The ratio, shape (bands,); and the independent lines among those of a band, as a part: lines of noise that
+        changes with time are alike.
     """
     places = np.flatnonzero(used)
     samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
@@ -321,14 +325,15 @@ def noise_where_bands_move(
         moves[row] = total[end] - total[first]
     kept = still.all(axis=0)
     if kept.sum() < FEWEST_STILL:
-        return np.ones(len(first))
+        return np.ones(len(first)), 1.0
     level = np.median(noise[:, kept] / np.maximum(np.mean(noise[:, kept], axis=0), 1e-300), axis=1)
     # A stretch alone tells its noise to a quarter: over five it changes smoothly.
     level = np.convolve(np.pad(level, 2, mode="reflect", reflect_type="odd"), np.full(5, 0.2), mode="valid")
     level = np.maximum(level, 1e-300)
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
     found = level @ shares / max(float(np.mean(level)), 1e-300)
-    return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0)
+    even = float(np.mean(level)) ** 2 / float(np.mean(level**2))
+    return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0), even
 
 
 def _own_power(series: FloatArray, used: BoolArray, power: FloatArray) -> FloatArray:

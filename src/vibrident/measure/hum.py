@@ -60,6 +60,7 @@ def hum_tones(records: Sequence[Record], predicted: Sequence[FloatArray], known:
     ]
     together, alone = _together(seen, records)
     common = _as_harmonics(together)
+    common += _fundamentals(common, [*(tone.hz for tone in alone), *(hz for own in known for hz in own)], records)
     found = []
     for index, record in enumerate(records):
         line = record.sampling_rate_hz / record.samples
@@ -116,10 +117,12 @@ def _seen(index: int, record: Record, given: FloatArray) -> list[_Tone]:
     used = record.mask & np.isfinite(predicted)
     if record.reference is None or used.sum() < SHORTEST:
         return []
-    residual = np.where(used, record.response - predicted, 0.0)
-    motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
-    tones = _tones(residual, motion, used, harmonics=record.excitation == "sine")
-    span = record.duration_s
+    first, last = np.flatnonzero(used)[[0, -1]]
+    whole = slice(first, last + 1)  # a window over more would cut a tone off where the prediction begins
+    residual = np.where(used, record.response - predicted, 0.0)[whole]
+    motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)[whole]
+    tones = _tones(residual, motion, used[whole], harmonics=record.excitation == "sine")
+    span = residual.size / record.sampling_rate_hz
     return [_Tone(index, place / span, strength * span**2) for place, strength in tones]
 
 
@@ -155,6 +158,17 @@ def _as_harmonics(tones: Sequence[tuple[float, float]]) -> list[float]:
         by_others = [other / k for other, own in tones for k in (2, 3) if own < scatter]
         near = [other for other in by_others if abs(other - hz) < HARMONIC * scatter]
         found.append(min(near, key=lambda other: abs(other - hz)) if near else hz)
+    return found
+
+
+def _fundamentals(common: Sequence[float], single: Sequence[float], records: Sequence[Record]) -> list[float]:
+    """Fundamentals of common tones that no two records agree on, as a resonance hides them, by their harmonic."""
+    line = 1.0 / max(record.duration_s for record in records)
+    found: list[float] = []
+    for hz in (other / order for other in common for order in (2, 3)):
+        seen = any(abs(tone - hz) < SAME * line for tone in single)
+        if seen and _apart(hz, [*common, *found], SAME * line):
+            found.append(hz)
     return found
 
 
