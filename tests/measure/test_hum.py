@@ -7,6 +7,7 @@ import pytest
 
 import vibrident
 from vibrident.measure.hum import hum_tones, without_tones
+from vibrident.measure.rounding import converter_step, step_of_response
 from vibrident.simulation import simulate
 
 RATE, N = 2000.0, 1000
@@ -117,3 +118,16 @@ def test_a_fundamental_that_a_resonance_hides_is_where_its_harmonic_says():
     assert len(set(tones)) == 1
     np.testing.assert_allclose(tones[0], np.array([1.0, 3.0]) * 466.0 / (6.0 * np.pi), atol=0.03)
     assert all(len(own) == 1 for own in hum_tones(harmonic, predicted))
+
+
+def test_a_record_keeps_the_step_of_its_converter_when_hum_is_taken_out():
+    """Its values lie on no grid any more, and its rounding errors were taken for a nonlinear sensor."""
+    clean = recorded(1)
+    predicted = [r.response for r in clean.records]
+    step = np.max(np.abs(predicted[0])) / 64.0
+    humming = [r.with_response(step * np.rint(r.response / step), "") for r in beside_hum(clean, 1, 0.05).records]
+    cleaned = without_tones(humming, predicted, hum_tones(humming, predicted))
+    for record in cleaned:
+        assert record.hum_hz
+        assert converter_step(record.response) == 0.0
+        assert step_of_response(record) == pytest.approx(step)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vibrident.measure.quality import Finding
 from vibrident.measure.response import ComplexArray
+from vibrident.measure.rounding import step_of_response
 from vibrident.naming import amount, plain
 from vibrident.records import FloatArray, Record
 
@@ -48,7 +50,8 @@ def without_drift(
             kept.append(record)
             continue
         drift = rise * (record.time_s - middle)
-        kept.append(record.with_response(record.response - drift, f"drift of {rise * duration:.6g} removed"))
+        flat = record.with_response(record.response - drift, f"drift of {rise * duration:.6g} removed")
+        kept.append(replace(flat, response_step=step_of_response(record)))
         text = (
             f"{record.name}: the response drifts by {amount(rise * duration, unit or '1', 3)} over the record, "
             f"{plain(100 * abs(rise) * duration / size, 2)} % of its rms, which the motion does not explain; a "

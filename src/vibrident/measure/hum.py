@@ -15,6 +15,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.lines import waves
+from vibrident.measure.rounding import step_of_response
 from vibrident.measure.tones import hann, own_sine
 from vibrident.records import BoolArray, FloatArray, Record
 
@@ -92,7 +93,7 @@ def without_tones(records: Sequence[Record], predicted: Sequence[FloatArray], to
         amounts, *_ = np.linalg.lstsq(columns[used], (record.response - series)[used], rcond=None)
         said = ", ".join(f"{hz:.4g}" for hz in hum_hz)
         cleaned = record.with_response(record.response - columns @ amounts, f"hum at {said} Hz removed")
-        kept.append(replace(cleaned, hum_hz=hum_hz))
+        kept.append(replace(cleaned, hum_hz=hum_hz, response_step=step_of_response(record)))
     return tuple(kept)
 
 

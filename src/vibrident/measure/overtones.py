@@ -13,7 +13,14 @@ from numpy import fft
 
 from vibrident.measure.lines import about_mean, power_of
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.rounding import DITHERED, FEW, converter_step, repeated_errors, rounding_errors
+from vibrident.measure.rounding import (
+    DITHERED,
+    FEW,
+    converter_step,
+    repeated_errors,
+    rounding_errors,
+    step_of_response,
+)
 from vibrident.measure.tones import hann, turning
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
@@ -108,7 +115,7 @@ def _by_response_steps(
     record: Record, used: np.ndarray, residual: FloatArray, series: FloatArray, frequency: float, highest: int
 ) -> FloatArray | float:
     """Variance of harmonics 1…highest that the response's converter makes; zero where noise dithers it."""
-    step = converter_step(record.response, record.mask)
+    step = step_of_response(record)
     if step == 0.0 or float(np.std(residual[used])) > DITHERED * step:
         return 0.0
     number, _ = repeated_errors(record.response, used, frequency / record.sampling_rate_hz)

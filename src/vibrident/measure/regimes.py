@@ -21,7 +21,7 @@ from vibrident.measure.nonlinearity import heard_motion, median_level
 from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
-from vibrident.measure.rounding import converter_step
+from vibrident.measure.rounding import converter_step, step_of_response
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.tails import chi2_tail
 
@@ -206,7 +206,7 @@ def _least(record: Record, series: FloatArray, residual: FloatArray) -> float:
     assert record.reference is not None
     size, motion = float(np.std(series)), float(np.std(record.reference[record.reference_mask]))
     of_reference = converter_step(record.reference, record.reference_mask) * size / max(motion, np.finfo(float).tiny)
-    step = max(converter_step(record.response, record.mask), of_reference)
+    step = max(step_of_response(record), of_reference)
     if float(np.std(residual)) < COARSE * step and record.excitation != "random":
         # What rounding leaves of a swing that dies away follows the swing.
         return STEPS * step if record.excitation in STEADY else np.inf

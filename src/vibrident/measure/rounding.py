@@ -131,6 +131,11 @@ def returning_errors(record: Record, frequency: float, residual: FloatArray) -> 
     return found
 
 
+def step_of_response(record: Record) -> float:
+    """The step in which the response was recorded, also where hum or drift was taken out of it since; else zero."""
+    return record.response_step or converter_step(record.response, record.mask)
+
+
 def _on_grid(values: FloatArray, origin: float, rate: float) -> bool:
     place = (values - origin) * rate
     return float(np.max(np.abs(place - np.rint(place)))) < ON_GRID
@@ -146,7 +151,7 @@ def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) ->
     Returns:
         Shape (lines,), squares of the response unit.
     """
-    own = converter_step(record.response, record.mask)
+    own = step_of_response(record)
     other = 0.0 if record.reference is None else converter_step(record.reference, record.reference_mask)
     return None if own == other == 0.0 else (own**2 + other**2 * gain_squares()) / 12.0
 
@@ -177,7 +182,7 @@ def step_in_response(record: Record, motion: FloatArray, used: BoolArray) -> flo
         motion: the predicted response, shape (samples,).
         used: samples that count, shape (samples,).
     """
-    own = converter_step(record.response)
+    own = step_of_response(record)
     if record.reference is None:
         return own
     size = float(np.std(record.reference[used]))

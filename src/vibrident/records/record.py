@@ -35,6 +35,7 @@ class Record:
         provenance: file, hash and history.
         optical: what the signals of an interferometer said, from which the reference was made; None for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
+        response_step: of the converter, where the response is no longer as it came from there; 0: its values tell.
 
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
@@ -56,6 +57,7 @@ class Record:
     reference_valid: BoolArray | None = None
     optical: OpticalSummary | None = field(default=None, repr=False)
     hum_hz: tuple[float, ...] = ()
+    response_step: float = 0.0
 
     __repr__ = brief
 
