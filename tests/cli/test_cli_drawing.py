@@ -37,13 +37,19 @@ def test_with_one_core(saved, monkeypatch):
     assert drawn(saved) == PICTURES
 
 
-def test_when_a_process_fails(saved, monkeypatch):
+@pytest.fixture
+def blank(monkeypatch):
+    """Pictures drawn in this process are empty files."""
+    monkeypatch.setattr("vibrident.plots.save_all", lambda _, folder: [(folder / name).touch() for name in PICTURES])
+
+
+def test_when_a_process_fails(saved, blank, monkeypatch):
     monkeypatch.setattr(drawing, "processors", lambda: 2)
     monkeypatch.setattr(drawing, "prepare", crash)
     assert drawn(saved) == PICTURES
 
 
-def test_when_no_process_can_be_started(saved, monkeypatch):
+def test_when_no_process_can_be_started(saved, blank, monkeypatch):
     monkeypatch.setattr(drawing, "processors", lambda: 2)
     monkeypatch.setattr("sys.executable", "/nowhere/python")
     assert drawn(saved) == PICTURES

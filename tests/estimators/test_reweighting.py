@@ -54,12 +54,12 @@ def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch
     ],
     ids=["reference", "both", "flicker"],
 )
-@pytest.mark.quick("reference")
-def test_no_bias_and_u_is_the_scatter(noise: dict) -> None:
-    runs = 24
-    found, _ = deviations(random_motion(), runs, **noise)
-    assert np.all(np.abs(found.mean(axis=0)) < 3.0 / np.sqrt(runs))
-    assert np.all(np.abs(np.sqrt(np.mean(found**2, axis=0)) - 1.0) < 3.0 / np.sqrt(2 * runs))
+@pytest.mark.quick("few-reference")
+@pytest.mark.draws(10, 24)
+def test_no_bias_and_u_is_the_scatter(noise: dict, draws: int) -> None:
+    found, _ = deviations(random_motion(), draws, **noise)
+    assert np.all(np.abs(found.mean(axis=0)) < 3.0 / np.sqrt(draws))
+    assert np.all(np.abs(np.sqrt(np.mean(found**2, axis=0)) - 1.0) < 3.0 / np.sqrt(2 * draws))
 
 
 def test_noise_of_the_reference_costs_a_sharp_resonance_little(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import DEADLY
 
-from vibrident.fleet import Asked, Local, Orders, Outcome, run
+from vibrident.fleet import Asked, Local, Orders, Outcome, run, worker
+from vibrident.fleet.process import Identifier
 
 Run = Callable[..., Outcome]
 
@@ -23,6 +24,12 @@ def run_fleet() -> Run:
         return run(Asked([str(one) for one in patterns], Orders(str(out), **orders), fresh=fresh), Local(workers))  # type: ignore[arg-type]
 
     return run_
+
+
+@pytest.fixture
+def here(monkeypatch) -> None:
+    """Calibrations are identified in this process: for what does not depend on where that is."""
+    monkeypatch.setattr(Identifier, "identify", lambda self, tasks: worker.identified(tasks, self.orders)[0])
 
 
 @pytest.fixture(scope="session")

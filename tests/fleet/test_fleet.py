@@ -127,7 +127,7 @@ def test_the_same_command_again_computes_nothing(data, outcome, run_fleet, rows)
     assert again.tally.statuses == outcome.tally.statuses
 
 
-def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows):
+def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows, here):
     fleet(tmp_path / "data", 4)
     first = run_fleet([tmp_path / "data"], tmp_path / "out")
     assert first.computed == 4
@@ -188,7 +188,7 @@ def test_a_process_that_is_ended_while_it_starts_is_given_no_calibration(tmp_pat
     assert not process._process.alive
 
 
-def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, monkeypatch):
+def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, here, monkeypatch):
     fleet(tmp_path / "data", 3)
     whole = parts.write_part
 
@@ -201,7 +201,7 @@ def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, monkey
     with pytest.raises(InputError, match="No space left"):
         run_fleet([tmp_path / "data"], tmp_path / "out")
     assert not (tmp_path / "out/fleet.parquet").exists()
-    monkeypatch.undo()
+    monkeypatch.setattr("vibrident.fleet.batch.write_part", whole)
     assert run_fleet([tmp_path / "data"], tmp_path / "out").computed < 3
 
 
@@ -212,7 +212,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, run_fleet):
         run_fleet([tmp_path / "data"], tmp_path / "out")
 
 
-def test_patterns_are_files_folders_and_globs_and_each_file_counts_once(tmp_path, run_fleet):
+def test_patterns_are_files_folders_and_globs_and_each_file_counts_once(tmp_path, run_fleet, here):
     folder = fleet(tmp_path / "data", 3)
     patterns = [folder / "s001/c.toml", folder, folder / "s*/c.toml", Path(f"{folder}/../data/s002/c.toml")]
     assert run_fleet(patterns, tmp_path / "out", results=False).tally.rows == 3

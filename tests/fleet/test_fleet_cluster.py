@@ -57,7 +57,7 @@ def cluster(tmp_path) -> Iterator[Cluster]:
 
 @needs_dask
 @pytest.mark.filterwarnings("default")  # Dask's own, of what it uses
-def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows):
+def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows, here):
     """Scheduler and worker are threads here."""
     import distributed
 

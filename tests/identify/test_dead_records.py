@@ -43,31 +43,25 @@ def pieces_of_one_record(seed: int) -> list:
 
 def test_what_rings_from_before_the_record_is_no_dead_channel():
     """Though noise as large as the response hides the answer to the motion of some records."""
-    seeming = 0
-    for seed in (1, 2):
-        rng = np.random.default_rng(seed)
-        records = pieces_of_one_record(seed)
-        size = float(np.mean([np.std(r.response) for r in records]))
-        records = [r.with_response(r.response + size * rng.standard_normal(SAMPLES), "") for r in records]
-        seeming += len(uncorrelated_records(measure_bands(records)))
-        result = identify(Calibration(records=tuple(records), model="accelerometer"))
-        assert "dead_channel" not in {w.code for w in result.warnings}
-    assert seeming  # the coherence alone would have left some out
+    rng = np.random.default_rng(1)
+    records = pieces_of_one_record(1)
+    size = float(np.mean([np.std(r.response) for r in records]))
+    records = [r.with_response(r.response + size * rng.standard_normal(SAMPLES), "") for r in records]
+    assert uncorrelated_records(measure_bands(records))  # the coherence alone would leave some out
+    result = identify(Calibration(records=tuple(records), model="accelerometer"))
+    assert "dead_channel" not in result.warning_codes
 
 
 def test_a_dead_record_is_named_though_it_would_outweigh_all_others():
     """Its noise is a thousandth of the others' responses: a fit of all draws the sensitivity to zero."""
-    rng = np.random.default_rng(1)
-    for dead in (0, 5):
-        records = pieces_of_one_record(dead)
-        size = 1e-3 * float(np.std(records[dead].response))
-        records[dead] = records[dead].with_response(size * rng.standard_normal(SAMPLES), "")
-        result = identify(Calibration(records=tuple(records), model="accelerometer"))
-        said = [w.message for w in result.warnings if w.code == "dead_channel"]
-        assert len(said) == 1
-        assert f"piece-{dead}" in said[0]
-        off = result.parameters["sensitivity"]
-        assert abs(off.value - SHARP["sensitivity"]) < 4.0 * off.standard_uncertainty
+    records = pieces_of_one_record(5)
+    size = 1e-3 * float(np.std(records[5].response))
+    records[5] = records[5].with_response(size * np.random.default_rng(1).standard_normal(SAMPLES), "")
+    result = identify(Calibration(records=tuple(records), model="accelerometer"))
+    (said,) = [w.message for w in result.warnings if w.code == "dead_channel"]
+    assert "piece-5" in said
+    off = result.parameters["sensitivity"]
+    assert abs(off.value - SHARP["sensitivity"]) < 4.0 * off.standard_uncertainty
 
 
 @pytest.mark.parametrize("level", [1e-6, 0.1])

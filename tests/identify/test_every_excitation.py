@@ -50,10 +50,10 @@ def test_the_truth_lies_within_its_uncertainty(sensor: str, excitation: str) -> 
 @pytest.mark.quick("2560.0-ipnn", "16000.0-ml", "51200.0-ipnn")
 def test_without_channel_noise_the_parameters_are_exact(rate: float, estimator: str) -> None:
     """The paper's excitation, 20 dB of felt noise included: relative error at most 1e-6 at any sampling rate."""
-    calibration = simulate("paper", "sine", sampling_rate_hz=rate, excitation_snr_db=20.0, seed=2)
+    calibration = simulate("paper", "sine", sampling_rate_hz=rate, excitation_snr_db=20.0, samples=8000, seed=2)
     result = vibrident.identify(calibration, estimator=estimator)
     assert max(errors(result, PAPER).values()) < 1e-6
-    assert result.warnings == ()
+    assert set(result.warning_codes) <= {"short_record"}
 
 
 def test_without_channel_noise_at_one_megahertz() -> None:
@@ -67,7 +67,7 @@ def test_without_channel_noise_at_one_megahertz() -> None:
 
 def test_euler_costs_what_the_project_found() -> None:
     """PAPER, found by checking, 8: about −1 % in f0 and +21 % in δ at 51.2 kHz when fitted to the output alone."""
-    calibration = simulate("paper", "sine", excitation_snr_db=20.0, seed=2)
+    calibration = simulate("paper", "sine", excitation_snr_db=20.0, samples=8000, seed=2)
     result = vibrident.identify(calibration, estimator=Ipnn(discretisation="euler"))
     found = errors(result, PAPER)
     assert 0.003 < found["natural_frequency"] < 0.02
@@ -96,6 +96,7 @@ def test_delay_of_either_sign(delay: float, excitation: str) -> None:
         frequencies_hz=10.0 ** (np.arange(10, 31) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
+        samples=8000,
         response_noise=0.01,
         seed=5,
     )
@@ -113,6 +114,7 @@ def test_heavy_damping_is_normal(damping: float) -> None:
         frequencies_hz=10.0 ** (np.arange(10, 37) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
+        samples=8000,
         response_noise=0.01,
         seed=5,
     )
@@ -135,7 +137,7 @@ def test_records_of_different_kind_length_and_rate_in_one_fit() -> None:
 
 def test_offset_and_start_in_mid_motion_do_no_harm() -> None:
     noise = ChannelNoise(white=0.01, offset=3.0)
-    calibration = simulate("seismometer", "sine", start="rest", response_noise=noise, seed=9)
+    calibration = simulate("seismometer", "sine", start="rest", response_noise=noise, samples=8000, seed=9)
     result = vibrident.identify(calibration, estimator="ipnn")
     assert max(abs(z) for z in deviations(result, dict(SENSORS["seismometer"].parameters)).values()) < 4.0
 
@@ -177,6 +179,7 @@ def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, 
         frequencies_hz=10.0 ** (np.arange(10, 31) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
+        samples=8000,
         response_noise=0.01,
         seed=1,
     )

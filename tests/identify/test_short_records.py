@@ -31,7 +31,8 @@ def test_what_cannot_be_judged_says_so(kind, samples):
         assert all(u is None or u > 0.0 for u in stated)  # None: the data say nothing of it
 
 
-def test_the_uncertainty_of_a_short_record_is_that_of_its_noise():
+@pytest.mark.draws(8, 20)
+def test_the_uncertainty_of_a_short_record_is_that_of_its_noise(draws):
     """Ten times the noise, ten times u; at 90 samples the scatter is what u says."""
     u = [
         [vibrident.identify(short("random", 90, noise=noise)).parameters[n].standard_uncertainty for n in NAMES]
@@ -39,7 +40,7 @@ def test_the_uncertainty_of_a_short_record_is_that_of_its_noise():
     ]
     np.testing.assert_allclose(np.divide(u[1], u[0]), 10.0, rtol=0.3)
     errors = []
-    for seed in range(20):
+    for seed in range(draws):
         found = vibrident.identify(short("random", 90, seed, noise=1e-4)).parameters
         errors.append([(found[n].value - TRUTH[n]) / found[n].standard_uncertainty for n in NAMES])
     spread = np.sqrt(np.mean(np.square(errors), axis=0))

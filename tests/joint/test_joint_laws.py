@@ -70,9 +70,10 @@ def check_scatter(make: Make, truth: dict[str, float], seeds: Sequence[int]) -> 
     return chances
 
 
-def test_two_tables() -> None:
+@pytest.mark.draws(15, 30)
+def test_two_tables(draws: int) -> None:
     """Probabilities of consistency are uniform where calibrations are consistent."""
-    chances = check_scatter(two_tables, MECHANICS, range(30))
+    chances = check_scatter(two_tables, MECHANICS, range(draws))
     assert kstest(chances, "uniform").pvalue > 0.01
 
 

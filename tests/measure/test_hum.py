@@ -49,8 +49,9 @@ def within(result, values, limit=4.0):
         assert abs(found.value - true) < limit * found.standard_uncertainty, name
 
 
-def test_a_clean_sensor_beside_hum_is_adequate():
-    for seed in range(3):
+@pytest.mark.draws(1, 3)
+def test_a_clean_sensor_beside_hum_is_adequate(draws):
+    for seed in range(draws):
         result = vibrident.identify(beside_hum(recorded(seed), seed, 0.01), "accelerometer")
         assert result.warning_codes == (), seed
         within(result, P)
@@ -69,16 +70,18 @@ def test_a_resonance_above_half_the_sampling_rate_is_not_drawn_to_hum(motion):
         assert u[1] < 1.5 * u[0], name
 
 
-def test_hum_in_a_resonance_costs_information_and_no_truth():
+@pytest.mark.draws(1, 3)
+def test_hum_in_a_resonance_costs_information_and_no_truth(draws):
     """24.7 Hz lies within the resonance: what free motion, response and hum have in common tells nothing."""
     sharp = P | {"natural_frequency": 24.4, "damping_ratio": 0.02}
-    for seed in range(3):
+    for seed in range(draws):
         within(vibrident.identify(beside_hum(recorded(seed, sharp, "random"), seed, 0.01), "accelerometer"), sharp)
 
 
-def test_hum_of_other_records_is_known_in_the_one_whose_tone_it_disturbs():
+@pytest.mark.draws(1, 3)
+def test_hum_of_other_records_is_known_in_the_one_whose_tone_it_disturbs(draws):
     frequencies = np.array([13.1, 24.9, 41.3, 75.0, 120.0, 210.0, 333.0])
-    for seed in range(3):
+    for seed in range(draws):
         result = vibrident.identify(beside_hum(sines(seed, frequencies), seed, 0.01), "accelerometer")
         assert result.warning_codes == (), seed
         within(result, P)

@@ -20,7 +20,6 @@ from vibrident.simulation import (
     nominal_frequency_name,
     one_third_octave,
     random_phases,
-    schroeder_phases,
 )
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.motion import acceleration_on
@@ -70,20 +69,6 @@ def test_multisine_has_exactly_its_tones():
     np.testing.assert_allclose(
         coefficients[:3] + 1j * coefficients[3:], np.array(a) * np.exp(1j * np.array(p)), atol=1e-11
     )
-
-
-def test_schroeder_phases_keep_the_peak_low():
-    """Crest factor below 1.75 for 50 equal tones; zero phases give √100 = 10."""
-    count = 50
-    f = tuple(float(k) for k in range(1, count + 1))
-    t = np.arange(4000) / 4000.0
-
-    def crest(phases):
-        y = Multisine(f, (1.0,) * count, phases).value(t)
-        return np.max(np.abs(y)) / np.sqrt(np.mean(y**2))
-
-    assert crest((0.0,) * count) == pytest.approx(10.0, rel=1e-12)
-    assert crest(schroeder_phases((1.0,) * count)) < 1.75
 
 
 def test_random_phases_fill_the_circle(rng):

@@ -91,6 +91,17 @@ def upload(page, *files: Path) -> None:
     page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
 
 
+def field(page, label: str):
+    """What the person can fill in or choose under this label."""
+    return page.get_by_label(label, exact=True).locator("visible=true")
+
+
+def choose(page, label: str, option: str) -> None:
+    """Choose from a list of the page."""
+    field(page, label).click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
 def simulated(folder: Path, *arguments: str) -> list[Path]:
     """A short calibration of known truth, without what its columns mean."""
     folder.mkdir(exist_ok=True)

@@ -15,7 +15,6 @@ from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
 
 TRUTH = dict(SENSORS["paper"].parameters)
 FREQUENCIES = [100.0, 250, 400, 550, 630, 700, 850, 1000]
-RUNS = 60
 
 
 def study(base: Calibration, runs: int, estimator: str, **noise: object) -> tuple[np.ndarray, list[float]]:
@@ -44,21 +43,22 @@ def tones() -> Calibration:
     ],
     ids=["ml-response", "ipnn-response", "lsm-response", "ipnn-coloured"],
 )
-@pytest.mark.quick("ml-response")
-def test_scatter_and_coverage_are_as_stated(tones: Calibration, estimator: str, noise: dict) -> None:
-    deviations, chi2 = study(tones, RUNS, estimator, **noise)
+@pytest.mark.quick("few-ml-response")
+@pytest.mark.draws(20, 60)
+def test_scatter_and_coverage_are_as_stated(tones: Calibration, estimator: str, noise: dict, draws: int) -> None:
+    deviations, chi2 = study(tones, draws, estimator, **noise)
     scatter = deviations.std(axis=0, ddof=1)
     coloured = "coloured" if isinstance(noise.get("response_noise"), ChannelNoise) else ""
     # Coloured noise at a tone is taken from lines that may be louder: u may be too large, not too small.
-    low = 0.3 if coloured else 1.0 - 3.0 / np.sqrt(2 * RUNS)
-    assert np.all(scatter < 1.0 + 3.0 / np.sqrt(2 * RUNS))
+    low = 0.3 if coloured else 1.0 - 3.0 / np.sqrt(2 * draws)
+    assert np.all(scatter < 1.0 + 3.0 / np.sqrt(2 * draws))
     assert np.all(scatter > low)
-    assert np.all(np.abs(deviations.mean(axis=0)) < 3.0 / np.sqrt(RUNS) * max(1.0, float(scatter.max())))
+    assert np.all(np.abs(deviations.mean(axis=0)) < 3.0 / np.sqrt(draws) * max(1.0, float(scatter.max())))
     covered = np.mean(np.abs(deviations) < 1.96, axis=0)
-    assert np.all(covered > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / RUNS))
+    assert np.all(covered > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / draws))
     if not coloured:
         degrees = 2 * len(FREQUENCIES) - 3
-        assert np.mean(chi2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees / RUNS) * 1.2)
+        assert np.mean(chi2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees / draws) * 1.2)
 
 
 @pytest.mark.parametrize(("freedom", "points"), [(10.0, 75), (20.0, 75), (50.0, 12), (1e6, 12)])

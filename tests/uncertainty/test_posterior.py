@@ -94,7 +94,7 @@ def test_a_resonance_far_above_the_band_is_bounded_from_below_alone():
     """Seven times above the highest tone: the linearised interval ends, the distribution does not."""
     sensor = {"sensitivity": 0.1, "natural_frequency": 3000.0, "damping_ratio": 0.05}
     calibration = table(sensor, np.geomspace(10, 400, 16), 0.01)
-    result = vibrident.identify(calibration, posterior=Sampling(warm_up=500, draws=1000))
+    result = vibrident.identify(calibration, posterior=Sampling(chains=2, warm_up=300, draws=1000))
     posterior, stated = result.settings["posterior"], result.parameters["natural_frequency"]
     row = posterior["parameters"]["natural_frequency"]
     assert posterior["converged"]

@@ -74,8 +74,9 @@ def test_angular_frequencies_of_the_one_third_octave_series_are_named() -> None:
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
-def test_tables_that_are_right_are_not_suspect(stated: bool) -> None:
-    for seed in range(15):
+@pytest.mark.draws(5, 15)
+def test_tables_that_are_right_are_not_suspect(stated: bool, draws: int) -> None:
+    for seed in range(draws):
         assert said(table(seed, stated=stated, noise=0.01)) == ""
     assert said(table(stated=stated, natural_frequency=2e4)) == ""
 

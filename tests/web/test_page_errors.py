@@ -11,19 +11,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from tests.support.serving import simulated, upload
+from tests.support.serving import choose, field, simulated, upload
 
 WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
-
-
-def field(page, label: str):
-    return page.get_by_label(label, exact=True).locator("visible=true")
-
-
-def choose(page, label: str, option: str) -> None:
-    field(page, label).click()
-    page.get_by_role("option", name=option, exact=True).click()
 
 
 def calibration(page) -> str:

@@ -11,18 +11,10 @@ import pytest
 from pypdf import PdfReader
 from tests.support.contrast import texts, too_faint
 from tests.support.real_data import real_data
+from tests.support.serving import choose, field, upload
 from tests.support.shell import printed, run
 
 WAIT_MS = 120_000
-
-
-def upload(page, *files: Path) -> None:
-    page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
-
-
-def choose(page, label: str, option: str) -> None:
-    page.get_by_label(label, exact=True).locator("visible=true").click()
-    page.get_by_role("option", name=option, exact=True).click()
 
 
 def download(page, name: str) -> bytes:
@@ -78,11 +70,11 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
     choose(page, "Reference: column", "FuncGen")
     choose(page, "Reference: quantity", "drive, its own unit")
-    page.get_by_label("Reference: SI units per unit of the file", exact=True).locator("visible=true").fill("0.9425e-6")
-    page.get_by_label("Reference: unit, for reports", exact=True).locator("visible=true").fill("V")
+    field(page, "Reference: SI units per unit of the file").fill("0.9425e-6")
+    field(page, "Reference: unit, for reports").fill("V")
     choose(page, "Response: column", "Laser")
-    page.get_by_label("Response: units per unit of the file", exact=True).locator("visible=true").fill("0.95066e-9")
-    page.get_by_label("Response: unit", exact=True).locator("visible=true").fill("m")
+    field(page, "Response: units per unit of the file").fill("0.95066e-9")
+    field(page, "Response: unit").fill("m")
     page.locator("#show").click()
     page.locator("#columns .js-plotly-plot").wait_for()
     page.wait_for_timeout(800)

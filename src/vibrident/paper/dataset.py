@@ -108,7 +108,6 @@ def section_4(
     rate_hz: float = RATE_HZ,
     samples: int = SAMPLES,
     full_range: bool = False,
-    sensor: Sensor = SENSOR,
 ) -> Dataset:
     """The paper's simulated data.
 
@@ -117,11 +116,8 @@ def section_4(
         rate_hz: samples per second; the paper does not state its own.
         samples: of every record.
         full_range: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
-        sensor: what is calibrated.
     """
-    calibration, motions = sines(
-        seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0, sensor=sensor
-    )
+    calibration, motions = sines(seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0)
     return replace(prepared(calibration, seed=seed), motions=motions)
 
 

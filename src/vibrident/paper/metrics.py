@@ -72,18 +72,15 @@ def curve_deviation(
     found: Mapping[str, float],
     truth: Mapping[str, float],
     band_hz: tuple[float, float],
-    *,
-    true_model: SensorModel | None = None,
 ) -> CurveDeviation:
     """Deviation of the curve of the estimated parameters from the true one, over a band in log f."""
     frequency = np.geomspace(*band_hz, CURVE_POINTS)
-    reference = true_model or model
 
     def percent(points: FloatArray) -> FloatArray:
         size = np.abs(model.frequency_response(found, points))
-        return 100.0 * (size / np.abs(reference.frequency_response(truth, points)) - 1.0)
+        return 100.0 * (size / np.abs(model.frequency_response(truth, points)) - 1.0)
 
-    resonance = [quantity for quantity in reference.derived(truth) if quantity.name == "resonance_frequency"]
+    resonance = [quantity for quantity in model.derived(truth) if quantity.name == "resonance_frequency"]
     peak = [np.array([float(quantity.value(truth))]) for quantity in resonance]
     at_peak = float(percent(peak[0])[0]) if peak else None
     return CurveDeviation(tuple(frequency.tolist()), tuple(percent(frequency).tolist()), at_peak)

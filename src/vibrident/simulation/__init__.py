@@ -16,7 +16,6 @@ from vibrident.simulation.excitation import (
     Sine,
     Sweep,
     random_phases,
-    schroeder_phases,
 )
 from vibrident.simulation.frequencies import nominal_frequency_name, one_third_octave
 from vibrident.simulation.motion import Motion, Superposition
@@ -46,7 +45,6 @@ __all__ = [
     "one_third_octave",
     "random_phases",
     "rk4_response",
-    "schroeder_phases",
     "sensor_named",
     "simulate",
     "with_noise",

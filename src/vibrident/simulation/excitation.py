@@ -5,7 +5,6 @@ Nothing here knows a sampling rate; the truth is computed from the continuous si
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -65,7 +64,7 @@ class Multisine(Tonal):
     Attributes:
         frequencies_hz: f_m, Hz, any spacing.
         amplitudes: peak of each tone, m/s².
-        phases_rad: phase of each tone at t = 0; see ``schroeder_phases`` and ``random_phases``.
+        phases_rad: phase of each tone at t = 0; see ``random_phases``.
 
     Raises:
         InputError: the three differ in length, are empty, or hold a number that cannot be used.
@@ -102,20 +101,6 @@ class Multisine(Tonal):
     def tones(self) -> Tones:
         """The tones as given."""
         return Tones(np.array(self.frequencies_hz), np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad)))
-
-
-def schroeder_phases(amplitudes: Sequence[float]) -> tuple[float, ...]:
-    """Phases (rad) that keep the peak of an equally spaced multisine low.
-
-    φ_m = −2π Σ_{l<m} (m − l) p_l with p the relative powers (Schroeder 1970, IEEE Trans. Inf. Theory 16, 85–89).
-
-    Args:
-        amplitudes: of the tones in ascending order of frequency, any unit.
-    """
-    power = np.square(np.asarray(amplitudes, dtype=float))
-    power = power / np.sum(power)
-    phases = -2.0 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(power))[:-1]])
-    return tuple(float(value) for value in np.mod(phases, 2.0 * np.pi))
 
 
 def random_phases(count: int, rng: np.random.Generator) -> tuple[float, ...]:
