@@ -31,11 +31,9 @@ def simulate(
     frequencies_hz: Sequence[float] | FloatArray | None = None,
     sampling_rate_hz: float | None = None,
     samples: int = 16000,
-    samples_per_period: float | None = None,
     amplitude: float | None = None,
     repeats: int = 1,
     excitation_snr_db: float | None = None,
-    excitation_noise_rms: float | None = None,
     excitation_noise_band_hz: tuple[float, float] | None = None,
     reference_noise: float | ChannelNoise = 0.0,
     response_noise: float | ChannelNoise = 0.0,
@@ -57,14 +55,11 @@ def simulate(
             frequencies in the sensor's usual band.
         sampling_rate_hz: samples per second; None: the sensor's usual.
         samples: of every record.
-        samples_per_period: sines only: a sampling rate for every record, this many times its frequency, so that all
-            records hold the same number of periods.
         amplitude: peak of sine, sweep and shock, and static value before a decay, m/s²; multisine and random have the
             rms of a sine of this peak. None: the sensor's usual.
         repeats: how often every motion is recorded, each time with noise of its own.
         excitation_snr_db: excitation's rms within the record over that of noise motion of the base, dB (paper: 20).
-        excitation_noise_rms: the same noise by its own rms, m/s².
-        excitation_noise_band_hz: its lowest and highest frequency; None: all up to 0.4 of the sampling rate. In
+        excitation_noise_band_hz: of that noise, lowest and highest; None: all up to 0.4 of the sampling rate. In
             velocity or displacement its lowest frequencies dominate.
         reference_noise: of the reference channel: white, as a fraction of each record's rms, or a ``ChannelNoise``.
         response_noise: of the response channel, likewise.
@@ -90,8 +85,8 @@ def simulate(
     require_choice("The reference quantity", quantity, QUANTITIES)
     rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
     peak, natural = _peak(chosen, amplitude), parse(chosen.model).typical_frequency(chosen.parameters)
-    plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, samples_per_period, peak, natural, seed)
-    level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_rms, excitation_noise_band_hz)
+    plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
+    level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_band_hz)
     takes = [level.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
     if keep_takes is not None:
         keep_takes.extend(takes)

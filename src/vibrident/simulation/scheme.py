@@ -96,7 +96,6 @@ class Plan:
     frequencies_hz: FloatArray
     sampling_rate_hz: float
     samples: int
-    samples_per_period: float | None
     amplitude: float
     natural_frequency_hz: float
     seed: Seed
@@ -106,14 +105,10 @@ class Plan:
         require_finite("simulate", amplitude=self.amplitude)
         whole = isinstance(self.samples, int | np.integer) and self.samples >= 8
         require_usable(whole, "samples", self.samples, "a whole number from 8", "simulate")
-        per_period = self.samples_per_period
-        enough = per_period is None or 2.0 < per_period < np.inf
-        expected = "a number above 2 (the sampling theorem)"
-        require_usable(enough, "samples_per_period", per_period, expected, "simulate")
 
     @property
     def duration_s(self) -> float:
-        """Length of a record at the common rate, s."""
+        """Length of a record, s."""
         return self.samples / self.sampling_rate_hz
 
     def takes(self, excitation: str | Motion | Sequence[Motion], repeats: int) -> list[Take]:
@@ -131,20 +126,7 @@ class Plan:
             motions = given * repeats
         names = _distinct([_name(motion) for motion in motions])
         pairs = zip(names, motions, strict=True)
-        return [Take(name, motion, self._rate(motion), self.samples).checked() for name, motion in pairs]
-
-    def _rate(self, motion: Motion) -> float:
-        if self.samples_per_period is None:
-            return self.sampling_rate_hz
-        require(
-            isinstance(motion, Sine),
-            "Only a sine has a period.",
-            expected="samples_per_period with sines alone",
-            found=motion.words,
-            where="simulate",
-            remedy="give sampling_rate_hz instead",
-        )
-        return self.samples_per_period * motion.highest_hz
+        return [Take(name, motion, self.sampling_rate_hz, self.samples).checked() for name, motion in pairs]
 
     def _named(self, kind: str, turn: int) -> list[Motion]:
         low, high = float(np.min(self.frequencies_hz)), float(np.max(self.frequencies_hz))
@@ -172,27 +154,17 @@ class ExcitationNoiseLevel:
     """Level of the noise motion on top of every excitation.
 
     Attributes:
-        snr_db: rms of the excitation within the record over rms of the noise, dB; None: see ``rms``.
-        rms: of the noise, m/s²; None for none.
+        snr_db: rms of the excitation within the record over rms of the noise, dB; None for none.
         band_hz: of the noise; None: up to 0.4 of the sampling rate.
 
     Raises:
-        InputError: both levels are given, or the ratio is not finite.
+        InputError: the ratio is not finite.
     """
 
     snr_db: float | None
-    rms: float | None
     band_hz: tuple[float, float] | None
 
     def __post_init__(self) -> None:
-        require(
-            self.snr_db is None or self.rms is None,
-            "The level of the noise on the excitation is given twice.",
-            expected="excitation_snr_db or excitation_noise_rms",
-            found=f"{self.snr_db} dB and {self.rms} m/s²",
-            where="simulate",
-            remedy="keep one of the two",
-        )
         require_finite("simulate", excitation_snr_db=self.snr_db or 0.0)
 
     def added_to(self, take: Take, record: int, seed: Seed) -> Take:
@@ -201,7 +173,7 @@ class ExcitationNoiseLevel:
         Raises:
             InputError: the record is a free decay, which has no reference, or the noise cannot be made.
         """
-        if self.snr_db is None and self.rms is None:
+        if self.snr_db is None:
             return take
         require(
             not isinstance(take.motion, Decay),
@@ -209,12 +181,10 @@ class ExcitationNoiseLevel:
             expected="an excitation that moves the base",
             found="decay",
             where=f"record {take.name!r}",
-            remedy="leave excitation_snr_db and excitation_noise_rms out, or use response_noise",
+            remedy="leave excitation_snr_db out, or use response_noise",
         )
-        rms = self.rms or 0.0
-        if self.snr_db is not None:
-            clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
-            rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-self.snr_db / 20.0)
+        clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
+        rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-self.snr_db / 20.0)
         noise = excitation_noise(
             rms,
             sampling_rate_hz=take.sampling_rate_hz,
