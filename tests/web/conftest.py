@@ -96,10 +96,12 @@ def visit(server, window):
 
 @pytest.fixture(scope="session")
 def picture():
-    """Take a picture of the whole page."""
+    """Take a picture of the whole page, where somebody wants to look at it."""
 
     def take(page, name: str) -> None:
-        PICTURES.mkdir(parents=True, exist_ok=True)
-        page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
+        if os.environ.get("VIBRIDENT_PICTURES"):
+            page.wait_for_timeout(800)  # charts are drawn in steps
+            PICTURES.mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
 
     return take

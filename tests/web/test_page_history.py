@@ -24,7 +24,7 @@ def test_results_are_added_and_their_history_is_shown(visit, picture, history_st
     page.get_by_text("holds 5 calibrations of this sensor.").wait_for(timeout=WAIT_MS)
     page.locator("#history .js-plotly-plot").first.wait_for()
     assert page.locator("#history").get_by_text("2020-05-01").first.is_visible()
-    page.wait_for_timeout(500)
+    page.wait_for_timeout(500)  # plotly complains where a plot goes while it is drawn
     picture(page, "history")
     with Store(history_store) as store:
         sensor = query.find(store, "on the page")

@@ -77,7 +77,6 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     field(page, "Response: unit").fill("m")
     page.locator("#show").click()
     page.locator("#columns .js-plotly-plot").wait_for()
-    page.wait_for_timeout(800)
     picture(page, "columns")
     page.locator("#confirm").click()
     choose(page, "Estimator", "ipnn: the physics-informed network")
@@ -86,7 +85,6 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.locator("#start").click()
     page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for()
-    page.wait_for_timeout(800)
     picture(page, "result")
 
     for name in names:
@@ -115,7 +113,6 @@ def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, pi
     other.locator("#start").focus()
     other.keyboard.press("Enter")
     other.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
-    other.wait_for_timeout(800)
     picture(other, "phone")
     assert other.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
     assert not too_faint(other)
@@ -192,7 +189,6 @@ def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(v
     press(page, "#start", "#identify")
     page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for()
-    page.wait_for_timeout(800)
     picture(page, f"simulated-{width}")
     assert not too_faint(page)
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
@@ -212,7 +208,6 @@ def test_two_photodetectors_are_drawn_over_each_other_and_identified(visit, pict
     page.get_by_label("Sampling rate in Hz (or the file's)", exact=True).fill("400000")
     choose(page, "Direction of x", "x grows with the phase")
     page.locator("#show").click()
-    page.wait_for_timeout(800)
     picture(page, "light")
     assert page.locator("#columns .js-plotly-plot .xtitle").first.text_content() == "First signal"
     page.locator("#confirm").click()
