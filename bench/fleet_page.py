@@ -51,11 +51,6 @@ def _measured(kept: dict[str, Any]) -> str:
             f"{100 * speed['busy_share_of_two_workers']:.1f} % each",
         ),
         (
-            f"sensors a second of {speed['calibrations']} calibrations, two workers over one on two virtual cores "
-            "of a busy machine; and two processes over one that know nothing of each other",
-            f"{speed['two_workers_over_one']:.2f}; {speed['two_processes_over_one']:.2f}",
-        ),
-        (
             f"`memory`: of the coordinator with {many['rows']} simulated rows over {few['rows']}",
             f"{memory['memory_ratio']:.2f} ({few['most_mb']:.0f} and {many['most_mb']:.0f} MB; "
             f"{memory['bytes_a_row']:.0f} bytes a row)",

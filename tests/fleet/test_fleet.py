@@ -12,9 +12,9 @@ from tests.support.fleets import BROKEN, broken, deadly, fleet, good
 
 import vibrident
 from vibrident.errors import InputError
-from vibrident.fleet import Orders, parts
+from vibrident.fleet import Orders, key, parts
 from vibrident.fleet.process import Identifier
-from vibrident.process import Ended, _Child
+from vibrident.process import Died, Ended, _Child
 from vibrident.result import Result
 
 GOOD = 6
@@ -157,6 +157,22 @@ def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly
     second = run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=60.0)
     assert (second.computed, second.tally.statuses) == (1, {"identified": 1})
     assert run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01).computed == 0
+
+
+def test_the_coordinator_hashes_nothing_itself_while_its_workers_live(tmp_path, run_fleet, monkeypatch):
+    fleet(tmp_path / "data", 2)
+    done: list[str] = []
+    whole = key.fingerprint
+    monkeypatch.setattr(key, "fingerprint", lambda path, orders: done.append(path) or whole(path, orders))
+    assert run_fleet([tmp_path / "data"], tmp_path / "out").tally.statuses == {"identified": 2}
+    assert not done
+    monkeypatch.setattr(Identifier, "fingerprints", died)
+    assert run_fleet([tmp_path / "data"], tmp_path / "out").computed == 0
+    assert len(done) == 2
+
+
+def died(*_: object) -> None:
+    raise Died("crash", "a process that somebody killed")
 
 
 def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch):

@@ -57,9 +57,14 @@ class Done:
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
-    """Key and shape of each calibration."""
+    """Key and shape of each calibration, by the process: threads of a coordinator would share one core."""
     _require_same_version(orders)
-    return [keys.fingerprint(path, orders) for path in paths]
+    process = _process(orders)
+    try:
+        return process.fingerprints(paths)
+    except Died:
+        process.close()
+        return [keys.fingerprint(path, orders) for path in paths]
 
 
 def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:

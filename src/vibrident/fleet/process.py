@@ -7,12 +7,15 @@ from collections.abc import Sequence
 
 from vibrident.errors import InputError
 from vibrident.fleet import worker
+from vibrident.fleet.key import Fingerprint
 from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.row import Row
 from vibrident.process import Died, Limits, Process, WorkerError
 
 #: Longest time to load the libraries, in seconds; a network drive may be slow.
 _START_S = 180.0
+#: Longest time to hash some calibrations, in seconds: a drive may be very slow.
+_HASHING_S = 36_000.0
 #: Seconds without a call after which it ends: on a cluster the run may be lost unnoticed.
 _IDLE_S = 120.0
 #: A process with more memory than this is replaced.
@@ -36,6 +39,16 @@ class Identifier:
         self.ended = False
         self._process = Process(idle_s=_IDLE_S)
         self._done = 0
+
+    def fingerprints(self, paths: Sequence[str]) -> list[Fingerprint]:
+        """Key and shape of each calibration.
+
+        Raises:
+            Died, Ended, InputError: as ``identify``.
+        """
+        if not self._process.alive:
+            self._start()
+        return self._process.call(worker.fingerprints, paths, self.orders, limits=Limits(_HASHING_S, self.memory_bytes))
 
     def identify(self, tasks: Sequence[tuple[str, str]]) -> list[Row]:
         """The rows of calibrations, each a path and its key; more than one only for a device that takes many.

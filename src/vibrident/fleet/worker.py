@@ -14,7 +14,7 @@ from typing import Any
 
 from vibrident.errors import VibridentError
 from vibrident.fleet import row as rows
-from vibrident.fleet.key import fingerprint, sensor_text
+from vibrident.fleet.key import Fingerprint, fingerprint, sensor_text
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.parts import unwritable, write_whole
 from vibrident.io.columns import unreadable
@@ -38,6 +38,11 @@ def ready(device: str) -> None:
         from vibrident.batched.program import gpu
 
         gpu()
+
+
+def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
+    """Key and shape of each calibration."""
+    return [fingerprint(path, orders) for path in paths]
 
 
 def identified(tasks: Sequence[Task], orders: Orders) -> tuple[list[rows.Row], int]:

@@ -14,9 +14,7 @@ def upgrade() -> None:
     op.create_table(
         "sensor",
         sa.Column("id", sa.Integer, primary_key=True),
-        sa.Column("manufacturer", sa.String(200), nullable=False),
-        sa.Column("type", sa.String(200), nullable=False),
-        sa.Column("serial_number", sa.String(200), nullable=False),
+        *(sa.Column(name, sa.String(200), nullable=False) for name in ("manufacturer", "type", "serial_number")),
         sa.Column("axis", sa.String(50), nullable=False),
         sa.UniqueConstraint("serial_number", "manufacturer", "type", "axis", name="sensor_identity"),
     )
@@ -31,9 +29,7 @@ def upgrade() -> None:
         sa.Column("estimator", sa.String(50), nullable=False),
         sa.Column("adequate", sa.Boolean, nullable=False),
         sa.Column("chi2_reduced", sa.Float),
-        sa.Column("warnings", sa.Text, nullable=False),
-        sa.Column("laboratory", sa.Text, nullable=False),
-        sa.Column("certificate_number", sa.Text, nullable=False),
+        *(sa.Column(name, sa.Text, nullable=False) for name in ("warnings", "laboratory", "certificate_number")),
         sa.Column("document", sa.LargeBinary, nullable=False),
     )
     op.create_table(
@@ -43,8 +39,7 @@ def upgrade() -> None:
         sa.Column("value", sa.Float),
         sa.Column("unit", sa.String(60), nullable=False),
         sa.Column("standard_uncertainty", sa.Float),
-        sa.Column("identifiable", sa.Boolean, nullable=False),
-        sa.Column("derived", sa.Boolean, nullable=False),
+        *(sa.Column(name, sa.Boolean, nullable=False) for name in ("identifiable", "derived")),
     )
     op.create_table(
         "event",
@@ -54,6 +49,5 @@ def upgrade() -> None:
         sa.Column("kind", sa.String(20), nullable=False),
         sa.Column("date", sa.Date, nullable=False),
         sa.Column("recorded", sa.String(32), nullable=False),
-        sa.Column("by", sa.Text, nullable=False),
-        sa.Column("note", sa.Text, nullable=False),
+        *(sa.Column(name, sa.Text, nullable=False) for name in ("by", "note")),
     )
