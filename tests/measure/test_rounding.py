@@ -103,3 +103,9 @@ def test_sines_in_step_with_the_sampling_are_rounded_alike_in_every_period(bits,
 def test_the_step_between_few_values_is_that_of_their_common_grid():
     assert converter_step(np.tile([0.0, 13.0, 28.0, -7.0], 100) * 2.5e-3) == pytest.approx(2.5e-3)
     assert converter_step(np.tile([0.0, 130.0, 287.0, -71.0], 100) * 2.5e-3 + 1.0) == pytest.approx(2.5e-3)
+
+
+def test_steps_of_a_model_without_a_network_are_looked_at_without_a_prediction():
+    calibration = sines(IN_STEP, 12, 1)
+    result = vibrident.identify(calibration, model="accelerometer+boxcar")  # a warning would be an error
+    assert result.fit.adequate

@@ -65,7 +65,7 @@ def effects_of_steps(
     rows = []
     owner = {record.name: index for index, record in enumerate(records)}
     at = np.array([owner.get(name, -1) for name in points.record])
-    motion = _motions(records, predicted, at, points.frequency_hz)
+    motion = _motions(records, at, points.frequency_hz)
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
         places = np.flatnonzero(at == index)
         if record.reference is not None and places.size and not _alone_in_step(record, motion, places, points):
@@ -90,19 +90,17 @@ def _alone_in_step(record: Record, motion: np.ndarray, places: np.ndarray, point
     return any(0 < repeated_errors(values, record.mask, turns)[0] < FEW for values in channels)
 
 
-def _motions(
-    records: Sequence[Record], predicted: Sequence[FloatArray], at: np.ndarray, frequency_hz: FloatArray
-) -> np.ndarray:
+def _motions(records: Sequence[Record], at: np.ndarray, frequency_hz: FloatArray) -> np.ndarray:
     """Number of the motion of each point, shape (points,); that of all but sines is one; −1 for no record."""
     motion = np.where(at < 0, -1, 0)
     known: list[tuple[float, float]] = []
     for place in np.flatnonzero(at >= 0):
-        record, series = records[at[place]], predicted[at[place]]
+        record = records[at[place]]
         if record.excitation != "sine":
             continue
         line = record.sampling_rate_hz / record.samples
         step = converter_step(record.response, record.mask)
-        frequency, size = float(frequency_hz[place]), float(np.nanstd(series)) * np.sqrt(2.0)
+        frequency, size = float(frequency_hz[place]), float(np.std(record.response[record.mask])) * np.sqrt(2.0)
         same = (
             index
             for index, (other, its_size) in enumerate(known)
