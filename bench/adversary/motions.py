@@ -46,10 +46,10 @@ def sweep(band_hz: tuple[float, float], rms: float, samples: int, rate: float) -
     return _of_samples(drive, rate, limit=0.42).scaled(rms * np.sqrt(2.0))
 
 
-def shock(duration_s: float, peak: float, samples: int, rate: float, at: float = 0.25) -> Motion:
-    """A bell-shaped push of this duration (at a tenth of its peak), at a part of the record, with no net velocity."""
+def shock(duration_s: float, peak: float, samples: int, rate: float) -> Motion:
+    """A bell-shaped push of this duration (at a tenth of its peak), a quarter into the record, with no net velocity."""
     period = int(PERIOD * samples)
-    t = np.arange(period) / rate - at * samples / rate
+    t = np.arange(period) / rate - 0.25 * samples / rate
     width = duration_s / 4.292  # exp(-x²/2) is a tenth at ±2.146
     later = 6.0 * width
     push = np.exp(-0.5 * (t / width) ** 2) - 0.25 * np.exp(-0.5 * ((t - 2.0 * later) / (4.0 * width)) ** 2)

@@ -139,7 +139,7 @@ def test_the_batched_network_is_the_cell(name: str, rng: np.random.Generator):
 
 @pytest.mark.parametrize(("kind", "weights"), [("gru", 832), ("lstm", 1104)])
 def test_recurrent_networks_have_no_bias(kind, weights: int):
-    network = Recurrent(kind, hidden=16, seed=1)
+    network = Recurrent(kind, seed=1)
     assert network.weights == weights
     answer = jax.jit(lambda inputs: network(inputs))
     assert np.all(np.asarray(answer(np.zeros((20, 3)))) == 0.0)  # a bias would show

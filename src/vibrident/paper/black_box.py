@@ -9,14 +9,12 @@ hidden state. They compute in float32, as is usual for such networks; their erro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import equinox as eqx
 import numpy as np
 
 from vibrident.backend import jax, jnp, lax
-from vibrident.estimators.optimise import Progress, silent
 from vibrident.paper.dataset import Dataset
 from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import weighted_mse
@@ -42,12 +40,12 @@ class Recurrent(eqx.Module):
     readout: Any
     kind: Kind = eqx.field(static=True)
 
-    def __init__(self, kind: Kind, *, hidden: int = HIDDEN, seed: int = 0) -> None:
+    def __init__(self, kind: Kind, *, seed: int) -> None:
         for_cell, for_readout = jax.random.split(jax.random.key(seed))
         make = {"gru": eqx.nn.GRUCell, "lstm": eqx.nn.LSTMCell}[kind]
-        self.cell = make(1, hidden, use_bias=False, dtype=jnp.float32, key=for_cell)
-        bound = hidden**-0.5
-        self.readout = jax.random.uniform(for_readout, (hidden,), jnp.float32, -bound, bound)
+        self.cell = make(1, HIDDEN, use_bias=False, dtype=jnp.float32, key=for_cell)
+        bound = HIDDEN**-0.5
+        self.readout = jax.random.uniform(for_readout, (HIDDEN,), jnp.float32, -bound, bound)
         self.kind = kind
 
     @property
@@ -68,17 +66,7 @@ class Recurrent(eqx.Module):
         return outputs
 
 
-@dataclass(frozen=True, eq=False)
-class FittedRecurrent:
-    """A trained recurrent network and its training."""
-
-    network: Recurrent
-    trained: Trained
-
-
-def fit_recurrent(
-    dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int, progress: Progress = silent
-) -> FittedRecurrent:
+def fit_recurrent(dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int) -> Trained:
     """Train a recurrent network in float32 on the training records' windows."""
     windows, held_back = (Windows(*(a.astype(np.float32) for a in part)) for part in cut(dataset))
 
@@ -87,8 +75,7 @@ def fit_recurrent(
 
     network = Recurrent(kind, seed=seed)
     rng = np.random.default_rng([seed, 1])
-    trained = train(network, loss, windows, held_back, schedule, rng=rng, progress=progress)
-    return FittedRecurrent(trained.model, trained)
+    return train(network, loss, windows, held_back, schedule, rng=rng)
 
 
 def predict_recurrent(network: Recurrent, dataset: Dataset, indices: tuple[int, ...]) -> list[FloatArray]:

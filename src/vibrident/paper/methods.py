@@ -104,13 +104,13 @@ class Judge:
         return self.of(name, weights, network.predict(values, self.own.test), found, seconds, **more)
 
 
-def recurrent(judge: Judge, kind: Kind, progress: Progress = silent) -> MethodResult:
+def recurrent(judge: Judge, kind: Kind) -> MethodResult:
     """GRU or LSTM."""
     begin = time.perf_counter()
-    fitted = fit_recurrent(judge.published, kind, judge.schedule, seed=judge.seed, progress=progress)
+    trained = fit_recurrent(judge.published, kind, judge.schedule, seed=judge.seed)
     seconds = time.perf_counter() - begin
-    predicted = predict_recurrent(fitted.network, judge.published, judge.published.test)
-    return judge.of(NAMES[kind], fitted.network.weights, predicted, None, seconds, fitted.trained)
+    predicted = predict_recurrent(trained.model, judge.published, judge.published.test)
+    return judge.of(NAMES[kind], trained.model.weights, predicted, None, seconds, trained)
 
 
 def unrolled_network(
