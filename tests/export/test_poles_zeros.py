@@ -144,6 +144,21 @@ def test_sacpz_and_stationxml_say_what_they_cannot_hold(tmp_path):
     assert "holds no uncertainties" in (tmp_path / "sensor.sacpz").read_text()
 
 
+def test_a_negative_delay_that_is_zero_within_its_uncertainty_is_left_out(tmp_path):
+    """Half of all sensors without a delay are given a negative one."""
+    values = {**PAPER, "delay": -1e-9}
+    with pytest.raises(InputError, match="ahead of the reference"):
+        sensor_of(result("accelerometer+delay", values, relative=0.4)).known.to_scipy()
+    made = result("accelerometer+delay", values, relative=0.6)
+    system, words = held(sensor_of(made))
+    f = sensor_of(made).band
+    np.testing.assert_allclose(system.response(f), model_response(case("paper"), f), rtol=1e-12)
+    stated = float(words[1].rpartition(" ")[2])
+    assert stated == pytest.approx(2e-9 * np.pi * f[-1], rel=0.05)
+    assert "delay of -1e-09 s, which is zero within its U" in words[0]
+    assert len(made.to_sensor().to_scipy().poles) == 2
+
+
 def test_a_delay_left_out_is_named_with_its_cost(tmp_path):
     made = case("very late")
     (path,) = export(made, "sacpz", tmp_path, without=["delay"])

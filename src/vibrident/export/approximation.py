@@ -18,6 +18,8 @@ from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
 from vibrident.models import AddOn
 
+#: A negative delay within so many standard uncertainties is zero.
+COVERAGE = 2.0
 #: Largest relative error of an approximation over the band.
 TOLERANCE = 1e-10
 MOST_ORDER = 12
@@ -32,21 +34,9 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     require_linear(sensor)
     system, words = poles_zeros(sensor), []
     if sensor.model.has_delay and sensor.delay_s != 0.0:
-        delay, name = sensor.delay_s, next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
-        if delay < 0:
-            raise InputError(
-                "The response is ahead of the reference, which stable poles and zeros cannot represent.",
-                expected="a delay of 0 or above",
-                found=f"delay = {delay!r} s",
-                where="result.json, parameters",
-                remedy=f"give --without {name}: the file then states the error over the band",
-            )
-        order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
-        system = system.times(_delay(delay, order))
-        words.append(
-            f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are its "
-            f"all-pass approximation of order {order} (Pade)"
-        )
+        late, said = _late(sensor)
+        system = system.times(late)
+        words.append(said)
     for addon in sensor.model.add_ons:
         if addon.factor is None:
             continue
@@ -64,6 +54,27 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
         words.append(f"largest deviation from the model over the band, relative: {error:.1e}")
         words.append("poles and zeros of an approximation are not valid outside the band")
     return system, words
+
+
+def _late(sensor: Exported) -> tuple[PolesZeros, str]:
+    """The sensor's delay, in poles and zeros and in words."""
+    delay, name = sensor.delay_s, next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
+    if delay < 0 and -delay <= COVERAGE * sensor.delay_u_s:
+        none = np.empty(0, complex)
+        return PolesZeros(none, none, 1.0), f"delay of {delay!r} s, which is zero within its U (k = 2): left out"
+    if delay < 0:
+        raise InputError(
+            "The response is ahead of the reference, which stable poles and zeros cannot represent.",
+            expected="a delay of 0 or above",
+            found=f"delay = {delay!r} s",
+            where="result.json, parameters",
+            remedy=f"identify without {name}, or give the export --without {name}: the file then states the error",
+        )
+    order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
+    return _delay(delay, order), (
+        f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are its all-pass "
+        f"approximation of order {order} (Pade)"
+    )
 
 
 def _not_held(addon: AddOn) -> InputError:

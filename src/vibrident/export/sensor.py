@@ -63,6 +63,12 @@ class Exported:
         return float(self.model.delay_s(self.values))
 
     @property
+    def delay_u_s(self) -> float:
+        """Its standard uncertainty, s."""
+        times = [i for i, spec in enumerate(self.known.model.parameters) if spec.kind == "time"]
+        return float(np.sqrt(np.sum(np.diag(self.known.covariance)[times])))
+
+    @property
     def input_unit(self) -> str:
         """Unit of the exported input."""
         return self.known.input_unit

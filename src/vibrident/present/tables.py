@@ -249,12 +249,12 @@ def weights(result: Result, between: str = "; ") -> Table | None:
     if not result.weights:
         return None
     rows = tuple(
-        (row.name, row.layer, row.meaning, between.join("  ".join(numbers) for numbers in row.numbers))
+        (row.name, row.layer, row.meaning, between.join(f"[{'  '.join(numbers)}]" for numbers in row.numbers))
         for row in weight_rows(result.weights)
     )
     single = {key: value for key, value in result.weights.items() if not isinstance(value, Mapping | list | tuple)}
     others = ", ".join(f"{_spoken(key)} {leaf(value)}" for key, value in single.items())
-    notes = ("Rows of a matrix are separated by semicolons.", *((f"Of the network: {others}.",) if others else ()))
+    notes = ("Each row of a matrix in brackets.", *((f"Of the network: {others}.",) if others else ()))
     return Table(columns("weight", "layer", "is (paper, Table 1)", "value"), rows, notes=notes)
 
 
