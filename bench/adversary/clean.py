@@ -59,6 +59,12 @@ SENSORS = (
     "pickup-in-damped+highpass",
 )
 MOTIONS = ("sine", "multisine", "random", "sweep", "shock", "burst", "mixed")
+#: Sines of a laboratory's bench: in step with the recorder, and begun while it runs.
+BENCH = {
+    "locked": (NOISES[2], *(noise for noise in NOISES if noise.bits)),
+    "rung": (NOISES[0], NOISES[2], NOISES[7], NOISES[8]),
+}
+BENCH_SENSORS = ("in-light", "in-damped", "above-light", "pickup-below-damped")
 #: Noises that each sensor and motion are tried with; each takes the next in turn.
 EACH = 3
 
@@ -69,6 +75,9 @@ def cases() -> Cases:
     for sensor, motion in itertools.product(SENSORS, MOTIONS):
         for _ in range(EACH):
             noise = next(turn)
+            yield f"{sensor}/{motion}/{noise.name}", _maker(sensor, motion, noise)
+    for motion, noises in BENCH.items():
+        for sensor, noise in itertools.product(BENCH_SENSORS, noises):
             yield f"{sensor}/{motion}/{noise.name}", _maker(sensor, motion, noise)
     for noise, motion in itertools.product(NOISES, ("sine", "multisine")):
         yield f"far-light+boxcar/{motion}/{noise.name}", _maker("far-light+boxcar", motion, noise)
@@ -85,6 +94,8 @@ def readable(given: Setting) -> Setting:
 def _maker(sensor: str, motion: str, noise: Noise):
     def make(rng: np.random.Generator) -> Trial:
         given = setting(sensor, rng)
+        if motion == "rung":  # a beginning has lines of its own, which stand out of a displacement
+            given = replace(given, quantity="acceleration")
         if motion not in ("sine", "multisine", "mixed") and (noise.reference or noise.bits):
             given = readable(given)
         made = records(motion, given, noise, rng)

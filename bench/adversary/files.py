@@ -24,6 +24,8 @@ HEADERS = {
     "Time [µs]": 1e6,
     "t (ns)": 1e9,
     "time [min]": 1.0 / 60.0,
+    "时间（毫秒）": 1e3,
+    "时间(秒)": 1.0,
 }
 WRONG = (
     "rate contradicts the time column",

@@ -36,10 +36,14 @@ SHAPES = {
     "shock": (8, 1000),
     "burst": (8, 1000),
     "mixed": (8, 1000),
+    "locked": (8, 1000),
+    "rung": (8, 1000),
 }
 QUANTITIES = ("acceleration", "acceleration", "velocity", "displacement", "drive")
 #: What is declared of each motion.
-DECLARED = {"burst": "random"}
+DECLARED = {"burst": "random", "locked": "sine", "rung": "sine"}
+#: Samples of a period of sines whose generator keeps in step with the recorder.
+LOCKED = (5, 6, 8, 10, 16, 25, 50, 125)
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,12 @@ def excite(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[i
     if motion == "burst":
         moving = [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
         return [motions.gated(m, samples, rate, 0.45) for m in moving]
+    if motion == "locked":
+        return [motions.sine(rate / period, 10.0 * rng.uniform(0.5, 2.0), rng) for period in LOCKED]
+    if motion == "rung":
+        begun = rng.uniform(0.0, 0.1, count)
+        steady = excite("sine", given, rng, (count, samples))
+        return [motions.gated(m, samples, rate, at) for m, at in zip(steady, begun, strict=True)]
     if motion == "mixed":
         return [*excite("sine", given, rng, (4, samples)), *excite("random", given, rng, (count - 4, samples))]
     raise ValueError(motion)
