@@ -35,6 +35,10 @@ def errors(result: Result, truth: dict[str, float]) -> dict[str, float]:
         *(("inverted", excitation) for excitation in ("sine", "random")),
     ],
 )
+@pytest.mark.quick(
+    "paper-sine", "paper-shock", "piezo-multisine", "piezo-random", "seismometer-sine", "seismometer-sweep",
+    "geophone-multisine", "geophone-random", "geophone-shock", "inverted-random",
+)  # fmt: skip
 def test_the_truth_lies_within_its_uncertainty(sensor: str, excitation: str) -> None:
     result = vibrident.identify(simulate(sensor, excitation, response_noise=0.01, samples=8000, seed=3))
     truth = SENSORS[sensor].parameters
