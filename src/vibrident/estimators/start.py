@@ -210,7 +210,7 @@ def optima(sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, fl
     kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
     if not sought.has_phase:
         return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
-    turned, sign = _with_sign_and_delay(kept, near, some)
+    turned, sign = _with_sign_and_delay(kept, near, some, _unambiguous_s(sought.frequency_hz))
     begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
     rows = begun.best(SECOND, APART)
     turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
@@ -315,7 +315,9 @@ def _with_guesses(cores: FloatArray, model: SensorModel, band_hz: tuple[float, f
     return found
 
 
-def _with_sign_and_delay(u: FloatArray, chart: Chart, sought: Sought) -> tuple[FloatArray, FloatArray]:
+def _with_sign_and_delay(
+    u: FloatArray, chart: Chart, sought: Sought, longest_delay_s: float
+) -> tuple[FloatArray, FloatArray]:
     """The candidates with the signs, and the delays, that line their phases up."""
     model = chart.model
     response = chart.response(u, np.ones(len(u)))
@@ -326,8 +328,9 @@ def _with_sign_and_delay(u: FloatArray, chart: Chart, sought: Sought) -> tuple[F
         sign = np.where(np.sum(turn, axis=1).real >= 0, 1.0, -1.0)
         return u, sign
     index = [spec.kind for spec in model.parameters].index("time")
-    periods = np.arange(-PERIODS * PER_PERIOD, PERIODS * PER_PERIOD + 1) / PER_PERIOD
     highest = float(np.max(sought.frequency_hz))
+    steps = int(min(PERIODS, longest_delay_s * highest) * PER_PERIOD)
+    periods = np.arange(-steps, steps + 1) / PER_PERIOD
     sums = np.real(np.exp(2j * np.pi * np.outer(periods, sought.frequency_hz / highest)) @ turn.T)  # (delays, C)
     preferred = np.abs(sums) * (1.0 - LIKELIER * np.log2(1.0 + np.abs(periods)))[:, None]
     places, signs = [], []
@@ -339,6 +342,12 @@ def _with_sign_and_delay(u: FloatArray, chart: Chart, sought: Sought) -> tuple[F
             places.append(moved)
             signs.append(1.0 if sums[delay, row] >= 0 else -1.0)
     return np.array(places), np.array(signs)
+
+
+def _unambiguous_s(frequency_hz: FloatArray) -> float:
+    """Longest delay that the phases tell from a shorter one: they repeat after the inverse of their distance."""
+    distances = np.diff(np.unique(frequency_hz))
+    return float(0.5 / np.min(distances)) if distances.size else np.inf
 
 
 def _peaks(values: FloatArray) -> list[int]:
