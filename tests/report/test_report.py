@@ -97,6 +97,17 @@ def test_a_result_without_a_budget_has_no_empty_one():
     assert "Uncertainty budget" not in report.render(replace(result, settings=settings))
 
 
+def test_a_history_that_all_files_share_is_said_once():
+    """Of 21 records made alike the same line stood 21 times."""
+    files = [{"file": f"{i}.csv", "sha256": f"{i:064x}", "history": ["response: × 2 → V"]} for i in range(21)]
+    result = table2()
+    text = report.render(replace(result, provenance={**result.provenance, "files": files}))
+    assert text.count("response: × 2 → V") == 1
+    other = [*files[:-1], {**files[-1], "history": ["cut"]}]
+    text = report.render(replace(result, provenance={**result.provenance, "files": other}))
+    assert text.count("response: × 2 → V") == 20
+
+
 def test_foreign_text_stays_text():
     text = report.render(pickup())
     assert "\\$1 & \\$2 \\| " in text  # GitHub takes what stands between dollars for a formula

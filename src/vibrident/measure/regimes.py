@@ -22,6 +22,7 @@ from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import converter_step, step_of_response
+from vibrident.naming import amount, plain
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.tails import chi2_tail
 
@@ -267,6 +268,6 @@ def _words(change: Change) -> str:
     later = "later" if change.later_s > 0.0 else "earlier"
     larger = "larger" if change.gain > 0.0 else "smaller"
     return (
-        f"the response is {abs(100.0 * change.gain):.2g} % {larger} than before and comes {abs(change.later_s):.2g} s "
-        f"{later}"
+        f"the response is {plain(abs(100.0 * change.gain), 2)} % {larger} than before and comes "
+        f"{amount(abs(change.later_s), 's', 2)} {later}"
     )

@@ -152,13 +152,10 @@ def _provenance(result: Result) -> tuple[Block, ...]:
     files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     others = {key: value for key, value in result.provenance.items() if key != "files" or not files}
     more = (f"and {len(files) - MOST_FILES} more, listed in result.json",) if len(files) > MOST_FILES else ()
-    rows = tuple(
-        (
-            str(entry.get("file") or NONE),
-            str(entry.get("sha256") or NONE),
-            "; ".join(str(step) for step in entry.get("history") or ()),
-        )
-        for entry in files[:MOST_FILES]
-    )
-    table = Table(columns("data file", "SHA-256", "history"), rows, notes=more)
+    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:MOST_FILES]]
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:MOST_FILES]]
+    alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
+    rows = tuple((*names, "" if alike else history) for names, history in zip(told, steps, strict=True))
+    notes = (*more, *((f"History of each: {steps[0]}.",) if alike else ()))
+    table = Table(columns("data file", "SHA-256", "history"), rows, notes=notes).telling()
     return (*tables.values(others), *((Folded(f"Data files ({len(files)})", (table,)),) if files else ()))
