@@ -176,9 +176,11 @@ def imports(module: str) -> tuple[Import, ...]:
 
 def _imports(module: str) -> Iterator[Import]:
     package = module if modules()[module].name == "__init__.py" else module.rpartition(".")[0]
-    when_called = {id(node) for part in ast.walk(tree(module)) if _runs_later(part) for node in ast.walk(part)}
-    for node in ast.walk(tree(module)):
-        lazy = id(node) in when_called
+    left: list[tuple[ast.AST, bool]] = [(tree(module), False)]
+    while left:
+        node, lazy = left.pop()
+        lazy = lazy or _runs_later(node)
+        left.extend((child, lazy) for child in ast.iter_child_nodes(node))
         if isinstance(node, ast.Import):
             yield from (Import(alias.name, node.lineno, lazy) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
