@@ -122,6 +122,8 @@ def test_a_plan_from_a_result_keeps_what_more_data_do_not_reduce() -> None:
             found.parameters["sensitivity"].standard_uncertainty, rel=0.01
         )
         assert "leaves out systematic effects of the calibration: cable." in planned.warnings[-1]
+    rejected = vibrident.plan(replace(found, fit=replace(found.fit, adequate=False)))
+    assert "rejected the model" in rejected.warnings[-1]
     without = vibrident.plan(found, reference_uncertainty=0.0)
     noise = found.settings["uncertainty_budget"][0]["contributions"]
     for name, u in noise.items():

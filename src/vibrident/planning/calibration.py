@@ -133,8 +133,9 @@ def plan(
         raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
     _enough(points, best if best is not None else frequency.size, repeats=repeats, chosen=best is not None)
     unit = source.response_unit if source is not None else response_unit
-    systematic, findings = _systematic(source) if reference_uncertainty is None else (reference_uncertainty, ())
+    gain, findings = _systematic(source)
     points = replace(points, findings=points.findings + findings)
+    systematic = gain if reference_uncertainty is None else reference_uncertainty
     return _plan(points, systematic, unit, source, best, criterion, repeats)
 
 
@@ -184,12 +185,16 @@ def _plan(
 
 
 def _systematic(source: Result | None) -> tuple[float, tuple[str, ...]]:
-    """Relative standard uncertainty of a result's gains, common to all points, and which other effects it states."""
-    rows = [] if source is None else source.settings.get("uncertainty_budget", ())
+    """Relative standard uncertainty of a result's gains, common to all points, and what of it the plan leaves out."""
+    if source is None:
+        return 0.0, ()
+    rows = source.settings.get("uncertainty_budget", ())
     gains = [row["standard_uncertainty"] for row in rows if row["kind"] == "gain"]
     others = [row["source"] for row in rows if row["type"] == "B" and row["kind"] != "gain"]
-    said = (f"The plan leaves out systematic effects of the calibration: {', '.join(others)}.",) if others else ()
-    return float(np.linalg.norm(gains)), said
+    said = [f"The plan leaves out systematic effects of the calibration: {', '.join(others)}."] if others else []
+    if not source.fit.adequate:
+        said.append("The calibration rejected the model: the plan is of noise alone, its misfit is left out.")
+    return float(np.linalg.norm(gains)), tuple(said)
 
 
 def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, float]:
