@@ -26,7 +26,6 @@ from vibrident.judge import (
 )
 from vibrident.measure.drift import without_drift
 from vibrident.measure.hum import Tones, hum_tones, without_tones
-from vibrident.memory import keep_freed
 from vibrident.models import model_of
 from vibrident.problem import Evidence, LineProblem, network_of
 from vibrident.records import Calibration, FloatArray, Record
@@ -77,7 +76,6 @@ def identify(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
-    keep_freed()
     if not isinstance(calibration, Calibration):
         from vibrident.io import read
 

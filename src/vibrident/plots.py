@@ -53,21 +53,27 @@ def save(figure: Figure | Picture, path: str | os.PathLike[str]) -> Path:
     return drawing.save(figure, target)
 
 
-def save_all(result: Result, folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) -> list[Path]:
+def save_all(
+    result: Result,
+    folder: str | os.PathLike[str],
+    formats: Sequence[str] = ("png",),
+    names: Sequence[str] = tuple(figures.PICTURES),
+) -> list[Path]:
     """Draw every picture that the result has something to show in.
 
     Args:
         result: any result; no data and no JAX are needed.
         folder: made if missing; files of the same name are replaced.
         formats: suffixes without dot: png, svg, pdf.
+        names: of the pictures.
 
     Returns:
         paths written: ``sensitivity``, ``deviation``, ``signals``, ``residuals``, ``training``, as far as there is
         something to show, each in every format.
     """
     written = []
-    for name, make in figures.PICTURES.items():
-        if (figure := make(result)) is not None:
+    for name in names:
+        if (figure := figures.PICTURES[name](result)) is not None:
             drawn = drawing.picture(figure)
             written.extend(save(drawn, Path(folder) / f"{name}.{suffix}") for suffix in formats)
     return written

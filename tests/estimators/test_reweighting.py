@@ -11,7 +11,8 @@ import pytest
 import vibrident
 from vibrident.discretize import method
 from vibrident.estimators import training
-from vibrident.estimators.noise_spectrum import Motion, noise_spectrum
+from vibrident.estimators.noise_motion import Motion
+from vibrident.estimators.noise_spectrum import noise_spectrum
 from vibrident.estimators.reweighting import reweighted
 from vibrident.models import parse
 from vibrident.problem import Coordinates, LineProblem
@@ -116,13 +117,13 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
     tone = 0.3 * np.cos(2.0 * np.pi * place * np.arange(n) / n)
     signal = 0.5 * passed + 0.2 * rng.standard_normal(n) + tone
     nothing = np.zeros(n // 2 + 1, dtype=complex)
-    found = noise_spectrum(np.fft.rfft(signal), Motion.of(nothing, n, through), 0.0)
+    found = noise_spectrum(np.fft.rfft(signal), Motion.of(nothing.__getitem__, n, through), 0.0)
     assert found.passed == pytest.approx(0.25, rel=0.07)  # three standard deviations
     expected = 0.25 * through + 0.04
     middle = (order > 0.01) & (np.abs(order * n - place) > 40)
     assert np.median(found.level[middle] / expected[middle]) == pytest.approx(1.0, abs=0.03)
     assert found.tones == pytest.approx((place,), abs=0.015)  # a parabola between lines is off by 0.02
-    quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), Motion.of(nothing, n, through), 0.0)
+    quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), Motion.of(nothing.__getitem__, n, through), 0.0)
     assert (quiet.passed, quiet.tones) == (0.0, ())
     assert np.max(quiet.doubt()) < 0.05
 

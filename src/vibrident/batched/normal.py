@@ -55,10 +55,12 @@ def tone_normal(model: SensorModel, polar: bool, has_phase: bool, quantity: Quan
 def line_data(problem: LineProblem, noise: FloatArray) -> tuple[Any, ...]:
     """The arrays of a problem of lines, a tuple for each of its batches."""
     found = []
-    for batch, counts, interval_s, fraction in problem._batches:
+    for batch, interval_s, fraction in problem.batches:
         level = noise[[problem.runs[number].record for number in batch.runs]]
         step = np.array([interval_s, fraction, problem.frame.delay_s])
-        found.append((batch.shifted()[0], batch.inputs, batch.response, np.sqrt(counts[0]), level, step))
+        found.append(
+            (batch.shifted()[0], batch.inputs, batch.response, np.sqrt(problem.counts(batch.samples)[0]), level, step)
+        )
     return tuple(found)
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from vibrident.estimators.noise_spectrum import NEAREST
+from vibrident.estimators.noise_motion import NEAREST
 from vibrident.information import inverse_normal
 from vibrident.lines import RecordLines
 from vibrident.measure.lines import in_blocks, mean_around, power_of

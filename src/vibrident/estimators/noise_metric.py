@@ -5,16 +5,18 @@ Formulas and their source: :mod:`vibrident.estimators.reweighting`.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.estimators.noise_spectrum import NEAREST, TONES, Motion, NoiseSpectrum, noise_spectrum
+from vibrident.estimators.noise_motion import NEAREST, Motion
+from vibrident.estimators.noise_spectrum import TONES, NoiseSpectrum, noise_spectrum
 from vibrident.estimators.optimise import Bent
 from vibrident.information import SMALLEST, inverse_where_shown
 from vibrident.lines import LinesAt, RecordLines
-from vibrident.measure.lines import in_blocks, mean_around, power_of
+from vibrident.measure.lines import MOST_KEPT, in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 
@@ -39,6 +41,9 @@ STEEP = 1e-2
 #: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
 LEAST_INFORMATION = 0.2
 
+#: Gives what the model says of a record; None if it has too few lines above the noise.
+MotionOf = Callable[[], Motion | None]
+
 
 @dataclass(frozen=True, eq=False)
 class _Share:
@@ -48,15 +53,15 @@ class _Share:
         information: of the lines about z, shape (p, p).
         of_noise: the part of it that the noise of the reference makes up, shape (p, p).
         gradient: shape (p,).
-        variance: of the gradient, by the residual's own spectrum, shape (p, p).
         cost: weighted sum of squares of the residual.
+        imitated: what of each unknown the slopes hold, shape (unknowns, p).
     """
 
     information: FloatArray
     of_noise: FloatArray
     gradient: FloatArray
-    variance: FloatArray
     cost: float
+    imitated: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +115,24 @@ class Place:
         return sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
 
 
-def place_at(lines: Sequence[RecordLines], spectra: Sequence[NoiseSpectrum], z: FloatArray) -> Place | None:
-    """Information and gradient at ``z``, shape (p,); None where a direction is not known."""
-    read, step = list(spectra), np.zeros(len(z))
+def place_at(
+    lines: Sequence[RecordLines], motions: Sequence[MotionOf], spectra: list[NoiseSpectrum], z: FloatArray
+) -> Place | None:
+    """Information and gradient at ``z``, shape (p,); None where a direction is not known.
+
+    ``spectra`` are as read before; the list is emptied, because of long records each copy counts.
+    """
+    step, variances = np.zeros(len(z)), []
     for last in range(ROUNDS):
-        shares = []
-        for number, record in enumerate(lines):
-            share, read[number] = _share(record, step, read[number])
-            shares.append(share)
+        shares, read = [], list[NoiseSpectrum]()
+        for record, motion in zip(lines, motions, strict=True):
+            weighed = _Weighed.at(record, motion, step, spectra.pop(0))
+            read.append(weighed.spectrum)
+            shares.append(weighed.share())
+            if last == ROUNDS - 1:
+                variances.append(weighed.variance(shares[-1].imitated))
+            del weighed
+        spectra = read
         whole = np.sum([share.information for share in shares], axis=0)
         if not _known(whole):
             return None
@@ -125,8 +140,8 @@ def place_at(lines: Sequence[RecordLines], spectra: Sequence[NoiseSpectrum], z: 
         gradient = np.sum([share.gradient for share in shares], axis=0)
         if last < ROUNDS - 1:
             step = inverse @ gradient
-    covariance = inverse @ np.sum([share.variance for share in shares], axis=0) @ inverse
-    return Place(z, tuple(read), inverse, gradient, covariance, sum(share.cost for share in shares))
+    covariance = inverse @ np.sum(variances, axis=0) @ inverse
+    return Place(z, tuple(spectra), inverse, gradient, covariance, sum(share.cost for share in shares))
 
 
 def equal_cost(lines: Sequence[RecordLines]) -> float:
@@ -134,34 +149,67 @@ def equal_cost(lines: Sequence[RecordLines]) -> float:
     return sum(float(equal(record) @ power_of(record.residual)) for record in lines)
 
 
-def _share(record: RecordLines, step: FloatArray, spectrum: NoiseSpectrum) -> tuple[_Share, NoiseSpectrum]:
-    """What a record says, and its spectrum as read at ``step``; the gradient is that of the whole way from no step."""
-    n, p = max(record.samples, 1), len(step)
-    unknowns = _unknowns(record, spectrum)
-    rest = _left(record, step, unknowns, record.twice / (n * spectrum.level))
-    found = spectrum_of(record, record.where_used(rest))
-    spectrum = replace(found, tones=(spectrum.tones + found.tones)[:TONES])
-    weight = record.twice * spectrum.excited / (n * spectrum.level)
-    slopes, of_noise = record.slopes, np.zeros((p, p))
-    if spectrum.passed > 0 and record.model is not None:
-        through, d_through = record.model.through(), np.stack(list(record.model.slopes()))
-        slopes = slopes + d_through * (spectrum.passed_at * np.conj(through) * rest / spectrum.level)
-        beside = np.maximum(spectrum.level - spectrum.passed_at * power_of(through), 0.0)
-        own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
-        of_noise = products(lambda part: (d_through[:, part],), own)
-    power = power_of(rest) / max(record.count, 1.0) / spectrum.level
-    del rest  # of a long record each copy counts
-    local = np.maximum(mean_around(power, width(record), NEAREST), record.floor / spectrum.level)
-    # The slopes less what the unknowns can imitate, J − N β, in sums alone.
-    sums = products(lambda part: (unknowns(part), slopes[:, part], record.residual[None, part]), weight)
-    m = len(sums) - p - 1
-    share = inverse_where_shown(sums[:m, :m]) @ sums[:m, m:]
-    freed = sums[m:, m:] - sums[:m, m:].T @ share
-    loud = products(lambda part: (unknowns(part), slopes[:, part]), weight * spectrum.excited * local)
-    beta = share[:, :p]
-    both = beta.T @ loud[:m, m:]
-    variance = loud[m:, m:] - both - both.T + beta.T @ loud[:m, :m] @ beta
-    return _Share(freed[:p, :p], of_noise, freed[:p, p], variance, float(freed[p, p])), spectrum
+@dataclass(frozen=True, eq=False)
+class _Weighed:
+    """A record's lines, weighted by the noise as read after a step.
+
+    Attributes:
+        record: the lines; the gradient is that of the whole way from no step.
+        spectrum: of the noise.
+        unknowns: beside the parameters.
+        rest: what the step and the best unknowns leave of the residual, shape (lines,).
+        slopes: at the reference as the response corrects it, shape (p, lines).
+        of_noise: the part of the information that noise of the reference makes up, shape (p, p).
+        weight: of each line, shape (lines,).
+    """
+
+    record: RecordLines
+    spectrum: NoiseSpectrum
+    unknowns: LinesAt
+    rest: ComplexArray
+    slopes: ComplexArray
+    of_noise: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def at(cls, record: RecordLines, motion: MotionOf, step: FloatArray, spectrum: NoiseSpectrum) -> _Weighed:
+        """After a step, shape (p,), from the noise as read before it."""
+        n = max(record.samples, 1)
+        unknowns = _unknowns(record, spectrum)
+        rest = _left(record, step, unknowns, record.twice / (n * spectrum.level))
+        tones = spectrum.tones
+        del spectrum  # of a long record each copy counts
+        found = _spectrum_of(record, motion, record.where_used(rest))
+        spectrum = replace(found, tones=(tones + found.tones)[:TONES])
+        weight = record.twice * spectrum.excited / (n * spectrum.level)
+        slopes, of_noise = record.slopes, np.zeros((len(step), len(step)))
+        if spectrum.passed > 0 and record.model is not None:
+            d_through = np.stack(list(record.model.slopes()))
+            slopes = slopes + d_through * (spectrum.passed_at * np.conj(record.model.through()) * rest / spectrum.level)
+            beside = np.maximum(spectrum.level - spectrum.passed_at * record.model.power(), 0.0)
+            own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
+            of_noise = products(lambda part: (d_through[:, part],), own)
+        return cls(record, spectrum, unknowns, rest, slopes, of_noise, weight)
+
+    def share(self) -> _Share:
+        """What the record says: the slopes less what the unknowns can imitate, J − N β, in sums alone."""
+        p, residual = len(self.slopes), self.record.residual
+        sums = products(lambda part: (self.unknowns(part), self.slopes[:, part], residual[None, part]), self.weight)
+        m = len(sums) - p - 1
+        share = inverse_where_shown(sums[:m, :m]) @ sums[:m, m:]
+        freed = sums[m:, m:] - sums[:m, m:].T @ share
+        return _Share(freed[:p, :p], self.of_noise, freed[:p, p], float(freed[p, p]), share[:, :p])
+
+    def variance(self, imitated: FloatArray) -> FloatArray:
+        """Of the gradient, by the residual's own spectrum, shape (p, p)."""
+        record, level, m = self.record, self.spectrum.level, len(imitated)
+        power = power_of(self.rest) / max(record.count, 1.0) / level
+        local = np.maximum(mean_around(power, width(record), NEAREST), record.floor / level)
+        loud = products(
+            lambda part: (self.unknowns(part), self.slopes[:, part]), self.weight * self.spectrum.excited * local
+        )
+        both = imitated.T @ loud[:m, m:]
+        return loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
 
 
 def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
@@ -171,7 +219,7 @@ def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     """
     level = spectrum.level
     if spectrum.passed > 0 and record.model is not None:
-        more = power_of(record.model.through()) - power_of(record.model.at(z))
+        more = record.model.power() - power_of(record.model.at(z))
         level = np.maximum(level + spectrum.passed_at * more, LEAST_LEVEL * level)
     weight = record.twice * spectrum.excited / (max(record.samples, 1) * level)
     unknowns = _unknowns(record, spectrum)
@@ -197,29 +245,34 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
     return record.unknowns(edges=edges, tones=spectrum.tones)
 
 
-def beside_hum(record: RecordLines) -> NoiseSpectrum:
+def beside_hum(record: RecordLines, motion: MotionOf) -> NoiseSpectrum:
     """The spectrum of a record's residual, with the tones that are known beside those that were found."""
-    spectrum = spectrum_of(record, record.residual)
+    spectrum = _spectrum_of(record, motion, record.residual)
     return replace(spectrum, tones=(record.hum + spectrum.tones)[:TONES])
 
 
-def _motion(record: RecordLines) -> Motion | None:
-    """The model's prediction of the record; None if it has too few lines above the noise."""
+def motion_of(record: RecordLines) -> MotionOf:
+    """What gives the model's prediction of the record; of a long one it is made each time."""
+    if record.samples > MOST_KEPT:
+        return functools.partial(_motion_of, record)
+    found = _motion_of(record)
+    return lambda: found
+
+
+def _motion_of(record: RecordLines) -> Motion | None:
     if record.count < SHORTEST or record.free is None:
         return None
-    through = record.through
-    found = Motion.of(record.predicted(slice(None)), record.count, None if through is None else power_of(through))
-    return replace(found, predicted=record.predicted)  # of a long record each copy counts
+    return Motion.of(record.predicted, record.count, None if record.model is None else record.model.power())
 
 
-def spectrum_of(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
+def _spectrum_of(record: RecordLines, motion_of: MotionOf, residual: ComplexArray) -> NoiseSpectrum:
     """The spectrum of a residual."""
-    motion = _motion(record)
+    motion = motion_of()
     if motion is not None:
         return noise_spectrum(residual, motion, record.floor)
     power = float(np.sum(record.twice * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
-    doubt = 0.0 if record.through is None else level / float(np.max(power_of(record.through)))
+    doubt = 0.0 if record.model is None else level / float(np.max(record.model.power()))
     flat, nothing, one, left = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0, doubt))
     return NoiseSpectrum(flat, 0.0, nothing, lambda: left, one)
 

@@ -11,23 +11,28 @@ relative to this. Lines far above it (mains hum) are used unchanged.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vibrident.estimators.noise_motion import (
+    FAR,
+    NEAREST,
+    OUTSTANDING,
+    Motion,
+    bins_of,
+    lines_around,
+    means,
+    typical,
+    windowed,
+)
 from vibrident.information import inverse_normal
 from vibrident.measure.lines import in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
-#: Bins that a spectrum is averaged into.
-BINS = 160
-#: Part of the sampling rate up to which a spectrum is looked at.
-HIGHEST = 0.4
 #: Multiplicative updates of the three levels.
 ROUNDS = 150
 #: σx² is significant above this many standard deviations.
@@ -44,22 +49,12 @@ MANY = 16
 FAINT = 2.0
 #: Lower limit of levels, relative to the mean.
 LEAST_LEVEL = 1e-12
-#: Lines averaged on either side of each for the weights: this part of the spectrum …
-SHARE = 1 / 64
-#: … and at least so many …
-FEWEST = 24
-#: … of which the nearest are left out.
-NEAREST = 2
 #: Variance of a mean over powers of lines under Hann's window, over that of independent lines.
 ALIKE = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
-#: A line this many times above its surroundings is no chance: one of 10⁹ white ones is.
-OUTSTANDING = 20.0
 #: A line this many times above its surroundings is a tone.
 TONE = 25.0
 #: The most tones that are looked for.
 TONES = 16
-#: Lines beyond this many times their surroundings are left out of the mean (one of 400 white ones is: allowed for).
-FAR = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,40 +81,6 @@ class NoiseSpectrum:
     free: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """The model's prediction of a record, for the analysis of the residual's spectrum.
-
-    Attributes:
-        count: number of samples that are used.
-        predicted: makes its real transform, or some lines of it, shape (lines,).
-        through: |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
-        alone: where the prediction has a line of its own: a remainder there is the model's and no hum.
-        own: power of the prediction, smoothed except at outstanding lines, shape (samples // 2 + 1,).
-        seen: |H|² in bins, shape (bins,).
-    """
-
-    count: float
-    predicted: Callable[[slice], ComplexArray]
-    through: FloatArray | None
-    alone: BoolArray
-    own: FloatArray
-    seen: FloatArray
-
-    @classmethod
-    def of(cls, predicted: ComplexArray, count: float, through: FloatArray | None) -> Motion:
-        """Of the prediction's real transform, shape (samples // 2 + 1,)."""
-        around, expected = _around(predicted), power_of(predicted)
-        alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
-        if through is None:
-            nothing = np.zeros(0)
-            return cls(count, predicted.__getitem__, None, alone, nothing, nothing)
-        expected /= count
-        own = _typical(expected, around)
-        own = np.where(expected > OUTSTANDING * own, expected, own)
-        return cls(count, predicted.__getitem__, through, alone, own, _means(through, _bins_of(len(expected)).edges))
-
-
 def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
     """Read the spectrum of a residual.
 
@@ -135,11 +96,16 @@ def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSp
     relative = np.divide(power, shape, out=power)
     smooth = _surroundings(relative)
     hum = (relative > OUTSTANDING * smooth) & ~motion.alone
-    tones = _tones(lines, TONE * shape * smooth * motion.count, motion.alone)
-    level = np.maximum(shape * np.where(hum, relative, smooth), floor)
+    tones = _tones(lines, lambda part: TONE * shape[part] * smooth[part] * motion.count, motion.alone)
+    level = np.multiply(shape, smooth, where=~hum, out=np.multiply(shape, relative, out=relative))
+    np.maximum(level, floor, out=level)
     excited = np.broadcast_to(1.0, level.shape)
     if motion.through is not None:  # by how much the prediction stands above what noise of the reference would be
-        excited = np.maximum(1.0 - FAINT * level / np.maximum(motion.own, 1e-300), 0.0)
+        excited = np.maximum(motion.own, 1e-300)
+        np.divide(level, excited, out=excited)
+        excited *= -FAINT
+        excited += 1.0
+        np.maximum(excited, 0.0, out=excited)
     passed_at = parts.unfelt * smooth if parts.passed > 0.0 else np.broadcast_to(0.0, level.shape)
     return NoiseSpectrum(level, parts.passed, passed_at, parts.doubt, excited, tones, parts.free)
 
@@ -166,8 +132,8 @@ def _parts(lines: ComplexArray, power: FloatArray, motion: Motion) -> _Parts:
     through = motion.through
     if through is None:
         return _Parts(np.ones_like(power), 0.0, 0.0, functools.partial(np.broadcast_to, 0.0, power.shape), False)
-    edges, wide, order, geometric = _bins_of(len(power))
-    level, seen = _means(power, edges) * geometric, motion.seen
+    edges, wide, order, geometric = bins_of(len(power))
+    level, seen = means(power, edges) * geometric, motion.seen
     shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
     amounts, spread = _levels(shapes, level, wide)
     scale = float(np.max(seen))
@@ -182,27 +148,30 @@ def _parts(lines: ComplexArray, power: FloatArray, motion: Motion) -> _Parts:
     by_reference = amounts[2] / scale * through
     if told.passed > 0.0:
         passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
-        amounts = _beside(shapes[:2], level, wide, _means(by_reference, edges))
+        amounts = _beside(shapes[:2], level, wide, means(by_reference, edges))
     elif not sure and told.spread < spread:
         doubt = told.doubt
-    all_lines = np.maximum(np.arange(len(power)), 1.0)
-    shape = amounts[0] + amounts[1] * order[0] / all_lines + by_reference
-    shape = np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)))
+    shape = np.arange(len(power), dtype=float)
+    shape[0] = 1.0
+    np.divide(amounts[1] * order[0], shape, out=shape)
+    shape += amounts[0]
+    shape += by_reference
+    np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)), out=shape)
     return _Parts(shape, passed, unfelt, doubt, told.free)
+
+
+def _ordinary(relative: FloatArray, around: int) -> FloatArray:
+    """The lines, those that stand out replaced by the mean around them."""
+    most = OUTSTANDING * np.exp(np.mean(np.log(relative + 1e-300)) + np.euler_gamma)
+    smooth = mean_around(np.minimum(relative, most), around, NEAREST)
+    np.copyto(smooth, relative, where=relative < FAR * smooth)  # in place: of a long record each copy counts
+    return smooth
 
 
 def _surroundings(relative: FloatArray) -> FloatArray:
     """Mean over the lines around each, without those that stand out."""
-    around = _around(relative)
-    capped = np.minimum(relative, OUTSTANDING * np.exp(np.mean(np.log(relative + 1e-300)) + np.euler_gamma))
-    smooth = mean_around(capped, around, NEAREST)
-    ordinary = np.where(relative < FAR * smooth, relative, smooth)
-    return mean_around(ordinary, around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
-
-
-def _around(lines: ComplexArray | FloatArray) -> int:
-    """Lines on either side that a level is averaged over."""
-    return max(int(len(lines) * SHARE), FEWEST)
+    around = lines_around(relative)
+    return mean_around(_ordinary(relative, around), around, NEAREST) / (1.0 - FAR * np.exp(-FAR))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,27 +203,27 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are
     separated.
     """
-    around, order, share = _around(through), np.arange(1, last) / last, through[1:last]
-    common, left, power = np.empty((3, last - 1))
+    share, (own, ordinary), found = through[1:last], motion.level(), np.zeros(4)
+    common, left = np.empty(last - 1), np.empty(last - 1)
     for part in in_blocks(last - 1):  # of a long record each copy counts
-        beside = slice(part.start, part.stop + 2)
-        kept, moved = (_windowed(lines) for lines in (rest[beside], motion.predicted(beside)))
+        kept, moved = windowed(rest[part.start : part.stop + 2]), motion.windowed(part)
         common[part] = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
-        left[part], power[part] = power_of(kept) / motion.count, power_of(moved) / motion.count
-    left, own = _typical(left, around), _typical(power, around)
-    ordinary, found = power < FAR * own, np.zeros(4)
-    del power
+        left[part] = power_of(kept) / motion.count
+    left = typical(left, lines_around(through))
     for _ in range(2):
         sums = np.zeros((4, 5))
         for part in in_blocks(last - 1):
-            bent, steep = order[0] / order[part], order[part] ** 2
-            rows = np.stack([share[part], share[part] * bent, own[part], own[part] * steep, common[part]])
+            order = np.arange(part.start + 1, part.stop + 1) / last
+            bent = (1.0 / last) / order
+            rows = np.stack([share[part], share[part] * bent, own[part], own[part] * order**2, common[part]])
             variance = 0.5 * (own[part] * left[part] + (found[:2] @ rows[:2]) ** 2)
             sums += (rows[:4] * (ordinary[part] / np.maximum(variance, 1e-300) / ALIKE)) @ rows.T
         found, covariance, normal = _amounts(sums[:, :4], sums[:, 4])
-    noise = share * (found[0] + found[1] * (order[0] / order))
+    del common
+    bent = _flicker(last, last)[1:]
+    noise, mean = share * (found[0] + found[1] * bent), np.array([1.0, float(np.mean(bent))])
+    del bent
     whole = inverse_normal(normal)
-    mean = np.array([1.0, float(np.mean(order[0] / order))])
     total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
     free = bool(np.sum(own < QUIET * left) >= FEWEST_QUIET)
     if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
@@ -280,11 +249,6 @@ def _doubt(flicker: Callable[[], FloatArray], whole: FloatArray, found: FloatArr
     return (found[0] + found[1] * shape) + DOUBT * np.sqrt(np.maximum(around_it, 0.0))
 
 
-def _typical(values: FloatArray, around: int) -> FloatArray:
-    """Level of exponentially distributed values, from the logarithms around: a few strong ones do not count."""
-    return np.exp(mean_around(np.log(np.maximum(values, 1e-300)), around, NEAREST) + np.euler_gamma)
-
-
 def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Least squares by its normal equations: the amounts, their covariance, and the normal matrix of all columns.
 
@@ -304,19 +268,16 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
     return amounts / scale, covariance / size, normal * size
 
 
-def _windowed(lines: ComplexArray) -> ComplexArray:
-    """Lines under Hann's window, a sum of three, scaled to the same noise; without the first and the last."""
-    return (0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) / np.sqrt(0.375)
-
-
-def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[float, ...]:
+def _tones(lines: ComplexArray, least: Callable[[slice], FloatArray], alone: BoolArray) -> tuple[float, ...]:
     """Places of lines so strong that their leakage hides others, the strongest first."""
     power = np.zeros(lines.size)
     for part in in_blocks(lines.size - 2):
-        power[part.start + 1 : part.stop + 1] = power_of(_windowed(lines[part.start : part.stop + 2]))
+        power[part.start + 1 : part.stop + 1] = power_of(windowed(lines[part.start : part.stop + 2]))
     peak = np.zeros(power.shape, dtype=bool)
     peak[2:-2] = (power[2:-2] >= power[1:-3]) & (power[2:-2] > power[3:-1])
-    peak &= (power > least) & ~alone
+    peak &= ~alone
+    for part in in_blocks(power.size):
+        peak[part] &= power[part] > least(part)
     places = np.flatnonzero(peak)
     places = places[np.argsort(-power[places])][:TONES]
     low, middle, high = (np.sqrt(power[places + shift]) for shift in (-1, 0, 1))
@@ -324,38 +285,6 @@ def _tones(lines: ComplexArray, least: FloatArray, alone: BoolArray) -> tuple[fl
     # Between two lines, as Hann's window has it: a parabola would be off by up to two hundredths of a line.
     offset = np.clip((2.0 * beside - 1.0) / (1.0 + beside), 0.0, 0.5)
     return tuple((places + np.where(high > low, offset, -offset)).tolist())
-
-
-class _Bins(NamedTuple):
-    """Bins of the lines of a real transform.
-
-    Attributes:
-        edges: first lines of the bins, and the line behind the last, shape (bins + 1,).
-        wide: number of lines of each, shape (bins,).
-        order: mean number of its lines.
-        geometric: mean of so many exponentially distributed powers over their geometric mean, Γ(1 + 1/n)⁻ⁿ. The latter
-            is what is taken: a tone that is not quite fitted, or hum, is not the noise looked for.
-    """
-
-    edges: NDArray[np.int_]
-    wide: FloatArray
-    order: FloatArray
-    geometric: FloatArray
-
-
-@functools.lru_cache(maxsize=8)
-def _bins_of(lines: int) -> _Bins:
-    last = max(int(HIGHEST * 2 * (lines - 1)), 8)
-    edges = np.unique(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
-    wide = np.diff(edges).astype(float)
-    order = _means(np.arange(lines, dtype=float), edges)
-    return _Bins(edges, wide, order, np.exp(-wide * [math.lgamma(1.0 + 1.0 / number) for number in wide]))
-
-
-def _means(values: FloatArray, edges: NDArray[np.int_]) -> FloatArray:
-    """Geometric means over bins."""
-    total = np.add.reduceat(np.log(np.maximum(values[: edges[-1]], 1e-300)), edges[:-1])
-    return np.maximum(np.exp(total / np.diff(edges)), 1e-300)
 
 
 def _levels(shapes: FloatArray, level: FloatArray, count: FloatArray) -> tuple[FloatArray, float]:

@@ -26,8 +26,9 @@ import numpy as np
 
 from vibrident.estimators.coloured import sandwich
 from vibrident.estimators.findings import LineNoise
-from vibrident.estimators.noise_metric import Place, beside_hum, equal, equal_cost, place_at, products, width
-from vibrident.estimators.noise_spectrum import DOUBT, NEAREST, NoiseSpectrum
+from vibrident.estimators.noise_metric import Place, beside_hum, equal, equal_cost, motion_of, place_at, products, width
+from vibrident.estimators.noise_motion import NEAREST
+from vibrident.estimators.noise_spectrum import DOUBT, NoiseSpectrum
 from vibrident.estimators.optimise import Bent
 from vibrident.lines import RecordLines
 from vibrident.measure.response import ComplexArray
@@ -98,15 +99,17 @@ def reweighted(
         bent: where a damped step leads to if not straight on.
     """
     lines = problem.lines(z, coordinates, noise)
-    cost, spectra = equal_cost(lines), [beside_hum(record) for record in lines]
+    cost, motions = equal_cost(lines), [motion_of(record) for record in lines]
+    spectra = [beside_hum(*pair) for pair in zip(lines, motions, strict=True)]
     spread, information = _spread(lines, spectra), _equal_information(lines)
     if start is not None:
         lines = problem.lines(start, coordinates, noise)
         if not equal_cost(lines) <= FARTHEST_START * cost:
             return None
-        spectra = [beside_hum(record) for record in lines]
-    here = place_at(lines, spectra, z if start is None else start)
-    del spectra  # of a long record each copy counts
+        motions = [motion_of(record) for record in lines]
+        spectra = [beside_hum(*pair) for pair in zip(lines, motions, strict=True)]
+    here = place_at(lines, motions, spectra, z if start is None else start)
+    del motions, spectra  # of a long record each copy counts
     if here is None:
         return None
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
@@ -155,7 +158,7 @@ def _down(
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
             if here.leads_to(lines, most):
-                there = place_at(lines, here.spectra, trial)
+                there = place_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial)
         if there is None:
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
             rejected += 1

@@ -225,6 +225,7 @@ def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple
     longest = max((record.samples for record in evidence.records), default=0)
     give_back_after(longest)
     found = estimator.fit(evidence, progress)
+    found = found if found.problem is None else replace(found, problem=found.problem.idle())
     give_back_after(longest)
     estimate = in_one_form(found)
     judgement = judged(evidence, estimate)

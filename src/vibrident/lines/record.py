@@ -12,7 +12,7 @@ from numpy import fft
 from vibrident.lines.normal import horner
 from vibrident.lines.runs import MOST_KEPT, shifted_lines
 from vibrident.lines.series import RunSeries
-from vibrident.measure.lines import line_counts, waves
+from vibrident.measure.lines import line_counts, power_of, waves
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
@@ -46,6 +46,10 @@ class ModelLines:
         """H at z, shape (lines,)."""
         return self._through if self.lines <= MOST_KEPT else self.at(self.z)
 
+    def power(self) -> FloatArray:
+        """|H|² at z, shape (lines,)."""
+        return self._power if self.lines <= MOST_KEPT else power_of(self.at(self.z))
+
     def slopes(self) -> Iterable[ComplexArray]:
         """∂H for each coordinate in turn, by central differences; each of shape (lines,)."""
         return self._slopes if self.lines <= MOST_KEPT else self._made()
@@ -53,6 +57,10 @@ class ModelLines:
     @functools.cached_property
     def _through(self) -> ComplexArray:
         return self.at(self.z)
+
+    @functools.cached_property
+    def _power(self) -> FloatArray:
+        return power_of(self._through)
 
     @functools.cached_property
     def _slopes(self) -> tuple[ComplexArray, ...]:
@@ -105,11 +113,6 @@ class RecordLines:
     def count(self) -> float:
         """Number of samples that are used."""
         return float(self.used.sum())
-
-    @property
-    def through(self) -> ComplexArray | None:
-        """H at z, shape (lines,)."""
-        return None if self.model is None else self.model.through()
 
     def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> LinesAt:
         """Lines of what is unknown beside the parameters, zero where they do not count.
@@ -176,7 +179,10 @@ def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
             np.divide(found[order], w, out=found[-1])
         return found
 
-    return lambda edges: functools.partial(lines, edges)
+    if samples > MOST_KEPT:
+        return lambda edges: functools.partial(lines, edges)
+    kept = functools.cache(functools.partial(lines, part=slice(None)))
+    return lambda edges: _made(kept(edges))
 
 
 def _made(columns: ComplexArray) -> LinesAt:
@@ -208,14 +214,20 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
     return lines
 
 
-@functools.lru_cache(maxsize=8)
 def counted(samples: int, highest: float) -> FloatArray:
     """Weight of each line in a sum over all: zero above ``highest``, a part of the sampling rate; do not write to it.
 
     It is zero for line 0 too, which holds the offset.
     """
+    return (_counted_kept if samples <= MOST_KEPT else _counted)(samples, highest)
+
+
+def _counted(samples: int, highest: float) -> FloatArray:
     twice = line_counts(samples)
     twice[:1] = 0.0
-    twice[np.arange(len(twice)) > highest * samples] = 0.0
+    twice[int(highest * samples) + 1 :] = 0.0
     twice.flags.writeable = False
     return twice
+
+
+_counted_kept = functools.lru_cache(maxsize=8)(_counted)

@@ -10,7 +10,7 @@ end of the run put in,
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
@@ -27,22 +27,50 @@ WHOLE = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
+class Transforms:
+    """The transforms of a run, made when they are asked for.
+
+    Attributes:
+        record: the record.
+        span: the run, in samples of the response.
+        step: computes the inputs of its steps.
+    """
+
+    record: Record
+    span: slice
+    step: StepFilters
+
+    @functools.cached_property
+    def inputs(self) -> ComplexArray:
+        """Of the inputs of the steps, shape (q, L)."""
+        return input_lines(seen_by_network(self.record, centred=True)[0], self.span, self.step)
+
+    @functools.cached_property
+    def response(self) -> ComplexArray:
+        """Of the response, zero where it is not used, shape (L,)."""
+        return np.asarray(fft.rfft(np.where(self.record.mask[self.span], self.record.response[self.span], 0.0)))
+
+    def forget_inputs(self) -> None:
+        """Free those of a long run; they are made again when they are asked for."""
+        if self.span.stop - self.span.start > MOST_KEPT:
+            self.__dict__.pop("inputs", None)
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """An unbroken run of N steps of one record, at the L = N // 2 + 1 lines of its transform.
 
     Attributes:
         record: number of the record.
         span: samples of the response.
-        inputs: transforms of the inputs of the steps, shape (q, L).
-        response: transform of the response, zero where it is not used, shape (L,).
+        transforms: of inputs and response.
         used: which samples of the response are used, shape (N,); None: all of them.
         hum: places of tones that no motion causes, in lines.
     """
 
     record: int
     span: slice
-    inputs: ComplexArray
-    response: ComplexArray
+    transforms: Transforms
     used: BoolArray | None = None
     hum: tuple[float, ...] = ()
 
@@ -50,6 +78,20 @@ class Run:
     def samples(self) -> int:
         """Number of steps N."""
         return int(self.span.stop - self.span.start)
+
+    @property
+    def inputs(self) -> ComplexArray:
+        """Transforms of the inputs of the steps, shape (q, L)."""
+        return self.transforms.inputs
+
+    @property
+    def response(self) -> ComplexArray:
+        """Transform of the response, shape (L,)."""
+        return self.transforms.response
+
+    def idle(self) -> Run:
+        """The same without its transforms, which are made again when they are asked for."""
+        return replace(self, transforms=replace(self.transforms))
 
 
 def shifted_lines(samples: int, part: slice = slice(None)) -> ComplexArray:
@@ -68,7 +110,7 @@ def _shifted_kept(samples: int) -> ComplexArray:
 
 
 def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
-    """The transforms of a run at all lines from 0 to half the sampling rate.
+    """A run with its transforms at all lines from 0 to half the sampling rate.
 
     Args:
         number: of the record.
@@ -76,11 +118,9 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
         span: the run, in samples of the response.
         step: computes the inputs of its steps.
     """
-    reference, _ = seen_by_network(record, centred=True)
-    inputs = input_lines(reference, span, step)
     used = record.mask[span]
-    response = np.asarray(fft.rfft(np.where(used, record.response[span], 0.0)))
-    return Run(number, span, inputs, response, None if used.all() else used, hum_of(record, len(used)))
+    hum = hum_of(record, len(used))
+    return Run(number, span, Transforms(record, span, step), None if used.all() else used, hum)
 
 
 def hum_of(record: Record, samples: int) -> tuple[float, ...]:

@@ -8,13 +8,13 @@ it. Mains have one frequency: a tone of two records is looked for in all.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
 
-from vibrident.measure.lines import waves
+from vibrident.measure.lines import power_of, waves
 from vibrident.measure.rounding import step_of_response
 from vibrident.measure.tones import hann, own_sine
 from vibrident.records import BoolArray, FloatArray, Record
@@ -121,8 +121,11 @@ def _seen(index: int, record: Record, given: FloatArray) -> list[_Tone]:
     first, last = np.flatnonzero(used)[[0, -1]]
     whole = slice(first, last + 1)  # a window over more would cut a tone off where the prediction begins
     residual = np.where(used, record.response - predicted, 0.0)[whole]
-    motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)[whole]
-    tones = _tones(residual, motion, used[whole], harmonics=record.excitation == "sine")
+
+    def moving() -> FloatArray:
+        return _power(np.where(used, predicted - np.mean(predicted[used]), 0.0)[whole])
+
+    tones = _tones(residual, moving, used[whole], harmonics=record.excitation == "sine")
     span = residual.size / record.sampling_rate_hz
     return [_Tone(index, place / span, strength * span**2) for place, strength in tones]
 
@@ -177,19 +180,25 @@ def _span(tone: _Tone, records: Sequence[Record]) -> float:
     return records[tone.record].duration_s
 
 
-def _tones(residual: FloatArray, motion: FloatArray, used: BoolArray, *, harmonics: bool) -> list[tuple[float, float]]:
+def _power(signal: FloatArray) -> FloatArray:
+    """Power of the lines under Hann's window, shape (samples // 2 + 1,)."""
+    return power_of(np.asarray(fft.rfft(signal * hann(signal.size))))
+
+
+def _tones(
+    residual: FloatArray, power_of_motion: Callable[[], FloatArray], used: BoolArray, *, harmonics: bool
+) -> list[tuple[float, float]]:
     """Places of the tones, in lines and parts of one, and how far each stands out.
 
     Empty if there are more than hum has, or if as much is left beside one as of a resonance's ringing.
     """
-    window = hann(used.size)
     moving: FloatArray | None = None
     places, strengths, sizes, left = np.zeros(0), list[float](), list[float](), residual
     while True:
-        power = np.abs(np.asarray(fft.rfft(left * window))) ** 2
+        power = _power(left)
         peaks = _peaks(power)
         if peaks and moving is None:
-            moving = np.abs(np.asarray(fft.rfft(motion * window))) ** 2
+            moving = power_of_motion()
         place = None if moving is None else _strongest(peaks, power, moving, harmonics=harmonics)
         if place is None:
             return list(zip(places.tolist(), strengths, strict=True))

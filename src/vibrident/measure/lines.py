@@ -20,12 +20,12 @@ LEAST_LOST = 1e-3
 FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)
 
 
-def line_frequencies(samples: int, sampling_rate_hz: float) -> FloatArray:
-    """Frequency of each line in Hz, shape (samples // 2 + 1,).
+def line_frequencies(samples: int, sampling_rate_hz: float, part: slice = slice(None)) -> FloatArray:
+    """Frequency of each line in Hz, shape (samples // 2 + 1,), or of some.
 
     The line at zero is given the next one's: a reference in velocity has no response at zero, and an offset is fitted.
     """
-    return np.maximum(np.arange(samples // 2 + 1), 1) * (sampling_rate_hz / samples)
+    return np.maximum(np.arange(*part.indices(samples // 2 + 1)), 1) * (sampling_rate_hz / samples)
 
 
 def power_of(lines: NDArray[np.complex128]) -> FloatArray:
@@ -104,19 +104,21 @@ def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
 
     Of too few lines for that, the mean of all.
     """
-    width = min(width, power.size - 2)
+    width, lines = min(width, power.size - 2), power.size
     if width <= nearest:
         return np.full(power.shape, float(np.mean(power)))
-    total = np.empty(power.size + 2 * width + 1)
+    total = np.empty(lines + 2 * width + 1)
     total[0], total[1 : width + 1], total[width + 1 : -width] = 0.0, power[width:0:-1], power
     total[-width:] = power[-2 : -width - 2 : -1]
+    del power  # of a long record each copy counts
     np.cumsum(total, out=total)
 
-    def within(reach: int) -> FloatArray:
-        far = width + reach + 1
-        return total[far : far + power.size] - total[width - reach : width - reach + power.size]
+    def within(reach: int, part: slice) -> FloatArray:
+        far, near = width + reach + 1, width - reach
+        return total[far + part.start : far + part.stop] - total[near + part.start : near + part.stop]
 
-    found = within(width)
-    found -= within(nearest)
+    found = np.empty(lines)
+    for part in in_blocks(lines):
+        found[part] = within(width, part) - within(nearest, part)
     found /= 2.0 * (width - nearest)
     return found

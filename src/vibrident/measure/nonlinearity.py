@@ -21,6 +21,7 @@ import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
@@ -373,21 +374,37 @@ def _mean_near(power: FloatArray) -> FloatArray:
 
 def median_level(power: FloatArray) -> FloatArray:
     """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
-    count = power.size
-    places = _places(count)
-    # Most places have the same reach: their windows are sorted side by side.
-    alike = places[(places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))]
-    values = [median(power[: place + MEDIAN_LINES + 1]) for place in places[places < MEDIAN_LINES]]
-    if alike.size:
-        windows = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[alike - MEDIAN_LINES]
-        values += np.partition(windows, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
-    for place in places[len(values) :]:
-        reach = max(MEDIAN_LINES, int(MEDIAN_SHARE * place))
-        values.append(median(power[max(place - reach, 0) : place + reach + 1]))
+    windows = _windows(power.size)
+    values = [median(power[begin:end]) for begin, end in windows.first]
+    if windows.alike.size:
+        side_by_side = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[windows.alike]
+        values += np.partition(side_by_side, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
+    values += [median(power[begin:end]) for begin, end in windows.last]
     smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
-    return np.exp(np.interp(np.arange(count), places, smooth))
+    return np.exp(np.interp(np.arange(power.size), windows.places, smooth))
+
+
+class _Windows(NamedTuple):
+    """Lines around the places at which a level is read.
+
+    Attributes:
+        places: in order.
+        first: begin and end of those with fewer lines before them than behind.
+        alike: begins of the next ones, which have the same reach: their windows are sorted side by side.
+        last: begin and end of the others.
+    """
+
+    places: NDArray[np.int_]
+    first: tuple[tuple[int, int], ...]
+    alike: NDArray[np.int_]
+    last: tuple[tuple[int, int], ...]
 
 
 @functools.lru_cache(maxsize=8)
-def _places(count: int) -> NDArray[np.int_]:
-    return np.unique(np.geomspace(1, count, 160).astype(int)) - 1
+def _windows(count: int) -> _Windows:
+    places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
+    reach = np.maximum(MEDIAN_LINES, (MEDIAN_SHARE * places).astype(int))
+    around = list(zip(np.maximum(places - reach, 0).tolist(), (places + reach + 1).tolist(), strict=True))
+    alike = (places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))
+    first, both = int(np.sum(places < MEDIAN_LINES)), int(np.sum(alike))
+    return _Windows(places, tuple(around[:first]), places[alike] - MEDIAN_LINES, tuple(around[first + both :]))

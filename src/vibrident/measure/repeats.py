@@ -26,8 +26,10 @@ ELSEWHERE = 0.2
 BESIDE = 8
 #: … by so many steps of the converter and this part of the block's standard deviation, as a median.
 STEPS, UNLIKE = 4.0, 0.01
-#: Weights of a window's samples in its key; any odd numbers.
-_WEIGHTS = np.random.default_rng(9).integers(1, 2**63, WINDOW, dtype=np.uint64) | np.uint64(1)
+#: A window's key is the value of a polynomial at this number, any odd one, modulo 2^64 (Karp & Rabin 1987).
+_BASE = 0x9E3779B97F4A7C15
+#: Its powers by half the length of a window that two of that half are joined to.
+_POWERS = {half: np.uint64(pow(_BASE, half, 1 << 64)) for half in (1, 2, 4, 8, 16)}
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,14 @@ def repeated_block(values: FloatArray, valid: BoolArray) -> Repeat | None:
 
 def _distances(values: FloatArray, valid: BoolArray, change: FloatArray) -> list[int]:
     """Distances at which windows of samples return, the most frequent first."""
-    codes = np.ascontiguousarray(values + 0.0, dtype=float).view(np.uint64)
-    codes = (codes ^ (codes >> np.uint64(32))) * _WEIGHTS[0]  # coarse values differ in their upper bits only
-    codes ^= codes >> np.uint64(29)
-    count = values.size - WINDOW + 1
-    keys = np.zeros(count, dtype=np.uint64)
-    for shift, weight in enumerate(_WEIGHTS):
-        keys += weight * codes[shift : shift + count]
+    keys = np.ascontiguousarray(values + 0.0, dtype=float).view(np.uint64)
+    keys = (keys ^ (keys >> np.uint64(32))) * _POWERS[1]  # coarse values differ in their upper bits only
+    keys ^= keys >> np.uint64(29)
+    for half, power in _POWERS.items():  # two windows side by side make one of twice the length
+        keys = keys[:-half] * power + keys[half:]
+    ordered = np.sort(keys)
+    if not np.any(ordered[1:] == ordered[:-1]):
+        return []
     sums = [np.cumsum(np.concatenate([[0], flags])) for flags in (~valid, change != 0.0)]
     unused, moving = (total[WINDOW:] - total[:-WINDOW] for total in sums)
     places = np.flatnonzero((unused == 0) & (moving >= CHANGING))

@@ -238,8 +238,9 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, le
     sizes, first = np.zeros(series.shape), 2 * REACH
     if not valid[: 6 * REACH].all():
         return sizes
-    rows = _some(np.flatnonzero(clean[: -first or None]))
-    known, wanted = np.stack([_beside(series, rows, k) for k in range(1, first + 1)]), _beside(series, rows, 0)
+    windows = sliding_window_view(series, first + 1)[_some(np.flatnonzero(clean[:-first]))]
+    samples = np.ascontiguousarray(windows.T)
+    known, wanted = samples[1:], samples[0]
     amounts = _fitted(known, wanted)
     inside = np.abs(series[first : 2 * first] - sliding_window_view(series[first + 1 :], first)[:first] @ amounts)
     usual = max(float(np.std(wanted - amounts @ known)), median(inside) / MEDIAN)

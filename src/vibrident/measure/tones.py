@@ -99,18 +99,19 @@ def tone_frequency(record: Record, near: float | None = None) -> float:
     return _sine_fit(record, near)[0]
 
 
-#: The last fit of each record, and where it began: several findings need it.
-_FITTED: WeakKeyDictionary[Record, tuple[float, _SineFit]] = WeakKeyDictionary()
+#: The fits of each record by what was stated, and where each began: several findings need them.
+_FITTED: WeakKeyDictionary[Record, dict[float | None, tuple[float, _SineFit]]] = WeakKeyDictionary()
 
 
 def _sine_fit(record: Record, near: float | None = None) -> _SineFit:
     """Frequency, amplitudes of both channels, and the variance of their real parts for white noise."""
     near = record.frequency_hz if near is None else near
-    start = spectral_peak(np.asarray(record.reference), record.mask, record.sampling_rate_hz, near)
-    known = _FITTED.get(record)
-    if known is None or known[0] != start:
-        known = _FITTED[record] = (start, _sine_fit_from(record, start))
-    return known[1]
+    known = _FITTED.setdefault(record, {})
+    if near not in known:
+        start = spectral_peak(np.asarray(record.reference), record.mask, record.sampling_rate_hz, near)
+        same = (one for one in known.values() if one[0] == start)
+        known[near] = next(same, None) or (start, _sine_fit_from(record, start))
+    return known[near][1]
 
 
 def _sine_fit_from(record: Record, start: float) -> _SineFit:
@@ -394,7 +395,18 @@ def turning(samples: int, angle: float, first: float = 0.0) -> ComplexArray:
 
 def hann(samples: int) -> FloatArray:
     """Hann window, shape (samples,); do not write to it."""
-    return (_hann_kept if samples <= MOST_KEPT else np.hanning)(samples)
+    return (_hann_kept if samples <= MOST_KEPT else _hann)(samples)
 
 
-_hann_kept = functools.lru_cache(maxsize=8)(np.hanning)
+def _hann(samples: int) -> FloatArray:
+    """As ``np.hanning``, in place: of a long record each copy counts."""
+    window = np.arange(1.0 - samples, samples, 2.0)
+    window *= np.pi
+    window /= max(samples - 1, 1)
+    np.cos(window, out=window)
+    window *= 0.5
+    window += 0.5
+    return window
+
+
+_hann_kept = functools.lru_cache(maxsize=8)(_hann)

@@ -8,7 +8,7 @@ are not used is summed over its samples, as no transform of its response exists.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,8 +37,8 @@ from vibrident.lines import (
     unbroken,
 )
 from vibrident.lines.normal import TONE_COLUMNS
-from vibrident.lines.record import ModelLines, counted, free_of_pieces, free_of_run
-from vibrident.measure.lines import line_frequencies
+from vibrident.lines.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
+from vibrident.measure.lines import MOST_KEPT, in_blocks, line_frequencies
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import Coordinates
@@ -109,6 +109,12 @@ class LineProblem:
             return self
         return LineProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
 
+    def idle(self) -> LineProblem:
+        """The same without the transforms of long runs, which are made again when they are asked for."""
+        if all(run.samples <= MOST_KEPT for run in self.runs):
+            return self
+        return replace(self, runs=tuple(run.idle() for run in self.runs))
+
     @property
     def noise_floor(self) -> FloatArray:
         """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
@@ -141,20 +147,35 @@ class LineProblem:
         runs = tuple(replace(run, hum=hum_of(records[run.record], run.samples)) for run in self.runs)
         return replace(self, records=records, runs=runs)
 
+    @property
+    def batches(self) -> Iterator[tuple[Batch, float, float]]:
+        """Whole runs of one rate and length side by side, their sampling interval and fraction."""
+        for numbers, interval, fraction in self._groups:
+            joined = self._joined.get(numbers)
+            yield joined or Batch.of([self.runs[i] for i in numbers], numbers), interval, fraction
+
     @functools.cached_property
-    def _batches(self) -> tuple[tuple[Batch, FloatArray, float, float], ...]:
-        """Whole runs of one rate and length side by side, how their lines count, sampling interval and fraction."""
+    def _groups(self) -> tuple[tuple[tuple[int, ...], float, float], ...]:
         groups: dict[tuple[float, float, int, tuple[float, ...]], list[int]] = {}
         for number, run in enumerate(self.runs):
             if run.used is None:
                 groups.setdefault((*self._step_of(run), run.samples, run.hum), []).append(number)
         found = []
         for (interval, fraction, samples, _), numbers in groups.items():
-            width, counts = max(AT_ONCE // samples, 1), (counted(samples, self.highest) / samples)[None, :]
+            width = max(AT_ONCE // samples, 1)
             for first in range(0, len(numbers), width):
-                some = numbers[first : first + width]
-                found.append((Batch.of([self.runs[i] for i in some], some), counts, interval, fraction))
+                found.append((tuple(numbers[first : first + width]), interval, fraction))
         return tuple(found)
+
+    @functools.cached_property
+    def _joined(self) -> dict[tuple[int, ...], Batch]:
+        """Batches of several runs, for which these are copied."""
+        several = (numbers for numbers, *_ in self._groups if len(numbers) > 1)
+        return {numbers: Batch.of([self.runs[i] for i in numbers], numbers) for numbers in several}
+
+    def counts(self, samples: int) -> FloatArray:
+        """How each line of a run counts, shape (1, lines)."""
+        return (counted(samples, self.highest) / samples)[None, :]
 
     def _step_of(self, run: Run) -> tuple[float, float]:
         """Sampling interval and read-out fraction of a run."""
@@ -200,8 +221,8 @@ class LineProblem:
         if not self._stable(values):
             return RunNormals.of(len(self.runs), len(values), np.inf)
         steps, normals = self._all_steps(values), RunNormals.of(len(self.runs), len(values))
-        for batch, counts, *step in self._batches:
-            add_batch(normals, batch, *steps[step[0], step[1]], counts)
+        for batch, *step in self.batches:
+            add_batch(normals, batch, *steps[step[0], step[1]], self.counts(batch.samples))
         for number, run in enumerate(self.runs):
             if run.used is not None:
                 add_series(normals, number, series_of(run, *steps[self._step_of(run)]))
@@ -254,11 +275,15 @@ class LineProblem:
         lowest = self._lowest_ringing_hz(coordinates.values(z))
         found: list[RecordLines] = []
         models: dict[tuple[int, float], ModelLines] = {}
+        states: dict[tuple[int, float, float], FreeLines] = {}
         for number, record in enumerate(self.records):
             runs = [run for run in self.runs if run.record == number]
             floor = float((self.noise_floor[number] / noise[number]) ** 2)
             if len(runs) == 1 and runs[0].used is None:
-                own = self._whole(runs[0], steps[self._step_of(runs[0])], turn, noise[number])
+                key = runs[0].samples, *self._step_of(runs[0])
+                step = steps[self._step_of(runs[0])]
+                own: dict[str, Any] = self._whole(runs[0], step, turn, noise[number])
+                own["free"] = states.setdefault(key, free_of_run(key[0], step[0].denominator))
             else:
                 pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
                 own = _in_pieces(pieces, turn, noise[number], self.highest)
@@ -282,8 +307,9 @@ class LineProblem:
         self, run: Run, step: tuple[StepTransfer, StepTransfer], turn: FloatArray, noise: float
     ) -> dict[str, Any]:
         """What the lines of a record say that is one whole run."""
-        batch, twice = Batch.of([run], [0]), counted(run.samples, self.highest)
-        found = columns_of(batch, *step, np.sqrt(twice)[None, :])
+        twice = counted(run.samples, self.highest)
+        found = columns_of(Batch.of([run], [0]), *step, np.sqrt(twice)[None, :])
+        run.transforms.forget_inputs()
         left, own = found.residual[0], found.slopes[0]
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
         left /= noise
@@ -298,21 +324,20 @@ class LineProblem:
             "used": np.broadcast_to(True, run.samples),
             "twice": twice,
             "slopes": np.multiply(own, turn / noise, out=own),
-            "free": free_of_run(run.samples, step[0].denominator),
         }
 
     def _response(self, coordinates: Coordinates, z: FloatArray, samples: int, rate_hz: float) -> ModelLines:
         """H at the lines of the transform of so many samples."""
-        frequency, quantity = line_frequencies(samples, rate_hz), self.trained.quantity
+        lines, quantity = samples // 2 + 1, self.trained.quantity
 
         def at(z: FloatArray) -> ComplexArray:
-            values, found = coordinates.values(z), np.empty(len(frequency), dtype=complex)
-            for begin in range(0, len(frequency), AT_ONCE):  # of a long record each copy counts
-                part = slice(begin, begin + AT_ONCE)
-                found[part] = coordinates.model.frequency_response(values, frequency[part], quantity)
+            values, found = coordinates.values(z), np.empty(lines, dtype=complex)
+            for part in in_blocks(lines):  # of a long record each copy counts
+                frequency = line_frequencies(samples, rate_hz, part)
+                found[part] = coordinates.model.frequency_response(values, frequency, quantity)
             return found
 
-        return ModelLines(at, z, len(frequency))
+        return ModelLines(at, z, lines)
 
 
 def _in_pieces(

@@ -59,6 +59,10 @@ class NetworkProblem(Protocol):
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
         ...
 
+    def idle(self) -> NetworkProblem:
+        """The same with less memory, for rare use."""
+        ...
+
     def weights(self, values: Mapping[str, float]) -> Weights:
         """Network weights of the linear part, one set a sampling interval in order (leading axis)."""
         ...

@@ -133,6 +133,10 @@ class TimeProblem:
     def _noise_floor(self) -> FloatArray:
         return noise_floor(self.records)
 
+    def idle(self) -> TimeProblem:
+        """Itself: nothing of it is made again."""
+        return self
+
     def at_delay_of(self, values: Mapping[str, float]) -> TimeProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
         layout = self.layout
