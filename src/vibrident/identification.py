@@ -27,7 +27,7 @@ from vibrident.judge import (
 from vibrident.measure.drift import without_drift
 from vibrident.measure.hum import Tones, hum_tones, without_tones
 from vibrident.models import model_of
-from vibrident.problem import Evidence, LineProblem, network_of
+from vibrident.problem import Evidence, network_of
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.registry import ESTIMATORS
 from vibrident.result import Result
@@ -166,7 +166,8 @@ def _without_knowing_hum(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
     if problem is None or not any(record.hum_hz for record in problem.records):
         return None
     values = estimate.coordinates.values(estimate.z)
-    same = problem.trained.method if isinstance(problem, LineProblem) else method("bandlimited")
+    network = estimate.findings.network
+    same = method(network.discretisation if network is not None else "bandlimited")
     plain = network_of(evidence.records, evidence.model, same, evidence.quantity, values)
     return tuple(plain.predict(estimate.coordinates, estimate.z))
 

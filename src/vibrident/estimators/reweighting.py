@@ -33,7 +33,7 @@ from vibrident.estimators.optimise import Bent
 from vibrident.lines import RecordLines
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back_after
-from vibrident.problem import Coordinates, LineProblem
+from vibrident.problem import Coordinates, NetworkProblem
 from vibrident.records import FloatArray
 from vibrident.tails import chi2_tail
 
@@ -80,7 +80,7 @@ class Reweighted:
 
 
 def reweighted(
-    problem: LineProblem,
+    problem: NetworkProblem,
     coordinates: Coordinates,
     z: FloatArray,
     noise: FloatArray,

@@ -25,7 +25,7 @@ from vibrident.estimators.start import Start, find_start
 from vibrident.estimators.valley import ValleySteps
 from vibrident.lines import RecordLines
 from vibrident.measure.hum import hum_tones
-from vibrident.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective, network_of
+from vibrident.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective
 from vibrident.problem.framing import response_size
 from vibrident.records import FloatArray
 
@@ -53,7 +53,8 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
     trained = _trained(network, evidence, progress)
     if network.weights == "free":
         return _freed(network, evidence, trained, progress)
-    return trained.in_the_noise_found(evidence)
+    # A nonlinear model has no residual line by line, and Adam trains as the paper does.
+    return trained.in_the_noise_found(evidence) if _by_lines(network, evidence) else trained.with_equal_weights()
 
 
 def with_equal_weights(estimate: Estimate) -> Estimate | None:
@@ -68,10 +69,8 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     assert evidence.first_look is not None
     begin = find_start(evidence.first_look, evidence.model)
     start = begin.values
-    problem = _problem(network, evidence, start)
     coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, response_size(evidence.records))
-    z = coordinates.first
-    problem = _beside_hum(problem, coordinates)
+    problem, z = _problem(network, evidence, start, coordinates), coordinates.first
     noise, trace = np.ones(len(evidence.records)), None
     for _ in range(ROUNDS):
         normal = problem.normal(z, coordinates, noise)
@@ -96,23 +95,29 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     return _Trained(problem, coordinates, trace, begin, found)
 
 
-def _problem(network: NetworkSettings, evidence: Evidence, start: dict[str, float]) -> NetworkProblem:
-    """Adam runs the network in time, as the paper does."""
+def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:
+    """Whether the network is run at the lines of its transform; Adam runs it in time, as the paper does."""
+    return network.optimiser == "lm" and evidence.model.is_linear
+
+
+def _problem(
+    network: NetworkSettings, evidence: Evidence, start: dict[str, float], coordinates: Coordinates
+) -> NetworkProblem:
     at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
-    if network.optimiser == "lm":
-        return network_of(*at)
+    if _by_lines(network, evidence):
+        return _beside_hum(LineProblem.build(*at), coordinates)
     from vibrident.problem.time_domain import TimeProblem
 
     return TimeProblem.build(*at)
 
 
-def _beside_hum(problem: NetworkProblem, coordinates: Coordinates) -> NetworkProblem:
+def _beside_hum(problem: LineProblem, coordinates: Coordinates) -> LineProblem:
     """The problem with the hum that the start values leave as unknowns.
 
     A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
     from a start near the truth, training would leave it for that.
     """
-    if not isinstance(problem, LineProblem) or any(record.hum_hz for record in problem.records):
+    if any(record.hum_hz for record in problem.records):
         return problem
     tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first))
     return problem.with_hum(tones) if any(tones) else problem
@@ -196,9 +201,7 @@ class _Trained:
         return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
 
     def in_the_noise_found(self, evidence: Evidence) -> Estimate:
-        """The last step of training: every line of the residual weighted by its own noise, for linear models."""
-        if not isinstance(self.problem, LineProblem):  # a nonlinear model has no residual line by line
-            return self.with_equal_weights()
+        """The last step of training: every line of the residual weighted by its own noise."""
         at = (self.problem, self.coordinates, self.trace.last, self.network.noise)
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
         bent = ValleySteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
