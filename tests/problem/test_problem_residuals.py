@@ -48,6 +48,20 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
     np.testing.assert_array_equal(problem.by_lane(np.array([2.0, 3.0]))[:3], [2.0, 2.0, 2.0])
 
 
+def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
+    """The inputs' after the lines of a record were asked for, and all of an idle problem; its cost stays to the bit."""
+    for module in ("lines.runs", "problem.line_problem"):
+        monkeypatch.setattr(f"vibrident.{module}.MOST_KEPT", 100)
+    problem = LineProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
+    c, noise = Coordinates.at(MODEL, P, BAND), np.ones(1)
+    before = problem.normal(c.first, c, noise)
+    problem.lines(c.first, c, noise)
+    assert "inputs" not in vars(problem.runs[0].transforms)
+    idle = problem.idle()
+    assert not {"inputs", "response"} & set(vars(idle.runs[0].transforms))
+    np.testing.assert_array_equal(idle.normal(c.first, c, noise).matrix, before.matrix)
+
+
 def test_the_true_sensor_leaves_nothing_whatever_the_offsets():
     """Band-limited motion with an offset of either channel and from a steady start: residual below 1e-6 everywhere."""
     record = simulated(start="steady").records[0]
