@@ -18,8 +18,9 @@ from vibrident.discretize import method
 from vibrident.discretize.inputs import half_width_for
 from vibrident.errors import InputError
 from vibrident.measure import MeasuredResponse, measure_tones
+from vibrident.measure.lines import hann
 from vibrident.measure.response import ComplexArray
-from vibrident.measure.tones import hann, turning
+from vibrident.measure.tones import turning
 from vibrident.problem import Coordinates, Evidence, NetworkProblem, network_of
 from vibrident.records import FloatArray, Record
 

@@ -15,9 +15,8 @@ from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.measure.alignment import MOST_CUT, aligned, bulk_delay, whitened
-from vibrident.measure.lines import fast_below, power_of
+from vibrident.measure.lines import fast_below, hann, power_of
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
-from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.tails import gamma_tail
 

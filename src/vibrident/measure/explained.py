@@ -15,8 +15,7 @@ import numpy as np
 
 from vibrident.measure.alignment import aligned, bulk_delay, whitened
 from vibrident.measure.bands import FEWEST_LINES, INDEPENDENT, LEAST_POWER, band_edges, windowed_spectrum
-from vibrident.measure.lines import power_of
-from vibrident.measure.tones import hann
+from vibrident.measure.lines import hann, power_of
 from vibrident.records import FloatArray, Record
 from vibrident.tails import f_tail
 

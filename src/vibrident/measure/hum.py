@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import fft
 
-from vibrident.measure.lines import power_of, waves
+from vibrident.measure.lines import hann, power_of, waves
 from vibrident.measure.rounding import step_of_response
-from vibrident.measure.tones import hann, own_sine
+from vibrident.measure.tones import own_sine
 from vibrident.records import BoolArray, FloatArray, Record
 
 #: A line this many times above the median of the lines around is a tone, and none of the motion where the prediction

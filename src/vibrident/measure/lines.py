@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.records import BoolArray, FloatArray
@@ -14,6 +16,10 @@ from vibrident.records import BoolArray, FloatArray
 MOST_KEPT = 1 << 16
 #: Lines that are worked on at once.
 AT_ONCE = 1 << 13
+#: Lines around one that tell its noise by their median: at least so many on either side, or a part of the line's number.
+MEDIAN_LINES, MEDIAN_SHARE = 12, 1 / 6
+#: Of an exponential distribution, median over mean.
+MEDIAN_OF_POWER = float(np.log(2.0))
 #: Largest part of its samples that a signal may lose for a length that transforms fast …
 LEAST_LOST = 1e-3
 #: … which has these prime factors alone.
@@ -122,3 +128,60 @@ def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
         found[part] = within(width, part) - within(nearest, part)
     found /= 2.0 * (width - nearest)
     return found
+
+
+def hann(samples: int) -> FloatArray:
+    """Hann window, shape (samples,); do not write to it."""
+    return (_hann_kept if samples <= MOST_KEPT else _hann)(samples)
+
+
+def _hann(samples: int) -> FloatArray:
+    """As ``np.hanning``, in place: of a long record each copy counts."""
+    window = np.arange(1.0 - samples, samples, 2.0)
+    window *= np.pi
+    window /= max(samples - 1, 1)
+    np.cos(window, out=window)
+    window *= 0.5
+    window += 0.5
+    return window
+
+
+_hann_kept = functools.lru_cache(maxsize=8)(_hann)
+
+
+def median_level(power: FloatArray) -> FloatArray:
+    """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
+    windows = _windows(power.size)
+    values = [median(power[begin:end]) for begin, end in windows.first]
+    if windows.alike.size:
+        side_by_side = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[windows.alike]
+        values += np.partition(side_by_side, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
+    values += [median(power[begin:end]) for begin, end in windows.last]
+    smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
+    return np.exp(np.interp(np.arange(power.size), windows.places, smooth))
+
+
+class _Windows(NamedTuple):
+    """Lines around the places at which a level is read.
+
+    Attributes:
+        places: in order.
+        first: begin and end of those with fewer lines before them than behind.
+        alike: begins of the next ones, which have the same reach: their windows are sorted side by side.
+        last: begin and end of the others.
+    """
+
+    places: NDArray[np.int_]
+    first: tuple[tuple[int, int], ...]
+    alike: NDArray[np.int_]
+    last: tuple[tuple[int, int], ...]
+
+
+@functools.lru_cache(maxsize=8)
+def _windows(count: int) -> _Windows:
+    places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
+    reach = np.maximum(MEDIAN_LINES, (MEDIAN_SHARE * places).astype(int))
+    around = list(zip(np.maximum(places - reach, 0).tolist(), (places + reach + 1).tolist(), strict=True))
+    alike = (places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))
+    first, both = int(np.sum(places < MEDIAN_LINES)), int(np.sum(alike))
+    return _Windows(places, tuple(around[:first]), places[alike] - MEDIAN_LINES, tuple(around[first + both :]))

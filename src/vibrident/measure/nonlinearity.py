@@ -17,22 +17,17 @@ Score tests: Rao 1948; Volterra's kernels at weak nonlinearity: Schetzen 1980.
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from vibrident.measure.bands import band_edges
-from vibrident.measure.lines import about_mean, fast_below, line_frequencies, median, power_of
+from vibrident.measure.lines import about_mean, fast_below, hann, line_frequencies, median_level, power_of
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import step_in_response
-from vibrident.measure.tones import hann
 from vibrident.records import FloatArray, Record
 
 #: Longer records are looked at in parts, of which each holds so many periods of a tone.
@@ -40,11 +35,8 @@ LONGEST, MANY_PERIODS = 1 << 16, 50.0
 #: T that noise alone exceeds less often than once in 10⁵ times, for a shape and a record; the noise of a line is read
 #: from a few tens of others, so it is more than ln 10⁵ = 11.5.
 CERTAIN = 20.0
-#: Lines around one that tell its noise: at least so many on either side for the median, beyond a part of the line's own
-#: number; and so many for the mean.
-MEDIAN_LINES, MEDIAN_SHARE, MEAN_LINES = 12, 1 / 6, 4
-#: Of an exponential distribution, median over mean.
-MEDIAN_OF_POWER = float(np.log(2.0))
+#: Lines on either side of one that tell its noise.
+MEAN_LINES = 4
 #: What is left of a shape in a band must be this part of it, or the parameters can imitate it.
 LEFT = 1e-4
 #: Lines of the residual with this ratio to those around, at one frequency in several records, are not harmonics.
@@ -370,41 +362,3 @@ def _mean_near(power: FloatArray) -> FloatArray:
     found[:MEAN_LINES] *= ends
     found[::-1][:MEAN_LINES] *= ends
     return found
-
-
-def median_level(power: FloatArray) -> FloatArray:
-    """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
-    windows = _windows(power.size)
-    values = [median(power[begin:end]) for begin, end in windows.first]
-    if windows.alike.size:
-        side_by_side = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[windows.alike]
-        values += np.partition(side_by_side, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
-    values += [median(power[begin:end]) for begin, end in windows.last]
-    smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
-    return np.exp(np.interp(np.arange(power.size), windows.places, smooth))
-
-
-class _Windows(NamedTuple):
-    """Lines around the places at which a level is read.
-
-    Attributes:
-        places: in order.
-        first: begin and end of those with fewer lines before them than behind.
-        alike: begins of the next ones, which have the same reach: their windows are sorted side by side.
-        last: begin and end of the others.
-    """
-
-    places: NDArray[np.int_]
-    first: tuple[tuple[int, int], ...]
-    alike: NDArray[np.int_]
-    last: tuple[tuple[int, int], ...]
-
-
-@functools.lru_cache(maxsize=8)
-def _windows(count: int) -> _Windows:
-    places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
-    reach = np.maximum(MEDIAN_LINES, (MEDIAN_SHARE * places).astype(int))
-    around = list(zip(np.maximum(places - reach, 0).tolist(), (places + reach + 1).tolist(), strict=True))
-    alike = (places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))
-    first, both = int(np.sum(places < MEDIAN_LINES)), int(np.sum(alike))
-    return _Windows(places, tuple(around[:first]), places[alike] - MEDIAN_LINES, tuple(around[first + both :]))

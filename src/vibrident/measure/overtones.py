@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 
-from vibrident.measure.lines import about_mean, power_of
+from vibrident.measure.lines import about_mean, hann, power_of
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.rounding import (
     DITHERED,
@@ -21,7 +21,7 @@ from vibrident.measure.rounding import (
     rounding_errors,
     step_of_response,
 )
-from vibrident.measure.tones import hann, turning
+from vibrident.measure.tones import turning
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
 

@@ -11,11 +11,11 @@ from numpy import fft
 from vibrident.errors import InputError
 from vibrident.measure.clipping import clipped
 from vibrident.measure.gaps import lost
+from vibrident.measure.lines import hann
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.repeats import repeated_block
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.spikes import Channel, breaks
-from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 

@@ -16,8 +16,8 @@ from numpy import fft
 
 from vibrident.measure.alignment import prediction_error
 from vibrident.measure.blocks import Blocks, Fit, best, least_left, sums_of
-from vibrident.measure.lines import about_mean, line_frequencies, power_of
-from vibrident.measure.nonlinearity import heard_motion, median_level
+from vibrident.measure.lines import about_mean, line_frequencies, median_level, power_of
+from vibrident.measure.nonlinearity import heard_motion
 from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray

@@ -7,7 +7,6 @@ fitted along where the sensor's poles are known.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
@@ -16,7 +15,7 @@ from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.information import inverse_where_shown
-from vibrident.measure.lines import MOST_KEPT, about_mean, fast_length, waves
+from vibrident.measure.lines import about_mean, fast_length, hann, waves
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.measure.rounding import returning_errors
 from vibrident.records import FloatArray, Record
@@ -391,22 +390,3 @@ def turning(samples: int, angle: float, first: float = 0.0) -> ComplexArray:
     steps = np.exp(1j * angle * np.arange(width))
     begins = np.exp(1j * (first + angle * width * np.arange(-(-samples // width))))
     return (begins[:, None] * steps).ravel()[:samples]
-
-
-def hann(samples: int) -> FloatArray:
-    """Hann window, shape (samples,); do not write to it."""
-    return (_hann_kept if samples <= MOST_KEPT else _hann)(samples)
-
-
-def _hann(samples: int) -> FloatArray:
-    """As ``np.hanning``, in place: of a long record each copy counts."""
-    window = np.arange(1.0 - samples, samples, 2.0)
-    window *= np.pi
-    window /= max(samples - 1, 1)
-    np.cos(window, out=window)
-    window *= 0.5
-    window += 0.5
-    return window
-
-
-_hann_kept = functools.lru_cache(maxsize=8)(_hann)

@@ -17,10 +17,9 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.bands import band_edges
-from vibrident.measure.lines import line_frequencies
+from vibrident.measure.lines import hann, line_frequencies
 from vibrident.measure.response import ComplexArray
 from vibrident.measure.rounding import DITHERED, FEW, TRIALS, converter_step, repeated_errors, rounding_errors
-from vibrident.measure.tones import hann
 from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.uncertainty.adequacy import Adequacy
 
