@@ -16,7 +16,7 @@ from vibrident.records import BoolArray, FloatArray
 MOST_KEPT = 1 << 16
 #: Lines that are worked on at once.
 AT_ONCE = 1 << 13
-#: Lines around one that tell its noise by their median: at least so many on either side, or a part of the line's number.
+#: Lines around one that tell its noise by their median: so many on either side, or a part of the line's own number.
 MEDIAN_LINES, MEDIAN_SHARE = 12, 1 / 6
 #: Of an exponential distribution, median over mean.
 MEDIAN_OF_POWER = float(np.log(2.0))
