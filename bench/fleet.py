@@ -34,7 +34,7 @@ from vibrident import parcel
 from vibrident.fleet import Asked, Local, Orders, run, worker
 from vibrident.fleet.batch import Done, fingerprints
 from vibrident.fleet.key import Fingerprint, fingerprint
-from vibrident.fleet.parts import write_part
+from vibrident.fleet.parts import load_arrow, write_part
 from vibrident.fleet.row import IDENTIFIED, Row, _row
 from vibrident.fleet.schedulers import Reply
 from vibrident.io import write_calibration
@@ -177,8 +177,7 @@ def memory(count: int) -> dict[str, Any]:
     found = {}
     for rows in (1000, count or 100_000):
         command = [sys.executable, "-m", "bench.fleet", "coordinator", "--count", str(rows)]
-        environment = {**os.environ, "ARROW_DEFAULT_MEMORY_POOL": "system"}  # as the command has it
-        done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
         found[rows] = json.loads(done.stdout)
     few, many = found.values()
     return {
@@ -190,6 +189,7 @@ def memory(count: int) -> dict[str, Any]:
 
 def coordinator(count: int) -> dict[str, Any]:
     """A run whose workers do nothing but write rows; the folder walk, the batches, table and page are the real ones."""
+    load_arrow()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number in range(count):

@@ -1,6 +1,8 @@
 """The pieces of a fleet: keys, batches, parts, limits, and what is called an outlier."""
 
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -103,6 +105,14 @@ def test_a_part_that_was_damaged_or_is_none_is_ignored(tmp_path):
         pq.write_table(pa.table({"key": keys, **rest}), tmp_path / f"{number}.parquet")
     (tmp_path / "folder.parquet").mkdir()
     assert count() == 3
+
+
+def test_a_command_loads_no_pandas_for_arrow():
+    script = (
+        "import sys, pyarrow as pa; from vibrident.fleet import parts; parts.load_arrow(); "
+        "table = pa.table({'a': ['x']}); assert 'pandas' not in sys.modules; assert table.to_pandas().a[0] == 'x'"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=120)
 
 
 def test_folders_behind_links_count_and_no_link_leads_in_circles(tmp_path):

@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import sys
 import time
 import uuid
 from collections.abc import Sequence
@@ -43,6 +44,30 @@ _PLACE = np.dtype(
         ("stands", "?"),
     ]
 )
+
+
+def load_arrow() -> None:
+    """Load pyarrow for a command: with a pool that returns memory, and without pandas.
+
+    The first array that pyarrow makes loads pandas, in half a second and 40 MB, for nothing that is done here. It tries
+    once; its ``to_pandas`` tries again.
+    """
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    import pyarrow as pa
+
+    sys.meta_path.insert(0, _WithoutPandas())
+    try:
+        pa.array([0])
+    finally:
+        del sys.meta_path[0]
+
+
+class _WithoutPandas:
+    """Finds no pandas."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name == "pandas":
+            raise ImportError(name)
 
 
 @dataclass(frozen=True, eq=False)

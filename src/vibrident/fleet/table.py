@@ -156,8 +156,9 @@ class _Rows:
         pieces, where, part = [], [], self.index.part[places]
         for number in np.unique(part).tolist():
             where.append(np.flatnonzero(part == number))
-            rows = pa.array(self.index.row[places[where[-1]]])
-            pieces.append(_completed(pq.read_table(self.folder / self.index.parts[number]).take(rows), schema))
+            with pq.ParquetFile(self.folder / self.index.parts[number]) as file:  # read_table would load far more
+                table = file.read()
+            pieces.append(_completed(table.take(pa.array(self.index.row[places[where[-1]]])), schema))
         order = np.argsort(np.concatenate(where), kind="stable")
         return pa.concat_tables(pieces).take(pa.array(order))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -121,8 +120,9 @@ def _specification(path: Path | None) -> Any:
 def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool) -> Outcome:
     from vibrident.cli.progress import Busy
     from vibrident.fleet import run
+    from vibrident.fleet.parts import load_arrow
 
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # Arrow's own pool does not return memory
+    load_arrow()
     chosen = _scheduler(workers, scheduler)
     with Busy("Identifying") as progress:
         told = _Told(progress, quiet=quiet)
