@@ -63,9 +63,8 @@ def histogram(found: Histogram, label: str, factor: float = 1.0, limit: Limit | 
 def _outside(limit: Limit, factor: float, low: float, high: float, top: float) -> list[Series]:
     """Shade the values that do not conform."""
     stretches = ((low, min(limit.lower * factor, high)), (max(limit.upper * factor, low), high))
-    return [_shaded(*ends, top) for ends in stretches if ends[1] > ends[0]]
-
-
-def _shaded(start: float, stop: float, top: float) -> Series:
-    centre, half = np.array([(start + stop) / 2]), np.array([(stop - start) / 2])
-    return Series(centre, np.array([top]), "", _OUTSIDE, "columns", half)
+    return [
+        Series(np.array([(stop + start) / 2]), np.array([top]), "", _OUTSIDE, "columns", np.array([(stop - start) / 2]))
+        for start, stop in stretches
+        if stop > start
+    ]

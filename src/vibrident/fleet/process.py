@@ -41,11 +41,7 @@ class Identifier:
         self._done = 0
 
     def fingerprints(self, paths: Sequence[str]) -> list[Fingerprint]:
-        """Key and shape of each calibration.
-
-        Raises:
-            Died, Ended, InputError: as ``identify``.
-        """
+        """Key and shape of each calibration; errors as of ``identify``."""
         if not self._process.alive:
             self._start()
         return self._process.call(worker.fingerprints, paths, self.orders, limits=Limits(_HASHING_S, self.memory_bytes))

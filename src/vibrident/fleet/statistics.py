@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.fleet.limits import K, Limit, Specification
+from vibrident.fleet.limits import Limit, Specification
 from vibrident.fleet.row import IDENTIFIED
 from vibrident.fleet.table import Tally
 
@@ -213,18 +213,13 @@ class _Verdict:
 
     def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[Limit | None]) -> None:
         """One parameter of all rows, by the limit of each row's group."""
-        if not any(limits):
-            return
-        ends = np.array([(np.nan, np.nan) if one is None else (one.nominal, one.half_width) for one in limits])
-        nominal, half_width = (np.where(self._group >= 0, one[self._group], np.nan) for one in ends.T)
-        here = np.isfinite(nominal)
-        distance = np.abs(values - nominal)
-        with np.errstate(invalid="ignore"):
-            inside = distance <= half_width
-            certain = inside & (half_width - distance >= K * np.nan_to_num(u, nan=np.inf))
-        self.limited |= here
-        self._conforming &= ~here | inside
-        self._certain &= ~here | certain
+        for number, limit in enumerate(limits):
+            if limit is not None:
+                here = self._group == number
+                inside = limit.inside(values[here])
+                self.limited |= here
+                self._conforming[here] &= inside
+                self._certain[here] &= inside & limit.certain(values[here], np.nan_to_num(u[here], nan=np.inf))
 
     def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Rows that conform, and rows that conform for all values within U; without limits, the sound rows."""

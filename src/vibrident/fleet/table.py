@@ -101,7 +101,7 @@ def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orde
                 stop = start + _BLOCK
                 block = rows.block(places[start:stop], schema)
                 count.add(block)
-                some = [_printable(name) for name in itertools.islice(named, block.num_rows)]
+                some = [parts.text(name) for name in itertools.islice(named, block.num_rows)]
                 writer.write_table(_with_names(block, some, schema))
             tally = count.tally()
             writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
@@ -213,13 +213,8 @@ def _completed(table: Any, schema: Any) -> Any:
     return pa.table(arrays, names=[name for name, _ in wanted])
 
 
-def _with_names(block: Any, names: list[str], schema: Any) -> Any:
+def _with_names(block: Any, names: Sequence[str | None], schema: Any) -> Any:
     import pyarrow as pa
 
     found = {**{name: block[name] for name in block.column_names}, "calibration": pa.array(names, pa.string())}
     return pa.table([found[one.name] for one in schema], schema=schema)
-
-
-def _printable(name: str) -> str:
-    """A file's name as UTF-8; other bytes are escaped."""
-    return name.encode("utf-8", "backslashreplace").decode("utf-8")
