@@ -50,8 +50,8 @@ _PLACE = np.dtype(
 def load_arrow() -> None:
     """Load pyarrow for a command: with a pool that returns memory, and without pandas.
 
-    The first array that pyarrow makes loads pandas, in a quarter of a second and 30 MB, for nothing that is done here. It
-    tries once; its ``to_pandas`` tries again.
+    The first array that pyarrow makes loads pandas, in a quarter of a second and 30 MB, for nothing that is done here.
+    It tries once; its ``to_pandas`` tries again.
     """
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     import pyarrow as pa
