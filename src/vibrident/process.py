@@ -24,6 +24,7 @@ from typing import IO, Any, Literal, TypeVar
 
 from vibrident import parcel
 from vibrident.errors import InputError, NotConverged, VibridentError
+from vibrident.memory import keep_freed
 
 _WORK = "from vibrident.process import work; work()"
 #: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they are foreign code.
@@ -304,6 +305,7 @@ def _named(name: str) -> Callable[..., Any]:
 def work() -> None:
     """Main of the process: call what the owner asks for, until its stdin ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    keep_freed()
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # keep what libraries print out of the answers
     calls: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()

@@ -21,7 +21,6 @@ from vibrident.measure.quality import (
     silent_channels,
     silent_records,
 )
-from vibrident.memory import keep_freed
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
@@ -58,7 +57,6 @@ class Evidence:
         """
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
-        keep_freed()
         optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
         records, findings = screen(without_copies(calibration.records))
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
