@@ -98,7 +98,7 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     sensor = IdentifiedSensor.of(result, "a prediction")
     model, values = sensor.model, dict(sensor.values)
     _check_units(result, calibration)
-    records, findings = screen(calibration.records)
+    records, findings = screen(calibration.records, calibration.units)
     name = str(result.settings.get("discretisation") or "bandlimited")
     if result.settings.get("residual_network"):  # which is JAX's
         from vibrident.estimators.residual_network import saved_model

@@ -86,6 +86,8 @@ def test_a_clipped_record_says_what_and_loses_those_samples():
     assert not kept.mask[lost].any()
     assert f"{np.sum(~kept.mask)} of 4000" in finding.message
     assert any("clipped" in step for step in kept.provenance.history)
+    (said,) = screen([cut], {"response": "V"})[1]
+    assert "clipped at 800 mV and -800 mV;" in said.message
 
 
 @pytest.mark.parametrize("channel", ["reference", "response"])

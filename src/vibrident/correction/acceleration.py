@@ -150,7 +150,7 @@ def correct(
             where="noise",
             remedy="correct it, or leave it to be estimated",
         )
-    kept, findings = screen(given)
+    kept, findings = screen(given, {"response": result.response_unit})
     drive = result.reference.get("quantity") == "drive"
     unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
     correction = partial(_corrected, sensor=sensor, quantity=quantity, band_hz=band_hz, noise=noise, unit=unit)

@@ -61,7 +61,7 @@ def identify_decays(calibration: Calibration, model: str | None = None, *, infla
     begin = time.perf_counter()
     sensor = model_of(calibration, model)
     require_one_oscillator(sensor)
-    records, findings = screen(calibration.records)
+    records, findings = screen(calibration.records, calibration.units)
     decays = examine(records)
     data = from_data(decays, inflate=inflate)
     covariance = data.covariance + np.sum([np.zeros((2, 2)), *_clock(calibration)], axis=0)

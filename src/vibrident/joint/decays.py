@@ -49,7 +49,7 @@ class FreeDecays:
         """
         sensor = model_of(calibration, model)
         require_one_oscillator(sensor)
-        records, findings = screen(calibration.records)
+        records, findings = screen(calibration.records, calibration.units)
         return cls(calibration, sensor, tuple(records), tuple(findings), examine(records), inflate)
 
     @functools.cached_property

@@ -16,6 +16,7 @@ from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.repeats import repeated_block
 from vibrident.measure.response import MeasuredResponse
 from vibrident.measure.spikes import Channel, breaks
+from vibrident.naming import amount
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
 
@@ -46,8 +47,14 @@ class Finding:
     message: str
 
 
-def screen(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+def screen(
+    records: Sequence[Record], units: Mapping[str, str] | None = None
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """Mark samples that must not be used, leave out dead records, and say what was found.
+
+    Args:
+        records: as read.
+        units: of the channels ``reference`` and ``response``, for the messages.
 
     Raises:
         InputError: no record is left.
@@ -58,7 +65,7 @@ def screen(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding
         if dead:
             findings.append(Finding("dead_channel", f"{record.name}: {dead}; the record is left out."))
             continue
-        record, spoilt = _without_spoilt(record)
+        record, spoilt = _without_spoilt(record, units or {})
         findings += spoilt
         if record.mask.sum() < 8 or (spoilt and _in_pieces(record)):
             text = f"{record.name}: too little is left between the samples left out; the record is left out."
@@ -103,13 +110,13 @@ def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
     return found
 
 
-def _without_spoilt(record: Record) -> tuple[Record, list[Finding]]:
+def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, list[Finding]]:
     """Without what is clipped and what was lost: of the response alone, where the reference is sound."""
     findings = []
     for label, values, full_scale in _channels(record):
         bad, rails = clipped(values, record.mask, full_scale)
         if bad.any():
-            levels = " and ".join(f"{level:.6g}" for level in rails)
+            levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
             text = f"{record.name}: the {label} channel is clipped at {levels}; {_left_out(bad, record)}"
             findings.append(Finding("clipped", text))
             record = _without(record, label, bad, f"{label} clipped at {levels}")

@@ -58,7 +58,7 @@ class Evidence:
         if calibration.table is not None:
             return cls(calibration, model, (), None, None, ())
         optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
-        records, findings = screen(without_copies(calibration.records))
+        records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, more = judge_clocks(records)
         records, changing = free_parts(records)

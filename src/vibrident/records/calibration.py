@@ -126,6 +126,11 @@ class Calibration:
         ]
         return cls(tuple(records), quantity=quantity, **more)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each channel, by its label."""
+        return {"reference": self.reference_unit, "response": self.response_unit}
+
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
 

@@ -48,7 +48,7 @@ def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     records, findings = [], [Finding(found.code, found.message) for found in optical]
     for record in once:
         try:
-            (record,), found = screen([record])
+            (record,), found = screen([record], calibration.units)
             findings += found
         except InputError as error:
             findings.append(Finding("dead_channel", error.found))
