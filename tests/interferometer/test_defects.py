@@ -137,6 +137,26 @@ def test_slow_motion_of_the_table_is_taken_out(tmp_path):
     assert np.max(np.abs(off)) < 1e-4  # the table moves by more than the sensor
 
 
+def drawn_by(phase, *, drift=0.0, fading=0.0):
+    """Signals of a phase, with offsets that drift, and light that fades and comes back."""
+    turn = np.linspace(0.0, 1.0, phase.size)
+    light = 1.0 + fading * np.sin(9.0 * turn)
+    u = np.stack([drift * turn + light * np.cos(phase), 0.1 - drift * turn + 0.9 * light * np.sin(phase + 0.1)])
+    return Held(u + 0.01 * np.random.default_rng(1).standard_normal(u.shape), 1e6)
+
+
+def test_an_arc_of_fading_light_takes_the_ellipse_of_a_larger_motion_that_drifts():
+    """Its own ellipse seemed to change by 19 %, and was followed."""
+    time = np.arange(60_000) / 1e6
+    large, small = (size * np.cos(2.0 * np.pi * 1600.0 * time) for size in (20.0, 2.0))
+    seen = [survey(drawn_by(large, drift=0.06)), survey(drawn_by(small, fading=0.3))]
+    assert seen[0].knots and not seen[1].knots
+    chosen = choose(seen, "ab")
+    assert "few_fringes" not in {finding.code for finding in chosen[1].findings}
+    off = np.abs(chosen[1].ellipse.centre - [0.03, 0.07])
+    assert np.all(off < 3.0 * np.sqrt(np.diag(chosen[1].ellipse.shape_covariance)[:2]))
+
+
 @pytest.mark.slow
 def test_clean_signals_raise_no_alarm():
     """24 set-ups of four records; 60 gave none either (docs/interferometer.md)."""

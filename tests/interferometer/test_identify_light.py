@@ -86,6 +86,8 @@ excitation = "sine"
         ('kind = "quadrature"', 'kind = "heterodyne"', "one signal"),
         ("[response]", '[reference]\ncolumn = "x"\n[response]', "[reference] column"),
         ("wavelength_m = 632.991e-9", "wavelength_m = 0.0", "wavelength_m"),
+        ("wavelength_m = 632.991e-9", "wavelength_m = 632.991", "write wavelength_m = 6.32991e-07"),
+        ("wavelength_m = 632.991e-9", "wavelength_m = 0.632991", "write wavelength_m = 6.32991e-07"),
         ("wavelength_m = 632.991e-9", "wavelength_m = 1e-6\ncarrier_hz = 1e3", "carrier_hz"),
         ("wavelength_m = 632.991e-9", "wavelength_m = 1e-6\ndirection = 2", "direction"),
     ],

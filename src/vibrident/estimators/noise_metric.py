@@ -262,7 +262,15 @@ def motion_of(record: RecordLines) -> MotionOf:
 def _motion_of(record: RecordLines) -> Motion | None:
     if record.count < SHORTEST or record.free is None:
         return None
-    return Motion.of(record.predicted, record.count, None if record.model is None else record.model.power())
+    return Motion.of(record.predicted, record.count, _through(record), record.colour)
+
+
+def _through(record: RecordLines) -> FloatArray | None:
+    """Power of noise of the reference, of unit variance, behind the sensor, shape (lines,)."""
+    if record.model is None:
+        return None
+    squares = record.model.power()
+    return squares if isinstance(record.colour, float) else squares * record.colour
 
 
 def _spectrum_of(record: RecordLines, motion_of: MotionOf, residual: ComplexArray) -> NoiseSpectrum:
@@ -272,9 +280,10 @@ def _spectrum_of(record: RecordLines, motion_of: MotionOf, residual: ComplexArra
         return noise_spectrum(residual, motion, record.floor)
     power = float(np.sum(record.twice * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
-    doubt = 0.0 if record.model is None else level / float(np.max(record.model.power()))
-    flat, nothing, one, left = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0, doubt))
-    return NoiseSpectrum(flat, 0.0, nothing, lambda: left, one)
+    through = _through(record)
+    most = 0.0 if through is None else level / float(np.max(through))
+    flat, nothing, one = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0))
+    return NoiseSpectrum(flat, 0.0, nothing, lambda: np.broadcast_to(most * record.colour, record.twice.shape), one)
 
 
 def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray) -> FloatArray:

@@ -38,10 +38,11 @@ class Motion:
     Attributes:
         count: number of samples that are used.
         predicted: makes its real transform, or some lines of it, shape (lines,).
-        through: |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
+        through: g |H|² at the lines of the real transform, shape (samples // 2 + 1,); None without a reference.
         alone: where the prediction has a line of its own: a remainder there is the model's and no hum.
         own: power of the prediction, smoothed except at outstanding lines, shape (samples // 2 + 1,).
-        seen: |H|² in bins, shape (bins,).
+        seen: g |H|² in bins, shape (bins,).
+        colour: g, power of the reference's own noise over its mean, one or shape (samples // 2 + 1,).
     """
 
     count: float
@@ -50,20 +51,27 @@ class Motion:
     alone: BoolArray
     own: FloatArray
     seen: FloatArray
+    colour: FloatArray | float = 1.0
 
     @classmethod
-    def of(cls, predicted: Callable[[slice], ComplexArray], count: float, through: FloatArray | None) -> Motion:
-        """Of what makes lines of the prediction's real transform."""
+    def of(
+        cls,
+        predicted: Callable[[slice], ComplexArray],
+        count: float,
+        through: FloatArray | None,
+        colour: FloatArray | float = 1.0,
+    ) -> Motion:
+        """Of what makes lines of the prediction's real transform, g |H|² and g."""
         expected = power_of(predicted(slice(None)))
         around = lines_around(expected)
         alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
         if through is None:
             nothing = np.zeros(0)
-            return cls(count, predicted, None, alone, nothing, nothing)
+            return cls(count, predicted, None, alone, nothing, nothing, colour)
         expected /= count
         own = typical(expected, around)
         own = np.where(expected > OUTSTANDING * own, expected, own)
-        return cls(count, predicted, through, alone, own, means(through, bins_of(len(expected)).edges))
+        return cls(count, predicted, through, alone, own, means(through, bins_of(len(expected)).edges), colour)
 
     def windowed(self, part: slice) -> ComplexArray:
         """The prediction's lines under Hann's window, of which line 1 is the first."""

@@ -2,10 +2,11 @@
 
 White and 1/f noise of the response, and noise σx² of the reference channel itself; it passes the model:
 
-    S(f) = a + c/f + σx² |H(f)|²
+    S(f) = a + c/f + σx² g(f) |H(f)|²
 
-by likelihood; what other shape there is comes on top as the mean of the residual's periodogram over the lines around,
-relative to this. Lines far above it (mains hum) are used unchanged.
+by likelihood, with g one for white noise and ∝ f⁴ for an acceleration made of a displacement; what other shape there is
+comes on top as the mean of the residual's periodogram over the lines around, relative to this. Lines far above it
+(mains hum) are used unchanged.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class NoiseSpectrum:
     Attributes:
         level: shape (samples // 2 + 1,).
         passed: σx² if it is significant, in squares of the residual's unit per |H|²; else zero.
-        passed_at: the same at each line: its share of the level there, shape (samples // 2 + 1,).
+        passed_at: the same at each line, with its colour: its share of the level there, shape (samples // 2 + 1,).
         doubt: makes σx² that may be left beside it (95 %) at each line, shape (samples // 2 + 1,).
         excited: weight of each line, shape (samples // 2 + 1,): zero where noise of the reference alone could explain
             the prediction.
@@ -106,8 +107,13 @@ def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSp
         excited *= -FAINT
         excited += 1.0
         np.maximum(excited, 0.0, out=excited)
-    passed_at = parts.unfelt * smooth if parts.passed > 0.0 else np.broadcast_to(0.0, level.shape)
-    return NoiseSpectrum(level, parts.passed, passed_at, parts.doubt, excited, tones, parts.free)
+    passed_at = np.broadcast_to(0.0, level.shape)
+    if parts.passed > 0.0:
+        passed_at = parts.unfelt * smooth
+        passed_at *= motion.colour
+    return NoiseSpectrum(
+        level, parts.passed, passed_at, lambda: parts.doubt() * motion.colour, excited, tones, parts.free
+    )
 
 
 class _Parts(NamedTuple):

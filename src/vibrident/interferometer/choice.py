@@ -52,8 +52,10 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
             choices.append(_moving(found, name, index))
         elif found.whole:
             choices.append(_own(found, common, index, len(steady)))
-        else:
+        elif steady:
             choices.append(_borrowed(found, name, index, surveys, steady, common, scatter))
+        else:
+            choices.append(_of_a_moving_one(found, name, index, surveys))
     return [
         replace(choice, findings=(*choice.findings, *_clipped(found, name)))
         for choice, found, name in zip(choices, surveys, names, strict=True)
@@ -135,15 +137,7 @@ def _borrowed(
     common: _Common | None,
     scatter: FloatArray,
 ) -> Choice:
-    """The ellipse of a larger motion; without one its own arc or a circle, with a warning."""
-    if not steady:
-        kind = "an ellipse through this arc" if found.fitted else "a circle, as the arc does not determine an ellipse"
-        text = (
-            f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and no record of "
-            f"this calibration covers one. The phase is taken from {kind}; its uncertainty is in the budget. "
-            "A record of larger motion in the same set-up gives the ellipse."
-        )
-        return Choice(found.ellipse, (), kind, index, 0.0, (OpticalFinding("few_fringes", text),))
+    """The ellipse of a larger motion."""
     source = min(steady, key=lambda i: (abs(i - index), i))
     ellipse = surveys[source].ellipse if common is None else common.of(surveys[source].ellipse)
     group, origin = (source, "of a larger motion") if common is None else (-1, "of larger motions")
@@ -156,13 +150,42 @@ def _borrowed(
                 f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the uncertainty."
             )
             said.append(OpticalFinding("ellipse_unstable", text))
+    return _checked(found, name, index, Choice(ellipse, (), origin, group, 0.0, tuple(said)))
+
+
+def _of_a_moving_one(found: Survey, name: str, index: int, surveys: Sequence[Survey]) -> Choice:
+    """The mean ellipse of a larger motion whose ellipse changes, with these changes in its covariance."""
+    moving = [i for i, other in enumerate(surveys) if other.knots]
+    if not moving:
+        return _alone(found, name, index)
+    source = surveys[min(moving, key=lambda i: (abs(i - index), i))]
+    shapes = np.array([source.ellipse.shape_of(piece) for _, piece in source.knots])
+    ellipse = source.ellipse.known_to(source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0)))
+    return _checked(found, name, index, Choice(ellipse, (), "of a larger motion, its mean", index))
+
+
+def _alone(found: Survey, name: str, index: int) -> Choice:
+    """The arc's own ellipse or a circle, with a warning."""
+    kind = "an ellipse through this arc" if found.fitted else "a circle, as the arc does not determine an ellipse"
+    text = (
+        f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and no record of "
+        f"this calibration covers one. The phase is taken from {kind}; its uncertainty is in the budget. "
+        "A record of larger motion in the same set-up gives the ellipse."
+    )
+    return Choice(found.ellipse, (), kind, index, 0.0, (OpticalFinding("few_fringes", text),))
+
+
+def _checked(found: Survey, name: str, index: int, choice: Choice) -> Choice:
+    """The choice, unless the record's samples lie beside the ellipse of the larger motion: with a warning then."""
+    ellipse = choice.ellipse
     points = found.points[:, sound(ellipse, found.points)]
     off = float(np.mean(np.hypot(*ellipse.round(points)))) - 1.0 if points.shape[1] else 1.0
-    if abs(off) > UNSTABLE + 5.0 * ellipse.radial_noise / np.sqrt(max(points.shape[1], 1)) + ellipse.radial_noise**2:
-        text = (
-            f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that it is taken "
-            "from: offsets or amplitudes have changed between the records."
-        )
-        said.append(OpticalFinding("ellipse_unstable", text))
-        ellipse, group = ellipse.known_to(ellipse.shape_covariance + off**2 * np.eye(4)), index
-    return Choice(ellipse, (), origin, group, 0.0, tuple(said))
+    if abs(off) <= UNSTABLE + 5.0 * ellipse.radial_noise / np.sqrt(max(points.shape[1], 1)) + ellipse.radial_noise**2:
+        return choice
+    text = (
+        f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that it is taken "
+        "from: offsets or amplitudes have changed between the records."
+    )
+    wider = ellipse.known_to(ellipse.shape_covariance + off**2 * np.eye(4))
+    said = (*choice.findings, OpticalFinding("ellipse_unstable", text))
+    return replace(choice, ellipse=wider, group=index, findings=said)

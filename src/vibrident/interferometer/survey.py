@@ -114,10 +114,12 @@ def survey(signals: Signals) -> Survey:
         kept = points[:, sound(coarse, points)]
         circle = ellipses.as_circle(kept if kept.shape[1] >= 8 else points, float(signals.samples))
         return Survey(circle, False, _covered(circle, points), points, (), _at_limit(points))
+    ellipse = _unscaled(found, coarse.centre, scale)
+    seen = Survey(ellipse, True, _covered(ellipse, points), points, (), _at_limit(points))
+    if not seen.whole:  # on an arc, light that fades looks like an ellipse that moves
+        return seen
     knots = _knots(blocks, middles, found)
-    back = [(at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots]
-    whole = _unscaled(found, coarse.centre, scale)
-    return Survey(whole, True, _covered(whole, points), points, tuple(back), _at_limit(points))
+    return replace(seen, knots=tuple((at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots))
 
 
 def _require_two(points: FloatArray) -> None:

@@ -15,6 +15,10 @@ from vibrident.io.section import Column, FileSection, NotNegative, Number, Posit
 _TAKEN = ("column", "quantity", "scale", "unit", "full_scale")
 
 
+#: Shortest and longest wavelength of a laser, m: from excimer to CO2 lasers, with room.
+_SHORTEST, _LONGEST = 1e-7, 2e-5
+
+
 class InterferometerSection(FileSection):
     """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
@@ -56,6 +60,7 @@ def check_interferometer(section: InterferometerSection, reference: Collection[s
             where=here,
             remedy="keep one of the two",
         )
+    _require_light(section.wavelength_m, here)
     taken = [key for key in _TAKEN if key in reference]
     if taken:
         raise InputError(
@@ -82,3 +87,16 @@ def check_interferometer(section: InterferometerSection, reference: Collection[s
             where=f"{here} carrier_hz",
             remedy="add carrier_hz = …" if section.kind == "heterodyne" else "remove carrier_hz, or correct kind",
         )
+
+
+def _require_light(wavelength_m: float, here: str) -> None:
+    if _SHORTEST <= wavelength_m <= _LONGEST:
+        return
+    meant = [f"{wavelength_m * unit:.9g}" for unit in (1e-9, 1e-6) if _SHORTEST <= wavelength_m * unit <= _LONGEST]
+    raise InputError(
+        "The wavelength is not that of light.",
+        expected=f"wavelength_m in metres, from {_SHORTEST:g} to {_LONGEST:g}",
+        found=f"wavelength_m = {wavelength_m!r}",
+        where=f"{here} wavelength_m",
+        remedy=f"write wavelength_m = {meant[0]}" if meant else "give it in metres, 632.991e-9 for a helium-neon laser",
+    )

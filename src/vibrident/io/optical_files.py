@@ -286,6 +286,7 @@ def _record(
         start_time_s=one.sampling.start_time_s + (entry.start_s or 0.0) + aligned.start_s,
         provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
         response_full_scale=None if to_response.full_scale is None else to_response.full_scale * abs(to_response.scale),
+        reference_noise_order=4 if moving else 0,
         optical=found.summary,
     )
     return replace(found, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

@@ -160,10 +160,13 @@ def _warnings(
     warnings += doubtful
     gain = table[model.gain_name]
     if gain.value < 0 and adequacy.degrees_of_freedom > 0:  # fewer equations than parameters tell no sign
-        text = (
-            f"The {in_words(model.gain_name)} is negative: the response moves against the reference (or a "
-            "channel is wired reversed)."
+        optical = any(record.optical is not None for record in evidence.records)
+        other = (
+            "the interferometer's columns are exchanged, or its direction is wrong"
+            if optical
+            else "a channel is wired reversed"
         )
+        text = f"The {in_words(model.gain_name)} is negative: the response moves against the reference (or {other})."
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)
 

@@ -90,6 +90,7 @@ class RecordLines:
         hum: places, in lines, of tones that no motion causes; they are taken out of residual and slopes.
         rings_unseen: whether the sensor's free motion is all above half the sampling rate: what a record shows at the
             aliases of it tells nothing.
+        colour: power of the reference's own noise over its mean, one or shape (lines,).
     """
 
     residual: ComplexArray
@@ -103,6 +104,7 @@ class RecordLines:
     floor: float
     hum: tuple[float, ...] = ()
     rings_unseen: bool = False
+    colour: FloatArray | float = 1.0
 
     @property
     def samples(self) -> int:

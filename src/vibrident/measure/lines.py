@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from vibrident.records import BoolArray, FloatArray
+from vibrident.records import BoolArray, FloatArray, Record
 
 #: Windows and transforms of filters are kept for signals of up to so many samples.
 MOST_KEPT = 1 << 16
@@ -32,6 +32,14 @@ def line_frequencies(samples: int, sampling_rate_hz: float, part: slice = slice(
     The line at zero is given the next one's: a reference in velocity has no response at zero, and an offset is fitted.
     """
     return np.maximum(np.arange(*part.indices(samples // 2 + 1)), 1) * (sampling_rate_hz / samples)
+
+
+def reference_colour(record: Record, samples: int) -> FloatArray | float:
+    """Power of the reference's own noise over its mean, at the lines of so many samples; one where it is white."""
+    order = record.reference_noise_order
+    if order == 0:
+        return 1.0
+    return (order + 1.0) * (2.0 * np.maximum(np.arange(samples // 2 + 1), 1) / max(samples, 1)) ** order
 
 
 def power_of(lines: NDArray[np.complex128]) -> FloatArray:

@@ -38,7 +38,7 @@ from vibrident.lines import (
 )
 from vibrident.lines.normal import TONE_COLUMNS
 from vibrident.lines.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
-from vibrident.measure.lines import MOST_KEPT, in_blocks, line_frequencies
+from vibrident.measure.lines import MOST_KEPT, in_blocks, line_frequencies, reference_colour
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import Coordinates
@@ -293,7 +293,15 @@ class LineProblem:
                 models.setdefault(grid, self._response(coordinates, z, *grid))
                 model = models[grid]
             unseen = lowest > 0.5 * record.sampling_rate_hz
-            made = RecordLines(**own, model=model, z=z, floor=floor, hum=hum_of(record, samples), rings_unseen=unseen)
+            made = RecordLines(
+                **own,
+                model=model,
+                z=z,
+                floor=floor,
+                hum=hum_of(record, samples),
+                rings_unseen=unseen,
+                colour=reference_colour(record, samples),
+            )
             found.append(made.without_ringing() if unseen and made.free is not None else made)
         return found
 

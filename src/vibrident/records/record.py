@@ -33,6 +33,8 @@ class Record:
         reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
         contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
         provenance: file, hash and history.
+        reference_noise_order: the reference's own noise grows with this power of frequency (in power): 4 for an
+            acceleration that was made of a displacement with white noise; 0 for white noise.
         optical: what the signals of an interferometer said, from which the reference was made; None for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
         response_step: of the converter, where the response is no longer as it came from there; 0: its values tell.
@@ -55,6 +57,7 @@ class Record:
     response_full_scale: float | None = None
     contradicting_rate_hz: float | None = None
     reference_valid: BoolArray | None = None
+    reference_noise_order: int = 0
     optical: OpticalSummary | None = field(default=None, repr=False)
     hum_hz: tuple[float, ...] = ()
     response_step: float = 0.0

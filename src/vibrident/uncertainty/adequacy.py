@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vibrident.measure.bands import coherent_remainder
-from vibrident.measure.lines import line_frequencies
+from vibrident.measure.lines import line_frequencies, reference_colour
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.measure.rounding import rounding_variance
 from vibrident.measure.verdict import rejected
@@ -103,7 +103,8 @@ def band_points(
             return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
 
         unfelt = reference_noise[index] if len(reference_noise) else 0.0
-        through = unfelt**2 * gain_squares() if unfelt > 0.0 else None
+        colour = reference_colour(record, record.samples)
+        through = unfelt**2 * colour * gain_squares() if unfelt > 0.0 else None
         hum = hum_hz[index] if len(hum_hz) else ()
         found = coherent_remainder(record, series, through, hum, rounding_variance(record, gain_squares))
         if found is None:
