@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 
 import vibrident
+from vibrident.errors import InputError
 from vibrident.interferometer.acceleration import LOST, accelerated
 from vibrident.measure.quality import screen
 from vibrident.simulation import sensor_named, simulate
@@ -80,3 +82,26 @@ def test_noise_of_a_phase_grows_with_frequency_in_an_acceleration_and_biases_not
         assert result.parameters["sensitivity"].standard_uncertainty < 1e-4 * truth["sensitivity"]
     assert np.max(np.abs(np.mean(scaled, axis=0))) < 3.0 / np.sqrt(6.0)
     assert np.sqrt(np.mean(np.square(scaled))) < 1.4
+
+
+@pytest.mark.parametrize(("before_s", "refused"), [(0.008, False), (-0.001, True)])
+def test_a_loss_of_light_costs_a_shock_only_if_it_falls_on_its_pulse(tmp_path, before_s, refused):
+    """It cost 17 ms on either side; and with the pulse lost, the rest gave parameters 300 u off."""
+    settings = {"sampling_rate_hz": 51_200.0, "samples": 10_240, "amplitude": 80.0, "response_noise": 1e-3}
+    truth = write_optical_calibration(tmp_path, "paper", "shock", Optics(noise=0.02), seed=0, **settings)
+    record = truth.records[0]
+    start = np.argmax(np.abs(record.response) > 0.2 * np.max(np.abs(record.response))) / record.sampling_rate_hz
+    for path in tmp_path.glob("*optical.h5"):
+        with h5py.File(path, "r+") as file:
+            rate = len(file["u1"]) / record.duration_s
+            lost = slice(int((start - before_s) * rate), int((start - before_s + 2e-5) * rate))
+            for name in ("u1", "u2"):
+                file[name][lost] = np.mean(file[name][:])
+    if refused:
+        with pytest.raises(InputError, match="while the sensor moves"):
+            vibrident.read(tmp_path / "calibration.toml")
+        return
+    result = vibrident.identify(tmp_path / "calibration.toml")
+    assert result.warning_codes == ("fringe_slip",)
+    for name, true in sensor_named("paper").parameters.items():
+        assert abs(result.parameters[name].value - true) < 3.0 * result.parameters[name].standard_uncertainty

@@ -14,14 +14,12 @@ from vibrident.interferometer.demodulation import Demodulated
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK
 
-#: Fewest samples that are kept of a period of a sine.
-PER_PERIOD = 16.0
-#: Fewest that are kept of a record of it.
-FEWEST = 1 << 14
-#: Fewest of a period of the highest frequency of other motion.
-PER_HIGHEST = 6.0
-#: Fewest of a record of other motion.
-FEWEST_OF_OTHERS = 1 << 10
+#: Fewest samples that are kept of a period of a sine, and of a record of it.
+OF_SINE = 16.0, 1 << 14
+#: Fewest of a period of the highest frequency of other motion, and of a record of it …
+OF_OTHERS = 6.0, 1 << 10
+#: … and where light is lost: filters for a lower rate reach further beside the gap, over the pulse of a shock.
+BESIDE_GAPS = 48.0, 1 << 17
 #: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.
 FINER = 2.5
 
@@ -44,16 +42,16 @@ class Aligned:
         return _whole(values, response, valid, self.rate_hz, self.start_s + LOST / self.rate_hz)
 
 
-def thinning(samples: int, rate_hz: float, highest_hz: float, *, sine: bool) -> int:
-    """Factor by which signals that are recorded together are decimated.
+def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float, int]) -> int:
+    """Factor by which a response is decimated.
 
     Args:
-        samples: of each.
+        samples: of it.
         rate_hz: of them.
         highest_hz: frequency of a sine, or the highest that stands above the noise.
-        sine: a sine has harmonics; other motion has only noise above.
+        kept: fewest samples of a period of it and of the record: a sine has harmonics, other motion only noise above.
     """
-    per_period, fewest = (PER_PERIOD, FEWEST) if sine else (PER_HIGHEST, FEWEST_OF_OTHERS)
+    per_period, fewest = kept
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
 
 
@@ -117,7 +115,7 @@ def _moved(
 
 def _decimated(response: Signals, every: int) -> FloatArray:
     blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
-    return decimated((block[0] for block in blocks), response.samples, every)
+    return decimated((block[0].astype(float, copy=False) for block in blocks), response.samples, every)
 
 
 def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float) -> Aligned:

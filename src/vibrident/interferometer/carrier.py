@@ -85,7 +85,7 @@ class Baseband(Decimated):
 def _pieces(raw: Signals) -> FloatArray:
     length = min(PIECE, raw.samples)
     starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
-    return np.stack([raw.block(int(s), int(s) + length)[0] for s in starts])
+    return np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
 
 
 def _band(pieces: FloatArray, rate_hz: float, near_hz: float, room: float, where: str) -> tuple[float, float]:

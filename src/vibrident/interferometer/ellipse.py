@@ -98,12 +98,14 @@ class Ellipse:
         return self.changed(np.array([0.0, 0.0, -0.5 * apart, 0.5 * apart, -2.0 * float(noise[0, 1])]))
 
     def round(self, u: FloatArray) -> FloatArray:
-        """Signals, shape (2, n), as v: cos φ and sin φ with their noise, shape (2, n)."""
-        inverse, v = self.inverse, np.empty(u.shape)
-        for row in range(2):
-            np.subtract(u[row], self.centre[row], out=v[row])
-            v[row] *= inverse[row, row]
-        v[1] += (inverse[1, 0] / inverse[0, 0]) * v[0]
+        """Signals, shape (2, n), as v: cos φ and sin φ with their noise, in their precision, shape (2, n)."""
+        (first, _), (skew, second) = self.inverse.tolist()
+        v = np.empty_like(u)
+        for row, (centre, scale) in enumerate(zip(self.centre.tolist(), (first, second), strict=True)):
+            np.subtract(u[row], centre, out=v[row])
+            v[row] *= scale
+        if skew != 0.0:
+            v[1] += (skew / first) * v[0]
         return v
 
     def difference(self, other: Ellipse) -> FloatArray:

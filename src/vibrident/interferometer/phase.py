@@ -147,9 +147,7 @@ def _followed(
     if kept.shape[0] == 0:
         _add_gaps(path, good, start)
         return np.full(angle.shape, last), last, None
-    change = _changes(kept, last)
-    phase = np.cumsum(change)
-    phase += last
+    phase, change = _continued(kept, last)
     sizes = np.abs(change)
     if start == 0:
         sizes[0] = 0.0
@@ -178,16 +176,25 @@ def _followed(
     return held, float(phase[-1]), float(change[-1]) if good[-1] else None
 
 
-def _changes(angle: FloatArray, last: float) -> FloatArray:
-    """Change of each angle to the nearest turn, the first from ``last``."""
-    change, turns = np.empty(angle.shape), np.empty(angle.shape)
-    change[0] = angle[0] - last
+def _continued(angle: FloatArray, last: float) -> tuple[FloatArray, FloatArray]:
+    """The phase of angles that follows the phase ``last``, each at the nearest turn, and the change to each.
+
+    Turns are counted and added to the angles: rounding does not add up.
+    """
+    change, turns = np.empty_like(angle), np.empty_like(angle)
     np.subtract(angle[1:], angle[:-1], out=change[1:])
+    first = float(angle[0]) - last
+    change[0] = first - TURN * round(first / TURN)
     np.multiply(change, 1.0 / TURN, out=turns)
     np.rint(turns, out=turns)
+    turns[0] = 0.0
+    places = np.flatnonzero(turns)
+    counted = np.concatenate([[0.0], np.cumsum(turns[places], dtype=float)]) + round(first / TURN)
+    phase = np.repeat(-TURN * counted, np.diff(places, prepend=0, append=angle.size))
+    phase += angle
     turns *= TURN
     change -= turns
-    return change
+    return phase, change
 
 
 def _add_gaps(path: Path, good: BoolArray, start: int) -> None:
@@ -208,8 +215,10 @@ def _counted(
     signal: FloatArray, phase: FloatArray, good: BoolArray, carried: tuple[float, int] | None, path: Path
 ) -> tuple[float, int] | None:
     """Count half fringes twice: by changes of sign of the first signal, and by the phase."""
-    far = (np.abs(signal) > BEYOND) & good
-    if path.fastest > CLOSE or path.compared > MOST_COUNTED or not good.all() or not far.any():
+    if path.fastest > CLOSE or path.compared > MOST_COUNTED or not good.all():
+        return None
+    far = np.abs(signal) > BEYOND
+    if not far.any():
         return None
     sign, cell = np.sign(signal[far]), np.rint(phase[far] / np.pi)
     first = carried or (float(sign[0]), int(cell[0]))
@@ -240,7 +249,7 @@ def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
 
 
 def _phase(signals: Signals, ellipse: Ellipse, start: int, stop: int) -> FloatArray:
-    v = ellipse.round(signals.block(start, stop))
+    v = ellipse.round(signals.block(start, stop).astype(float))
     return np.unwrap(np.arctan2(v[1], v[0]))
 
 

@@ -44,8 +44,8 @@ def rough_frequency(signals: Signals, choice: Choice) -> float:
         samples *= 4
 
 
-def highest_frequency(signals: Signals, choice: Choice, factor: int) -> float:
-    """Frequency up to which the motion stands above the noise of the phase, Hz.
+def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[float, bool]:
+    """Frequency up to which the motion stands above the noise of the phase, Hz, and whether light is lost.
 
     All of the record is looked at: a shock may be anywhere in it, and a sweep is fast at its end.
 
@@ -57,7 +57,7 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> float:
     path = Path()
     phase = decimated(unwrapped(signals, choice.ellipse, choice.knots, path), signals.samples, factor)
     spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
-    return _highest(phase[None, :], spoilt, signals.rate_hz / factor)
+    return _highest(phase[None, :], spoilt, signals.rate_hz / factor), bool(path.gaps)
 
 
 def slower(signals: Signals) -> Slower | None:
@@ -72,7 +72,7 @@ def slower(signals: Signals) -> Slower | None:
 
 
 def _piece(signals: Signals, samples: int) -> Held:
-    return Held(signals.block(0, min(signals.samples, samples)), signals.rate_hz)
+    return Held(signals.block(0, min(signals.samples, samples)).astype(float, copy=False), signals.rate_hz)
 
 
 def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:

@@ -159,9 +159,9 @@ def _at_limit(points: FloatArray) -> tuple[float, ...]:
 def _sample(signals: Signals) -> FloatArray:
     length = min(STRETCH, max(signals.samples // STRETCHES, 1))
     if signals.samples <= STRETCHES * STRETCH:
-        return signals.block(0, signals.samples)
+        return signals.block(0, signals.samples).astype(float)
     starts = np.linspace(0, signals.samples - length, STRETCHES).astype(int)
-    return np.concatenate([signals.block(int(s), int(s) + length) for s in starts], axis=1)
+    return np.concatenate([signals.block(int(s), int(s) + length) for s in starts], axis=1, dtype=float)
 
 
 def _coarse(points: FloatArray) -> Ellipse:

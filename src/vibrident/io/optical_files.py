@@ -32,6 +32,10 @@ from vibrident.records import Provenance, Quantity, Record
 
 #: Samples of filtered signals that are kept in memory, of all records together.
 MOST_HELD = 1 << 23
+#: Largest part of a response's power that may fall into stretches that are left out; of a shock, whose pulse is all.
+MOST_LOST, MOST_LOST_OF_SHOCK = 0.5, 0.1
+#: Samples beside these that tell nothing either: a fit interpolates the reference from so many on either side.
+BESIDE = 32
 _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
@@ -242,6 +246,22 @@ def _optical_rate(
     return rate_hz
 
 
+def _require_motion(aligned: alignment.Aligned, most: float, name: str) -> None:
+    """Refuse a record whose motion falls into stretches that are left out, as a shock's pulse does: what is beside it
+    tells nothing of the sensor."""
+    power = (aligned.response - np.mean(aligned.response)) ** 2
+    beside = np.convolve(~aligned.valid, np.ones(2 * BESIDE + 1), "same") > 0.5
+    lost = float(np.sum(power[beside])) / max(float(np.sum(power)), 1e-300)
+    if lost > most:
+        raise InputError(
+            "The light is lost while the sensor moves (fringe_slip).",
+            expected=f"at least {100 * (1 - most):.0f} % of the response's power outside the stretches left out",
+            found=f"{100 * (1 - lost):.2g} %; {100 * float(np.mean(~aligned.valid)):.2g} % of the time is left out",
+            where=name,
+            remedy="repeat the measurement, or leave this record out",
+        )
+
+
 def _record(
     one: _Opened,
     look: Survey,
@@ -255,15 +275,16 @@ def _record(
     entry, sine = one.part.entry, one.part.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
     coarse = alignment.finer(one.optical.rate_hz, one.response.rate_hz)
-    top = near or highest_frequency(one.optical, choice, coarse)
-    thinned = one.beside or not sine
-    every = alignment.thinning(one.response.samples, one.response.rate_hz, top, sine=sine) if thinned else 1
+    top, broken = (near, False) if near else highest_frequency(one.optical, choice, coarse)
+    kept = alignment.OF_SINE if sine else alignment.BESIDE_GAPS if broken else alignment.OF_OTHERS
+    every = alignment.thinning(one.response.samples, one.response.rate_hz, top, kept)
     every = max(every, alignment.no_finer(one.response.rate_hz, one.optical.rate_hz))
     alike = one.beside and one.offset_s == 0.0
     factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
     found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
     aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
     aligned = aligned.accelerated if moving else aligned
+    _require_motion(aligned, MOST_LOST_OF_SHOCK if entry.excitation == "shock" else MOST_LOST, one.name)
     to_response = calibration.response
     what = "acceleration in m/s²" if moving else "displacement in m"
     unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"

@@ -132,14 +132,18 @@ class Hdf5File(ArrayFile):
         return int(max(self._opened()[self._channels[position].handle.array].shape))
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
-        """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
+        """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile.
+
+        Integers of up to 16 bits become float32, which holds them exactly.
+        """
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED):
             if len(columns) * (stop - start) > self._roomy:
                 require_room(self._path, len(columns) * (stop - start))
                 self._roomy = len(columns) * (stop - start)
             part = {name: _slice(self._array(name), start, stop) for name in {column.array for column in columns}}
-            found = np.empty((len(columns), stop - start))
+            exact = all(values.dtype.kind in "iu" and values.dtype.itemsize <= 2 for values in part.values())
+            found = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
             for row, column in zip(found, columns, strict=True):
                 row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
             return found
