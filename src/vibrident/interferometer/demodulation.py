@@ -85,7 +85,7 @@ def demodulate(
     values = _decimated(signals, choice, factor, path)
     position = lost_at_an_end(factor) + factor * np.arange(values.shape[0])
     spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
-    values, piece, unknown = _bridged(signals, choice, path.gaps, values, position)
+    values, piece = _bridged(signals, choice, path.gaps, values, position)
     rate = signals.rate_hz / factor
     _require_slow(path, name)
     if near_hz is not None:
@@ -101,9 +101,10 @@ def demodulate(
     if near_hz is not None:
         values, found = without_slow_motion(values, valid, rate, near_hz)
     values = values - np.mean(values[valid])
-    open_gaps = int(np.unique(piece[~spoilt]).size - 1)
+    open_gaps = 0 if near_hz is None else int(np.unique(piece[~spoilt]).size - 1)
     noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
-    excerpt = slice(0, EXCERPT)
+    excerpt = _shown(valid, near_hz is not None)
+    seen_m = np.where(valid, values, np.nan)[excerpt] * setting.metres_per_radian
     around = cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
     answer = _answer(values, main, rate, found, choice, signals, around)
     summary = OpticalSummary(
@@ -128,10 +129,10 @@ def demodulate(
         noise_m,
         seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1],
         position[excerpt] / signals.rate_hz,
-        values[excerpt] * setting.metres_per_radian,
+        seen_m,
         carrier_hz,
         () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
-        findings=(*choice.findings, *_slips(path, unknown, left_out, name)),
+        findings=(*choice.findings, *_slips(path, open_gaps, left_out, name)),
     )
     return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer)
 
@@ -144,19 +145,26 @@ def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> Flo
 
 def _bridged(
     signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
-) -> tuple[FloatArray, np.ndarray, int]:
-    """Values with the turns lost in gaps restored, the piece of each value, and gaps of unknown turns."""
+) -> tuple[FloatArray, np.ndarray]:
+    """Values with the turns lost in gaps restored, and the piece of each value: gaps of unknown turns part them."""
     shift, piece = np.zeros(values.shape[0]), np.zeros(values.shape[0], dtype=int)
-    unknown = 0
     for number, gap in enumerate(gaps):
         behind = int(np.searchsorted(position, gap.start))
         found = turns(signals, choice.ellipse, gap) if number < MOST_GAPS else None
         if found is None:
             piece[behind:] += 1
-            unknown += 1
         else:
             shift[behind:] += TURN * found
-    return values + shift, piece, unknown
+    return values + shift, piece
+
+
+def _shown(valid: BoolArray, periodic: bool) -> slice:
+    """The excerpt: of a sine some periods, where samples are left out if any are; of other motion all."""
+    if not periodic:
+        return slice(0, None, max(valid.size // EXCERPT, 1))
+    first = int(np.argmin(valid)) if not valid.all() else 0
+    start = int(np.clip(first - EXCERPT // 2, 0, max(valid.size - EXCERPT, 0)))
+    return slice(start, start + EXCERPT)
 
 
 def _longest(piece: np.ndarray, usable: BoolArray) -> int:
@@ -230,7 +238,7 @@ def _answer(
     )
 
 
-def _slips(path: Path, unknown: int, left_out: float, name: str) -> list[OpticalFinding]:
+def _slips(path: Path, open_gaps: int, left_out: float, name: str) -> list[OpticalFinding]:
     if not path.gaps and path.counted == path.by_phase:
         return []
     lost = [gap for gap in path.gaps if not gap.jump]
@@ -243,8 +251,8 @@ def _slips(path: Path, unknown: int, left_out: float, name: str) -> list[Optical
     if path.counted != path.by_phase:
         parts.append(f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase")
     text = f"{name}: {' and '.join(parts)}; {100 * left_out:.2g} % of the displacement is left out"
-    if unknown:
-        text += f", and for {unknown} of the gaps the motion does not determine the number of fringes"
+    if open_gaps:
+        text += f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"
     return [OpticalFinding("fringe_slip", text + ".")]
 
 

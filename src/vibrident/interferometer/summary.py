@@ -44,7 +44,7 @@ class OpticalSummary:
         phase_noise_rad: standard deviation of the noise of one sample's phase.
         noise_hz, noise_m: spectrum of the displacement between lines, m/√Hz.
         points: some samples of both signals, shape (2, n).
-        excerpt_s, excerpt_m: a piece of the displacement.
+        excerpt_s, excerpt_m: a piece of the displacement, NaN where it is left out.
         carrier_hz: of a heterodyne signal, as found; None for others.
         cyclic: order → (amplitude, standard uncertainty) of the cyclic error of the phase, rad.
         findings: doubts.

@@ -144,7 +144,7 @@ def _displacement(record: Record) -> Stack:
     optical = record.optical
     assert optical is not None
     time, clock = from_start(optical.excerpt_s)
-    size = scaled("m", float(np.max(np.abs(optical.excerpt_m), initial=0.0)))
+    size = scaled("m", float(np.nanmax(np.abs(optical.excerpt_m), initial=0.0)))
     series = Series(time, optical.excerpt_m * size.factor, look=Look(BLUE, width=0.8))
     y = axes.linear(f"Displacement\nin {size.unit}", series.y, most=4)
     lost = f"{optical.gaps} gaps, {100 * optical.left_out:.2g} % left out" if optical.gaps else "nothing left out"

@@ -326,6 +326,7 @@ def _points(axes: Axes, series: Series) -> None:
     common: dict[str, Any] = {"color": look.colour, "linestyle": "none", "zorder": 3, "marker": look.marker or "o"}
     if look.marker in ("x", "."):
         common["markersize"] = 2.6
+        common["zorder"] = 3 if look.marker == "x" else 1.5  # a cloud lies below the lines through it
     else:
         common |= {"markerfacecolor": "white", "markersize": 4.2 if many <= 80 else 2.4}
     if many > CROWD:
