@@ -41,6 +41,21 @@ def test_a_wide_band_beside_the_carrier_and_an_offset_of_the_detector(tmp_path):
             assert abs(parameter.value - true) < 3.5 * parameter.standard_uncertainty < 5e-4 * true
 
 
+def test_the_cyclic_error_of_mixed_frequencies_is_taken_out_of_each_record(tmp_path):
+    """The carrier's phase begins anew in every record, and so does the error's: it passed for a nonlinear sensor."""
+    settings = {"start": "steady", "sampling_rate_hz": 51_200.0, "samples": 5120, "response_noise": 1e-3}
+    settings |= {"frequencies_hz": [200.0, 400.0, 1000.0], "amplitude": 10.0}
+    optics = Optics(SETTING, rate_hz=1e6, noise=0.02, cyclic_rad=(0.01, 0.01, 0.0), carrier_drift_hz=50.0)
+    write_optical_calibration(tmp_path, "paper", "sine", optics, seed=5, **settings)
+    calibration = vibrident.read(tmp_path / "calibration.toml")
+    assert any(effect.kind == "cyclic" for effect in calibration.effects)
+    result = vibrident.identify(calibration)
+    assert result.warning_codes == ()
+    for name, true in sensor_named("paper").parameters.items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - true) < 3.0 * parameter.standard_uncertainty < 5e-4 * true
+
+
 @pytest.mark.parametrize(
     ("optics", "together"),
     [

@@ -27,6 +27,10 @@ FLOOR = 45.0
 QUIET = 0.05
 #: Band kept over the width of the carrier's band.
 MARGIN = 1.6
+#: Least band, on either side, over the response's sampling rate: samples enough to show a cyclic error of fast sines …
+LEAST = 0.8
+#: … but over that of the signal at most this.
+MOST_OF_ALL = 1.0 / 32.0
 #: Usable part of the room beside the carrier.
 ROOM = 0.8
 
@@ -44,8 +48,14 @@ class Baseband(Decimated):
     offset: float
 
     @staticmethod
-    def around(raw: Signals, near_hz: float, where: str) -> Baseband:
+    def around(raw: Signals, near_hz: float, response_hz: float, where: str) -> Baseband:
         """Find the carrier near a frequency, and how wide its band is.
+
+        Args:
+            raw: one signal.
+            near_hz: its carrier, approximately.
+            response_hz: sampling rate of the sensor's response.
+            where: for messages.
 
         Raises:
             InputError: no carrier is found, or the band beside it is too narrow.
@@ -62,7 +72,8 @@ class Baseband(Decimated):
         room = ROOM * min(near_hz, half - near_hz)
         pieces = _pieces(raw)
         low, high = _band(pieces - pieces.mean(axis=1, keepdims=True), raw.rate_hz, near_hz, room, where)
-        wide = min(max(0.5 * MARGIN * (high - low), 16.0 * raw.rate_hz / PIECE), room)
+        least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, MOST_OF_ALL * raw.rate_hz))
+        wide = min(max(0.5 * MARGIN * (high - low), least), room)
         carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
         wide = min(wide, ROOM * min(carrier, half - carrier))
         most = max(raw.samples // (8 * HALF), 2)
@@ -80,6 +91,35 @@ class Baseband(Decimated):
     def _kernel(self) -> np.ndarray:
         cycles = self.carrier_hz / self.raw.rate_hz
         return 2.0 * taps(self.factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * self.first + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """Two signals in quadrature turned back by what is left of their carrier: their phase is that of the motion alone.
+
+    Attributes:
+        raw: the signals.
+        left: phase of the carrier that is left, rad, over the index of a sample.
+    """
+
+    raw: Signals
+    left: np.polynomial.Legendre
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each signal."""
+        return self.raw.samples
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return self.raw.rate_hz
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
+        u = self.raw.block(start, stop)
+        turned = (u[0] + 1j * u[1]) * np.exp(-1j * self.left(np.arange(start, stop)))
+        return np.stack([turned.real, turned.imag])
 
 
 def _pieces(raw: Signals) -> FloatArray:

@@ -20,8 +20,10 @@ from vibrident.interferometer.setting import FloatArray, Held, Signals
 CHANCE = 1e-4
 #: Most pieces of a record.
 PIECES = 64
-#: Shortest piece, samples.
-SHORTEST = 256
+#: Samples of a piece, at least; of fast motion, fewer …
+USUAL = 256
+#: … but not below this.
+SHORTEST = 32
 #: Longest piece, samples.
 LONGEST = 1 << 15
 #: Fringes of a piece.
@@ -90,7 +92,7 @@ def cyclic_error(
         highest_hz: of the motion: within a period of it, the polynomial is the motion.
     """
     period = signals.rate_hz / max(highest_hz, 1e-300)
-    length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), SHORTEST), LONGEST, period))
+    length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), USUAL), LONGEST, period))
     if length < SHORTEST or signals.samples < 2 * length:
         return None
     starts = np.unique(np.linspace(0, signals.samples - length, min(PIECES, signals.samples // length)).astype(int))

@@ -9,6 +9,7 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.interferometer import effects, phase
+from vibrident.interferometer.carrier import Turned
 from vibrident.interferometer.choice import Choice
 from vibrident.interferometer.cyclic import Cyclic, cyclic_error
 from vibrident.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
@@ -44,6 +45,7 @@ class Demodulated:
         factor: distance of the samples, in those.
         summary: what the signals show of their quality.
         answer: effect of the ellipse's errors on this record.
+        carrier: what was left of the carrier beside a sine, rad, over the index of an optical sample; None for others.
     """
 
     displacement_m: FloatArray
@@ -52,6 +54,7 @@ class Demodulated:
     factor: int
     summary: OpticalSummary
     answer: effects.Answer
+    carrier: np.polynomial.Legendre | None = None
 
 
 def demodulate(
@@ -94,9 +97,10 @@ def demodulate(
     valid = ~spoilt if near_hz is None else main  # an acceleration needs no number of turns
     left_out = 1.0 - float(np.mean(valid)) if valid.size else 1.0
     _require_enough(left_out, name)
+    left = None
     if carrier_hz is not None:
-        values, off_hz = _without_carrier(values, main, rate, near_hz)
-        carrier_hz += off_hz
+        values, left = _without_carrier(values, main, rate, near_hz, position)
+        carrier_hz += float(left.deriv()(np.mean(left.domain))) * signals.rate_hz / TURN
     found = None
     if near_hz is not None:
         values, found = without_slow_motion(values, valid, rate, near_hz)
@@ -105,7 +109,10 @@ def demodulate(
     noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
     excerpt = _shown(valid, near_hz is not None)
     seen_m = np.where(valid, values, np.nan)[excerpt] * setting.metres_per_radian
-    around = cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
+    around = None
+    if left is None or near_hz is not None:  # beside other motion than a sine a carrier's slope is not known
+        seen_by = signals if left is None else Turned(signals, left)
+        around = cyclic_error(seen_by, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
     answer = _answer(values, main, rate, found, choice, signals, around)
     summary = OpticalSummary(
         setting,
@@ -134,7 +141,8 @@ def demodulate(
         () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
         findings=(*choice.findings, *_slips(path, open_gaps, left_out, name)),
     )
-    return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer)
+    carrier = None if near_hz is None else left
+    return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer, carrier)
 
 
 def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> FloatArray:
@@ -195,24 +203,24 @@ def _joined(
 
 
 def _without_carrier(
-    values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None
-) -> tuple[FloatArray, float]:
+    values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None, position: np.ndarray
+) -> tuple[FloatArray, np.polynomial.Legendre]:
     """Phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
 
-    With a sine both are fitted in rounds, to separate them. The second value is the mean error of the carrier, Hz.
+    With a sine both are fitted in rounds, to separate them. The second value is the parabola over ``position``.
     """
     t = np.linspace(-1.0, 1.0, values.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
     time = np.arange(values.shape[0]) / rate
-    wave, slope_hz = np.zeros(values.shape), 0.0
+    wave, total = np.zeros(values.shape), np.zeros(3)
     for _ in range(1 if near_hz is None else CARRIER_ROUNDS):
         found, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
         values = values - design @ found
-        slope_hz += float(found[1]) * 2.0 / time[-1] / TURN
+        total += found
         sine = None if near_hz is None else fit_sine(values, valid, rate, near_hz)
         if sine is not None:
             wave = sine.at(time) - sine.mean - sine.slope * time
-    return values, slope_hz
+    return values, np.polynomial.Legendre(total, domain=[float(position[0]), float(position[-1])])
 
 
 def _answer(

@@ -92,21 +92,22 @@ def of_shape(harmonics: np.ndarray) -> np.ndarray:
     return np.stack([-harmonics[1], harmonics[0], 0.5 * harmonics[3], 0.5 * harmonics[2]])
 
 
-def effects(answers: Sequence[Answer], corrected: Cyclic | None = None) -> tuple[SystematicEffect, ...]:
-    """The systematic effects of ellipses, and of a cyclic error that was taken out, on a calibration.
+def effects(
+    answers: Sequence[Answer], cyclic: Sequence[tuple[Sequence[Answer], FloatArray]] = ()
+) -> tuple[SystematicEffect, ...]:
+    """The systematic effects of ellipses, and of what remains of cyclic errors, on a calibration.
 
     Args:
         answers: of its records.
-        corrected: the cyclic error: the uncertainty of its amplitudes remains.
+        cyclic: records that share a cyclic error, with the covariance of what remains of its amplitudes, shape (6, 6).
     """
     grid = np.unique(np.concatenate([answer.frequency_hz for answer in answers]))
     found = []
     for group in dict.fromkeys(answer.group for answer in answers):
         members = [(answer, answer.relative) for answer in answers if answer.group == group]
         found += _patterns(SOURCE, "ellipse", members, members[0][0].covariance, grid)
-    if corrected is not None:
-        everywhere = [(answer, answer.harmonics) for answer in answers]
-        found += _patterns(CYCLIC, "cyclic", everywhere, corrected.covariance, grid)
+    for some, covariance in cyclic:
+        found += _patterns(CYCLIC, "cyclic", [(answer, answer.harmonics) for answer in some], covariance, grid)
     found.sort(key=lambda item: -item[0])
     return tuple(effect for _, effect in found[:MOST_PATTERNS])
 

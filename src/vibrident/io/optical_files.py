@@ -12,12 +12,12 @@ import numpy as np
 from vibrident.effects import SystematicEffect
 from vibrident.errors import InputError
 from vibrident.interferometer import alignment
-from vibrident.interferometer.carrier import Baseband
+from vibrident.interferometer.carrier import Baseband, Turned
 from vibrident.interferometer.choice import Choice, choose, of_carrier
-from vibrident.interferometer.cyclic import significant
+from vibrident.interferometer.cyclic import Cyclic, significant
 from vibrident.interferometer.decimation import Decimated
 from vibrident.interferometer.demodulation import Demodulated, demodulate
-from vibrident.interferometer.effects import effects
+from vibrident.interferometer.effects import Answer, effects
 from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.interferometer.setting import FloatArray, Held, Interferometer, Signals
 from vibrident.interferometer.survey import Survey, survey
@@ -115,19 +115,50 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         _record(one, look, choice, setting, calibration, folder, moving=moving)
         for one, look, choice in zip(opened, seen, choices, strict=True)
     ]
-    cyclic = None
-    if setting.kind == "quadrature":  # of a carrier, the phase begins and turns differently in every record
-        cyclic = significant([found.answer.cyclic for found, _ in made if found.answer.cyclic is not None])
-    if cyclic is not None:
-        made = [
-            _record(one, look, replace(choice, error=cyclic.waves), setting, calibration, folder, moving=moving)
-            for one, look, choice in zip(opened, seen, choices, strict=True)
-        ]
+    errors = _cyclic_errors([found for found, _ in made], setting)
+    for index, error in enumerate(errors):
+        if error is not None:
+            one, found = opened[index], made[index][0]
+            if found.carrier is not None:
+                turned = Turned(one.optical, found.carrier)
+                one = replace(one, optical=turned, carrier_hz=found.summary.carrier_hz)
+            choice = replace(choices[index], error=error.waves)
+            made[index] = _record(one, seen[index], choice, setting, calibration, folder, moving=moving)
     records = {one.name: record for one, (_, record) in zip(opened, made, strict=True)}
     ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
-    found = (*_stated_effects(setting), *(effects([found.answer for found, _ in made], cyclic) if made else ()))
+    answers = [found.answer for found, _ in made]
+    found = (*_stated_effects(setting), *(effects(answers, _left_of(errors, answers, setting)) if made else ()))
     kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
     return Optical(tuple(ordered), *kind, found)
+
+
+def _cyclic_errors(made: Sequence[Demodulated], setting: Interferometer) -> list[Cyclic | None]:
+    """The significant cyclic error of each record: one of the set-up, or its own beside a carrier, whose phase begins
+    anew in every record."""
+    measured = [[] if found.answer.cyclic is None else [found.answer.cyclic] for found in made]
+    if setting.kind == "quadrature":
+        return [significant([one for some in measured for one in some])] * len(made)
+    return [significant(some) for some in measured]
+
+
+def _left_of(
+    errors: Sequence[Cyclic | None], answers: Sequence[Answer], setting: Interferometer
+) -> list[tuple[Sequence[Answer], FloatArray]]:
+    """What is left of cyclic errors: the uncertainty of those that were taken out, and beside a carrier those that a
+    record does not show, of the size of the others' and of unknown phase."""
+    known = [error for error in errors if error is not None]
+    if not known:
+        return []
+    if setting.kind == "quadrature":
+        return [(answers, known[0].covariance)]
+    shown = np.array([error.waves for error in known]).reshape(len(known), -1, 2)  # zero where not significant
+    power = np.sum(shown**2, axis=(0, 2)) / np.maximum(np.sum(np.any(shown != 0.0, axis=2), axis=0), 1)
+    found: list[tuple[Sequence[Answer], FloatArray]] = []
+    for error, answer in zip(errors, answers, strict=True):
+        waves = np.zeros(shown[0].size) if error is None else error.waves
+        unknown = np.diag(np.where(waves == 0.0, np.repeat(0.5 * power, 2), 0.0))
+        found.append(([answer], unknown if error is None else unknown + error.covariance))
+    return found
 
 
 def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
@@ -209,7 +240,7 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
         )
     if section.carrier_hz is None:
         return _Opened(part, name, optical, response, sampling, beside)
-    mixed = Baseband.around(optical, section.carrier_hz, part.where)
+    mixed = Baseband.around(optical, section.carrier_hz, sampling.rate_hz, part.where)
     return _Opened(part, name, mixed, response, sampling, beside, mixed.carrier_hz, mixed.first / optical_hz)
 
 

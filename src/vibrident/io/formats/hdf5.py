@@ -143,7 +143,7 @@ class Hdf5File(ArrayFile):
                 self._roomy = len(columns) * (stop - start)
             part = {name: _slice(self._array(name), start, stop) for name in {column.array for column in columns}}
             exact = all(values.dtype.kind in "iu" and values.dtype.itemsize <= 2 for values in part.values())
-            found = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
+            found: Any = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
             for row, column in zip(found, columns, strict=True):
                 row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
             return found
