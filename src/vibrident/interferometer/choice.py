@@ -45,10 +45,13 @@ class Choice:
 def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
     """Choose an ellipse for each record of a set-up."""
     steady = [i for i, s in enumerate(surveys) if s.whole and not s.knots]
+    others = [s for s in surveys if s.whole]
+    # On an arc, light that fades looks like an ellipse that moves: it is believed if larger motions show it, too.
+    drifts = not others or max(s.change for s in others) > UNSTABLE
     common, scatter = _common([surveys[i].ellipse for i in steady])
     choices = []
     for index, (found, name) in enumerate(zip(surveys, names, strict=True)):
-        if found.knots:
+        if found.knots and (found.whole or drifts):
             choices.append(_moving(found, name, index))
         elif found.whole:
             choices.append(_own(found, common, index, len(steady)))
@@ -114,8 +117,7 @@ def _own(found: Survey, common: _Common | None, index: int, count: int) -> Choic
 
 
 def _moving(found: Survey, name: str, index: int) -> Choice:
-    differences = np.array([found.ellipse.shape_of(piece) for _, piece in found.knots])
-    change = float(np.max(np.ptp(differences, axis=0)))
+    change = found.change
     said: tuple[OpticalFinding, ...] = ()
     if change > UNSTABLE:
         text = (
@@ -155,7 +157,7 @@ def _borrowed(
 
 def _of_a_moving_one(found: Survey, name: str, index: int, surveys: Sequence[Survey]) -> Choice:
     """The mean ellipse of a larger motion whose ellipse changes, with these changes in its covariance."""
-    moving = [i for i, other in enumerate(surveys) if other.knots]
+    moving = [i for i, other in enumerate(surveys) if other.whole]
     if not moving:
         return _alone(found, name, index)
     source = surveys[min(moving, key=lambda i: (abs(i - index), i))]

@@ -77,6 +77,12 @@ class Survey:
     at_limit: tuple[float, ...] = (0.0, 0.0)
 
     @property
+    def change(self) -> float:
+        """Largest change of the shape in time, relative to the amplitude; zero if there is none."""
+        shapes = [self.ellipse.shape_of(piece) for _, piece in self.knots]
+        return float(np.max(np.ptp(shapes, axis=0))) if shapes else 0.0
+
+    @property
     def whole(self) -> bool:
         """Whether the motion covers a fringe or more."""
         return self.fitted and self.covered_rad > 2.0 * np.pi * (1.0 - 1.5 / PARTS)
@@ -114,12 +120,10 @@ def survey(signals: Signals) -> Survey:
         kept = points[:, sound(coarse, points)]
         circle = ellipses.as_circle(kept if kept.shape[1] >= 8 else points, float(signals.samples))
         return Survey(circle, False, _covered(circle, points), points, (), _at_limit(points))
-    ellipse = _unscaled(found, coarse.centre, scale)
-    seen = Survey(ellipse, True, _covered(ellipse, points), points, (), _at_limit(points))
-    if not seen.whole:  # on an arc, light that fades looks like an ellipse that moves
-        return seen
     knots = _knots(blocks, middles, found)
-    return replace(seen, knots=tuple((at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots))
+    back = [(at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots]
+    whole = _unscaled(found, coarse.centre, scale)
+    return Survey(whole, True, _covered(whole, points), points, tuple(back), _at_limit(points))
 
 
 def _require_two(points: FloatArray) -> None:
@@ -238,8 +242,10 @@ def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellips
     if len(found) < 3:
         return []
     differences = np.array([whole.shape_of(piece) for _, piece in found])
-    off = differences - np.mean(differences, axis=0)
-    total = sum(float(d @ np.linalg.solve(e.shape_covariance, d)) for d, (_, e) in zip(off, found, strict=True))
+    weights = np.array([np.linalg.inv(piece.shape_covariance) for _, piece in found])
+    # Pieces of small motion are known little: a plain mean would be off by their errors.
+    off = differences - np.linalg.solve(weights.sum(axis=0), np.einsum("kij,kj->i", weights, differences))
+    total = float(np.einsum("ki,kij,kj->", off, weights, off))
     return found if chdtrc(4 * (len(found) - 1), total) < CHANCE else []
 
 
