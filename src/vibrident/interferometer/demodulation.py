@@ -106,13 +106,10 @@ def demodulate(
         values, found = without_slow_motion(values, valid, rate, near_hz)
     values = values - np.mean(values[valid])
     open_gaps = 0 if near_hz is None else int(np.unique(piece[~spoilt]).size - 1)
-    noise_hz, noise_m = displacement_noise(values * abs(setting.metres_per_radian), valid, rate)
-    excerpt = _shown(valid, near_hz is not None)
-    seen_m = np.where(valid, values, np.nan)[excerpt] * setting.metres_per_radian
+    carrier = None if near_hz is None else left  # beside other motion its slope is not known
     around = None
-    if left is None or near_hz is not None:  # beside other motion than a sine a carrier's slope is not known
-        seen_by = signals if left is None else Turned(signals, left)
-        around = cyclic_error(seen_by, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
+    if left is None or carrier is not None:
+        around = _cyclic_error(signals if carrier is None else Turned(signals, carrier), choice, path, highest_hz)
     answer = _answer(values, main, rate, found, choice, signals, around)
     summary = OpticalSummary(
         setting,
@@ -132,16 +129,13 @@ def demodulate(
         path.counted,
         path.by_phase,
         choice.ellipse.radial_noise,
-        noise_hz,
-        noise_m,
-        seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1],
-        position[excerpt] / signals.rate_hz,
-        seen_m,
+        *displacement_noise(values * abs(setting.metres_per_radian), valid, rate),
+        _first_look(seen),
+        *_excerpt(position / signals.rate_hz, values * setting.metres_per_radian, valid, near_hz),
         carrier_hz,
         () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
         findings=(*choice.findings, *_slips(path, open_gaps, left_out, name)),
     )
-    carrier = None if near_hz is None else left
     return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer, carrier)
 
 
@@ -166,13 +160,25 @@ def _bridged(
     return values + shift, piece
 
 
-def _shown(valid: BoolArray, periodic: bool) -> slice:
-    """The excerpt: of a sine some periods, where samples are left out if any are; of other motion all."""
-    if not periodic:
-        return slice(0, None, max(valid.size // EXCERPT, 1))
-    first = int(np.argmin(valid)) if not valid.all() else 0
-    start = int(np.clip(first - EXCERPT // 2, 0, max(valid.size - EXCERPT, 0)))
-    return slice(start, start + EXCERPT)
+def _cyclic_error(signals: Signals, choice: Choice, path: Path, highest_hz: float) -> Cyclic | None:
+    return cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
+
+
+def _excerpt(
+    time_s: FloatArray, values: FloatArray, valid: BoolArray, near_hz: float | None
+) -> tuple[FloatArray, FloatArray]:
+    """Times and values to show: of a sine some periods, where samples are left out if any are; of other motion all."""
+    part = slice(0, None, max(valid.size // EXCERPT, 1))
+    if near_hz is not None:
+        first = int(np.argmin(valid)) if not valid.all() else 0
+        start = int(np.clip(first - EXCERPT // 2, 0, max(valid.size - EXCERPT, 0)))
+        part = slice(start, start + EXCERPT)
+    return time_s[part], np.where(valid, values, np.nan)[part]
+
+
+def _first_look(seen: Survey) -> FloatArray:
+    """Some of its points, for pictures."""
+    return seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1]
 
 
 def _longest(piece: np.ndarray, usable: BoolArray) -> int:
