@@ -117,7 +117,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
         u, sign = chart.place(dict(problem.start))
         known = descend(chart, u[None], np.array([sign]), differences(final), 0)
         return Start(dict(problem.start), (scale * float(known.cost[0]),), problem.equations, (dict(problem.start),))
-    front = optima(sought, final, chart, problem.band_hz)
+    front = optima(sought, final, chart, problem.band_hz, problem.longest_delay_s)
     rows = front.best(LAST, SAME)
     if not rows.size:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
@@ -190,7 +190,9 @@ def _spread(frequency_hz: FloatArray, most: int) -> np.ndarray:
     return np.argsort(frequency_hz, kind="stable")[np.linspace(0, frequency_hz.size - 1, most).astype(int)]
 
 
-def optima(sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, float]) -> Front:
+def optima(
+    sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, float], longest_delay_s: float = np.inf
+) -> Front:
     """Where the candidates end.
 
     Args:
@@ -198,6 +200,7 @@ def optima(sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, fl
         final: those of its points by which the end is judged.
         chart: coordinates, at the frequencies of ``final``.
         band_hz: lowest and highest frequency of the data.
+        longest_delay_s: no longer delay is looked for.
     """
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
     near = Chart(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
@@ -210,7 +213,7 @@ def optima(sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, fl
     kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
     if not sought.has_phase:
         return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
-    turned, sign = _with_sign_and_delay(kept, near, some, _unambiguous_s(sought.frequency_hz))
+    turned, sign = _with_sign_and_delay(kept, near, some, longest_delay_s)
     begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
     rows = begun.best(SECOND, APART)
     turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
@@ -342,12 +345,6 @@ def _with_sign_and_delay(
             places.append(moved)
             signs.append(1.0 if sums[delay, row] >= 0 else -1.0)
     return np.array(places), np.array(signs)
-
-
-def _unambiguous_s(frequency_hz: FloatArray) -> float:
-    """Longest delay that the phases tell from a shorter one: they repeat after the inverse of their distance."""
-    distances = np.diff(np.unique(frequency_hz))
-    return float(0.5 / np.min(distances)) if distances.size else np.inf
 
 
 def _peaks(values: FloatArray) -> list[int]:

@@ -25,6 +25,9 @@ from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
 
+#: Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told from less.
+PART_LATE = 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -116,7 +119,12 @@ class Evidence:
     def first_look(self) -> FrequencyProblem | None:
         """The response before any model, for start values; None where nothing but free decays was recorded."""
         found = self._first_look()
-        return found if found is None else dataclasses.replace(found, start=self.start)
+        if found is None:
+            return None
+        if self.bands is None or self.tones is not None:
+            return dataclasses.replace(found, start=self.start)
+        longest_s = max(record.duration_s for record in self.records)
+        return dataclasses.replace(found, start=self.start, longest_delay_s=PART_LATE * longest_s)
 
     def _first_look(self) -> FrequencyProblem | None:
         if self.calibration.table is not None:

@@ -48,6 +48,7 @@ class FrequencyProblem:
         has_phase: False for a table of magnitudes alone.
         data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or (f, m, φ, u_m, u_φ).
         start: values of the parameters to begin with, where they are known.
+        longest_delay_s: longest delay between the channels that the data could show.
     """
 
     model: SensorModel
@@ -56,6 +57,7 @@ class FrequencyProblem:
     has_phase: bool
     data: tuple[Any, ...]
     start: Mapping[str, float] | None = None
+    longest_delay_s: float = np.inf
 
     @classmethod
     def of_measured(
