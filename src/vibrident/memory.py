@@ -20,10 +20,14 @@ _SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
 #: Records longer than this return unused memory to the system at once.
 LONG = 2**18
-#: Freed bytes that a process keeps, and most bytes of an array that is taken from them.
-_KEPT, _LARGEST_KEPT = 64 << 20, 4 << 20
-# Options of glibc's mallopt.
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+#: Freed bytes that a process keeps.
+_KEPT = 64 << 20
+#: Most bytes of an array that is taken from them.
+_LARGEST_KEPT = 4 << 20
+#: glibc's mallopt: freed bytes above which memory returns to the system.
+_M_TRIM_THRESHOLD = -1
+#: glibc's mallopt: bytes above which an array has pages of its own.
+_M_MMAP_THRESHOLD = -3
 
 
 @functools.cache
