@@ -199,6 +199,16 @@ def test_inspect_a_table(run, tmp_path):
     assert shown(tmp_path / "out") == ["inspect.png"]
 
 
+def test_inspect_refuses_a_model_that_identify_would_refuse(run, tmp_path):
+    (tmp_path / "frf.csv").write_text("f,m,p\n10,1.0,0\n20,1.1,-2\n30,1.2,-3\n")
+    table = '[table]\nfile = "frf.csv"\nfrequency = 1\nmagnitude = 2\nphase = 3\n'
+    (tmp_path / "table.toml").write_text('[sensor]\nmodel = "accelerometr"\n' + table)
+    done = run("inspect", tmp_path / "table.toml", "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "did you mean 'accelerometer'?" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_predict_meets_the_measured_response_within_its_noise(identified, run, tmp_path):
     other = ["--excitation", "random", "--frequencies", "20:2000", "--rate", 12800, "--samples", 3000]
     run("simulate", "--out", tmp_path / "cal", *other, "--response-noise", 0.02, "--seed", 3)

@@ -22,8 +22,10 @@ def inspect(
 ) -> None:
     """Show calibration data: their description, findings, and a picture."""
     from vibrident.io import read_guarded
+    from vibrident.models import model_of
 
     data = read_guarded(calibration)
+    model_of(data)  # a name that `identify` would refuse
     screened, findings = _screened(data)
     name = f"{calibration.stem}.inspect.png" if folder is None else "inspect.png"
     with written_whole(folder or Path()) as output:
