@@ -242,6 +242,17 @@ def test_what_both_channels_show_is_motion(rng: np.random.Generator) -> None:
     assert "reference channel has a single sample far off its neighbours at 1.2 s" in said.message
 
 
+def test_a_jump_of_velocity_is_a_pulse_of_acceleration(rng: np.random.Generator) -> None:
+    """A reference in velocity jumps, in displacement it bends, where the response is a pulse of a sample: motion."""
+    pulse = np.interp(T - 1200.0, [-1.0, 0.0, 1.0], [0.0, 8.0, 0.0]) + band_limited(rng)
+    response = pulse + 1e-3 * rng.standard_normal(N)
+    for reference in (np.cumsum(pulse), np.cumsum(np.cumsum(pulse))):
+        noisy = reference + 1e-4 * rng.standard_normal(N)
+        assert screen([Record("r", noisy, response, 1e3, "shock")])[1] == ()
+        _, (said,) = screen([Record("r", noisy, response + np.where(T == 700, 8.0, 0.0), 1e3, "shock")])
+        assert "a single sample far off its neighbours at 0.7 s" in said.message
+
+
 @pytest.mark.parametrize("motion", ["random", "multisine", "sine"])
 def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -> None:
     """Both channels lose 37 samples: the longer part stays, whatever the response is. Whole ones stay whole."""

@@ -15,7 +15,7 @@ from vibrident.measure.lines import hann
 from vibrident.measure.motion import kind_of_motion, stray_motion
 from vibrident.measure.repeats import repeated_block
 from vibrident.measure.response import MeasuredResponse
-from vibrident.measure.spikes import Channel, breaks
+from vibrident.measure.spikes import Channel, breaks, moves
 from vibrident.naming import amount
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.result import WarningCode
@@ -202,13 +202,12 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
 
 
 def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
-    """Wild samples of each channel that has any; what both channels show together is motion."""
+    """Wild samples of each channel that has any; where the other channel moves as oddly, it is motion."""
     found = {label: channel.wild for label, channel in channels.items()}
-    if not any(bad.any() for bad in found.values()):
-        return {}
-    near = {label: np.convolve(bad, np.ones(2 * TOGETHER + 1), mode="same") > 0.5 for label, bad in found.items()}
-    together = np.all(list(near.values()), axis=0) if len(near) > 1 else np.zeros_like(found["response"])
-    return {label: bad & ~together for label, bad in found.items() if np.any(bad & ~together)}
+    for label, other in zip(found, reversed(channels.values()), strict=True):
+        if len(found) > 1 and found[label].any():
+            found[label] = found[label] & ~moves(other, found[label], TOGETHER)
+    return {label: bad for label, bad in found.items() if bad.any()}
 
 
 def _without(record: Record, label: str, bad: BoolArray, reason: str) -> Record:

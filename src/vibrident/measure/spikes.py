@@ -40,6 +40,8 @@ ISOLATED = 0.3
 IN_A_ROW, MOST = 2, 0.01
 #: A corner of the motion looks like a wild sample of at most half the slope beside it; a wild one is so many times it.
 CORNER = 0.75
+#: Motion of one channel is that of the other up to two derivatives: velocity to acceleration, displacement to that.
+DERIVATIVES = 2
 #: A break stands out by so many standard deviations of the errors in one channel, and in the other so near by so many;
 #: of a record so many are believed.
 BREAKS, BREAKS_ALSO, TOGETHER, MOST_BREAKS = 8.0, 5.0, 2, 8
@@ -159,6 +161,29 @@ class Channel:
 def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
     """Wild samples of a channel, shape (samples,); arguments as :meth:`Channel.of`."""
     return Channel.of(values, valid).wild
+
+
+def moves(other: Channel, bad: BoolArray, reach: int) -> BoolArray:
+    """Which wild samples of a channel are motion, shape (samples,): the other channel does something odd there, too.
+
+    A jump of velocity is a pulse of acceleration of a few samples, so the other's differences are looked at as well.
+
+    Args:
+        other: the other channel.
+        bad: the wild samples, shape (samples,).
+        reach: by so many samples the channels may be apart.
+    """
+    places, moved, series, valid = np.flatnonzero(bad), np.zeros(bad.shape, dtype=bool), other.series, other.valid
+    for order in range(DERIVATIVES + 1):
+        if order:
+            series, valid = np.diff(series, prepend=series[:1]), valid & np.roll(valid, 1)
+            other = Channel.of(series, valid)
+        if places.size and other.judged.any():
+            far, error = np.zeros(bad.shape), other.errors
+            near = np.flatnonzero(_around(bad, reach + order) & (np.abs(error) > other.least))
+            far[near] = np.abs(error[near]) / other.long.around(error, near)
+            moved[places] |= _largest_near(far, reach + order)[places] > NOISE
+    return moved
 
 
 def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
