@@ -204,7 +204,7 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
 def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
     """Wild samples of each channel that has any; where the other channel moves as oddly, it is motion."""
     found = {label: channel.wild for label, channel in channels.items()}
-    for label, other in zip(found, reversed(channels.values()), strict=True):
+    for label, other in zip(found, [*channels.values()][::-1], strict=True):
         if len(found) > 1 and found[label].any():
             found[label] = found[label] & ~moves(other, found[label], TOGETHER)
     return {label: bad for label, bad in found.items() if bad.any()}
