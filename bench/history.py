@@ -1,6 +1,6 @@
 """Statistics of a sensor's history on simulated lives, with drift, jumps and noise.
 
-python -m bench.history                 500 lives a row; writes the table into docs/history.md
+python -m bench.history                 2000 lives a row; writes the table into docs/history.md
 python -m bench.history --lives 50      a trial; prints the table alone
 """
 
@@ -20,7 +20,7 @@ from vibrident.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_
 from vibrident.present import markdown
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
-LIVES = 500
+LIVES = 2000
 WIDTH = "width"
 #: Relative standard uncertainty of a calibration's noise.
 NOISE = 0.002

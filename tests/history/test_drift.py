@@ -102,6 +102,16 @@ def test_more_nodes_give_the_same_prediction(monkeypatch):
     assert before == pytest.approx(after, abs=0.1 * (after[1] - after[0]) / 4)
 
 
+def test_the_interval_of_a_stable_sensor_comes_to_that_of_its_noise(rng):
+    """It was a third wider than its noise demands after eight calibrations, as no hypothesis said that it is still."""
+    for count, most in ((8, 1.2), (12, 1.12)):
+        lives = [series(range(count), 1 + 0.001 * rng.normal(size=count)) for _ in range(40)]
+        u = np.median([one.reading(count, np.zeros(count), 0.001).u for one in lives])
+        assert 1.0 < u / (0.001 * np.sqrt(1 + 1 / count)) < most
+        assert np.median([one.probability["still"] for one in lives]) > 0.5
+    assert series(range(8), 1 + 0.003 * np.arange(8)).probability["still"] < 1e-6
+
+
 def test_predictions_cover():
     """Of 500 lives with drift, random walk, a jump at a repair and noise: the next calibration, and the sensor."""
     found = measured(KINDS[0], 500, 0)

@@ -143,10 +143,12 @@ def test_a_file_that_is_no_store_and_a_store_that_is_not_there(tmp_path):
     (tmp_path / "x.db").write_text("no database " * 100)
     with pytest.raises(InputError, match="cannot be used"):
         history.add(str(tmp_path / "x.db"), [calibrated()])
-    store = Store(str(tmp_path / "none.db"))
-    with pytest.raises(InputError, match="no history here"), store.reading():
+    absent = tmp_path / "none of 100 %.db"
+    store = Store(str(absent))
+    with pytest.raises(InputError, match="no history here") as caught, store.reading():
         pass
-    assert not (tmp_path / "none.db").exists()
+    assert str(absent) in str(caught.value)  # not as a URL escapes it
+    assert not absent.exists()
 
 
 def test_the_default_is_the_environment_s_then_the_user_s_folder(tmp_path, monkeypatch):

@@ -77,8 +77,9 @@ class Store:
 
     @property
     def shown(self) -> str:
-        """The URL for print, without a password."""
-        return printable(self.url)
+        """The store for print: the path of a file, else the URL without a password."""
+        file = sqlite_file(self.url)
+        return printable(self.url) if file is None else str(file)
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sa.Connection]:
