@@ -34,8 +34,8 @@ _LOG_RANGE = (-6.0, 14.0)
 _LEAST_WEIGHT = 1e-9
 HYPOTHESES = ("line", "random walk", "line and random walk", "still")
 #: Their probability beforehand, times 11: with these, 95 % intervals hold about 95 % in each kind of life that can be
-#: told from the others. Without ``still``, those of a stable sensor are too wide; a line that is as probable as a walk is
-#: believed too soon of three or four points of a walk.
+#: told from the others. Without ``still``, those of a stable sensor are too wide; a line that is as probable as a walk
+#: is believed too soon of three or four points of a walk.
 BEFOREHAND = (1.0, 4.0, 4.0, 2.0)
 
 
