@@ -182,7 +182,8 @@ _KINDS: tuple[WarningKind, ...] = (
         "few_fringes",
         "too few fringes to know the interferometer's ellipse",
         "The motion covers less than a fringe in every record, so that offsets, amplitudes and quadrature of the two "
-        "optical signals are hardly known. What that does to the response is in the uncertainty budget.",
+        "optical signals are hardly known. What that does to the response is in the uncertainty budget. Or a cyclic "
+        "error of the phase, which so small a motion does not determine, gives the displacement harmonics.",
         "Record a larger motion, of a fringe or more, in the same set-up and name it in the same calibration file.",
     ),
     WarningKind(

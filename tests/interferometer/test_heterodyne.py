@@ -56,6 +56,20 @@ def test_the_cyclic_error_of_mixed_frequencies_is_taken_out_of_each_record(tmp_p
         assert abs(parameter.value - true) < 3.0 * parameter.standard_uncertainty < 5e-4 * true
 
 
+def test_the_cyclic_error_of_a_motion_below_a_fringe_is_not_the_sensor_s(tmp_path):
+    """Its harmonics are in the displacement and not in the response. They passed for a nonlinear sensor and an
+    unsuitable model, with u a hundred times as large."""
+    settings = {"start": "steady", "sampling_rate_hz": 51_200.0, "samples": 5120, "response_noise": 1e-3}
+    settings |= {"frequencies_hz": [200.0, 500.0, 1000.0, 2000.0, 4000.0], "amplitude": 10.0}
+    optics = Optics(SETTING, rate_hz=1e6, noise=0.02, cyclic_rad=(0.01, 0.01, 0.01))
+    write_optical_calibration(tmp_path, "paper", "sine", optics, seed=3, **settings)
+    result = vibrident.identify(tmp_path / "calibration.toml")
+    assert result.warning_codes == ("few_fringes",)
+    for name, true in sensor_named("paper").parameters.items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - true) < 3.0 * parameter.standard_uncertainty < 1e-3 * true
+
+
 @pytest.mark.parametrize(
     ("optics", "together"),
     [

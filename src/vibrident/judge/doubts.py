@@ -16,6 +16,7 @@ from vibrident.estimators.start import find_start, sought_response
 from vibrident.judge.adequacy import Judgement
 from vibrident.measure.nonlinearity import SQUARE, distortion
 from vibrident.measure.odd_records import odd_record
+from vibrident.measure.overtones import audible, of_light
 from vibrident.measure.regimes import changes, findings
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
@@ -62,6 +63,7 @@ def second_thoughts(
         total: with the stated systematic effects, shape (p, p).
     """
     warnings = list(_nonlinear(evidence, estimate, judgement, covariance))
+    warnings += _cyclic_errors(evidence, judgement)
     warnings += _moving(evidence, estimate, judgement, covariance, total)
     warnings += _reference_noise(estimate)
     warnings += _regimes(evidence, estimate, judgement)
@@ -104,6 +106,22 @@ def _nonlinear(
             f"{100 * found.largest:.2g} % at the tones ({found.sigma:.1f} standard deviations)."
         )
         yield ResultWarning("nonlinear", text)
+
+
+def _cyclic_errors(evidence: Evidence, judgement: Judgement) -> Iterator[ResultWarning]:
+    """Harmonics of an interferometer's displacement that the sensor does not feel."""
+    if judgement.tones is None or all(record.optical is None for record in evidence.records):
+        return
+    found = audible(of_light(evidence.records, judgement.tones, judgement.predicted))
+    if found:
+        worst, names = found[0], ", ".join(one.record for one in found)
+        text = (
+            f"{names}: the displacement has harmonics that the response does not show, {100 * worst.ratio:.2g} % of "
+            f"the predicted response at {worst.frequency_hz:.4g} Hz. The interferometer's phase has an error that "
+            "repeats with the fringe (a cyclic error, or its ellipse), which so small a motion does not determine; the "
+            "same error changes the amplitude of the motion itself."
+        )
+        yield ResultWarning("few_fringes", text)
 
 
 def _distorted(

@@ -26,6 +26,7 @@ from numpy import fft
 
 from vibrident.measure.bands import band_edges
 from vibrident.measure.lines import about_mean, fast_below, hann, line_frequencies, median_level, power_of
+from vibrident.measure.overtones import OWN
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import step_in_response
 from vibrident.records import FloatArray, Record
@@ -170,6 +171,8 @@ def _series(
         error = np.asarray(fft.rfft(residual), dtype=complex)
         level = median_level(power_of(error))
         motions = heard_motion(series, used, level), heard_motion(record.response, used, level)
+        if record.optical is not None:
+            quiet &= _answered(record.response, residual, used)
         if np.any(motions[0]):
             found.append(_Series(record, used, motions, error, level, quiet))
             tones.append(tone)
@@ -210,6 +213,13 @@ def _loud(record: Record, residual: FloatArray, tone: float | None) -> FloatArra
     if tone is not None:
         loud = loud[np.abs(loud - np.maximum(np.round(loud / tone), 1.0) * tone) > NEAR * lines[1]]
     return loud if loud.size <= MOST_LOUD else np.zeros(0)
+
+
+def _answered(response: FloatArray, residual: FloatArray, used: np.ndarray) -> np.ndarray:
+    """Lines of a residual that are in the response, shape (lines,): an interferometer's errors are not."""
+    window = hann(residual.size)
+    whole, rest = (power_of(np.asarray(fft.rfft(v * window))) for v in (about_mean(response, used), residual))
+    return whole >= OWN**2 * rest
 
 
 def _leave_out(one: _Series, frequencies_hz: FloatArray) -> None:

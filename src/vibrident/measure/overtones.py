@@ -1,11 +1,13 @@
 """Harmonics that the sensor adds: the residual of a linear sensor's prediction at the multiples of a tone.
 
-The shaker's own distortion is in the reference, passes through the model and is gone from the residual.
+The shaker's own distortion is in the reference, passes through the model and is gone from the residual. What a sensor
+adds is in its response; a harmonic of the residual that is not in the response was in the reference alone. Of an
+interferometer's displacement it is the cyclic error of a motion too small to show it otherwise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,15 +65,26 @@ def audible(found: Sequence[Overtone]) -> tuple[Overtone, ...]:
 
 
 def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]) -> list[Overtone]:
-    """Harmonics two to five of what each sine record has beyond its prediction.
+    """Harmonics two to five of what each sine record has beyond its prediction, and that its sensor adds.
 
     Args:
         records: all records; ``tones.record`` counts in them.
         tones: of the sine records.
         predicted: response predicted for each record, NaN where it is not defined.
     """
-    found = []
-    for index, frequency, response in zip(tones.record, tones.frequency_hz, tones.response, strict=True):
+    return [sensor for sensor, _ in _overtones(records, tones, predicted) if sensor is not None]
+
+
+def of_light(records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]) -> list[Overtone]:
+    """The same of the displacement of an interferometer that the response does not show; arguments as above."""
+    return [light for _, light in _overtones(records, tones, predicted) if light is not None]
+
+
+def _overtones(
+    records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]
+) -> Iterator[tuple[Overtone | None, Overtone | None]]:
+    """Of each sine record, what its sensor adds and what its light does; None for nothing that could be heard."""
+    for index, frequency, response in zip(tones.record, tones.frequency_hz.tolist(), tones.response, strict=True):
         record, series = records[int(index)], predicted[int(index)]
         used = record.mask & np.isfinite(series)
         highest = min(HIGHEST, int(0.4 * record.sampling_rate_hz / frequency))
@@ -79,36 +92,45 @@ def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Seq
         if highest < 2 or used.sum() < 64 or periods < 2.0 * NOISE_LINES[0]:
             continue
         residual = np.where(used, record.response - series, 0.0)
-        amplitude, variance = _harmonics(residual, used, float(frequency), record.sampling_rate_hz, highest)
-        steps = _of_reference_steps(record, used, float(frequency), amplitude)
-        variance += _by_response_steps(record, used, residual, series, float(frequency), highest)
-        power = np.where(steps, 0.0, np.abs(amplitude[1:]) ** 2)
-        if np.all(steps):
-            continue
-        # Σ|A|²/(2 s²) over h harmonics is Γ(h, 1) for noise alone; s² comes from a few lines, so allow for its spread.
-        statistic = float(np.sum(power / (2.0 * variance[1:]))) / (1.0 + 2.0 / (NOISE_LINES[1] - NOISE_LINES[0]))
-        size = float(np.sqrt(np.sum(power)) / abs(response))
-        order = int(np.argmax(power)) + 2
-        chance = gamma_tail(int(np.sum(~steps)), statistic)
-        found.append(Overtone(record.name, float(frequency), size, order, chance))
-    return found
+        amplitude, variance = _harmonics(residual, used, frequency, record.sampling_rate_hz, highest)
+        steps, light = _of_reference(record, used, frequency, amplitude)
+        variance += _by_response_steps(record, used, residual, series, frequency, highest)
+        size, noise = np.abs(amplitude[1:]) / abs(response), variance[1:] / abs(response) ** 2
+        kinds = (~steps & ~light, light)
+        yield tuple(_overtone(record.name, frequency, size, noise, kind) for kind in kinds)  # type: ignore[misc]
 
 
-def _of_reference_steps(record: Record, used: np.ndarray, frequency: float, residual: np.ndarray) -> np.ndarray:
-    """Which harmonics, from the second on, the reference's converter made: below its step, and not in the response.
+def _overtone(name: str, frequency: float, size: FloatArray, variance: FloatArray, kind: np.ndarray) -> Overtone | None:
+    """Some of the harmonics from the second on, over the fundamental, with the variance of each; None for none."""
+    if not kind.any():
+        return None
+    power = np.where(kind, size**2, 0.0)
+    # Σ|A|²/(2 s²) over h harmonics is Γ(h, 1) for noise alone; s² comes from a few lines, so allow for its spread.
+    statistic = float(np.sum(power / (2.0 * variance))) / (1.0 + 2.0 / (NOISE_LINES[1] - NOISE_LINES[0]))
+    chance = gamma_tail(int(np.sum(kind)), statistic)
+    return Overtone(name, frequency, float(np.sqrt(np.sum(power))), int(np.argmax(power)) + 2, chance)
 
-    An acceleration sensor with a displacement reference amplifies them.
+
+def _of_reference(
+    record: Record, used: np.ndarray, frequency: float, residual: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which harmonics, from the second on, the reference's converter made (below its step), and which its light did.
+
+    Neither is in the response; an acceleration sensor with a displacement reference amplifies them.
     """
     highest, step = len(residual), 0.0
+    none = np.zeros(highest - 1, dtype=bool)
     if record.reference is not None:
         step = converter_step(record.reference, record.reference_mask)
-    if step == 0.0 or record.reference is None:
-        return np.zeros(highest - 1, dtype=bool)
+    if record.reference is None or (step == 0.0 and record.optical is None):
+        return none, none
     reference, response = (
         np.abs(_harmonics(about_mean(v, used), used, frequency, record.sampling_rate_hz, highest)[0])
         for v in (record.reference, record.response)
     )
-    return (reference[1:] < step) & (response[1:] < OWN * np.abs(residual[1:]))
+    absent = response[1:] < OWN * np.abs(residual[1:])
+    steps = absent & (reference[1:] < step)
+    return steps, none if record.optical is None else absent & ~steps
 
 
 def _by_response_steps(
