@@ -24,7 +24,7 @@ from vibrident.judge import (
     own_rows,
     without_dead_records,
 )
-from vibrident.measure.drift import without_drift
+from vibrident.measure.drift import beside_slow_motion, slow_tones, without_drift
 from vibrident.measure.hum import Tones, hum_tones, without_tones
 from vibrident.models import model_of
 from vibrident.problem import Evidence, network_of
@@ -37,6 +37,8 @@ from vibrident.uncertainty.budget import BudgetRow
 HUM_ROUNDS = 5
 #: Change of a tone's place, in lines, that needs no further round.
 HUM_SETTLED = 0.01
+#: Free motion of fewer turns over a record than this may be taken for a drift.
+AS_SLOW = 5.0
 
 if TYPE_CHECKING:
     from vibrident.uncertainty.posterior import Sampling
@@ -117,16 +119,39 @@ def fit(
     estimate, judgement = fitted_and_judged(evidence, chosen, progress)
     found = without_dead_records(evidence, judgement, chosen, progress)
     evidence, estimate, judgement = found or (evidence, estimate, judgement)
-    records, drifts = without_drift(evidence.records, judgement.predicted, calibration.response_unit)
-    if drifts:
+    predicted = _beside_slow_motion(evidence, estimate, judgement, chosen, progress) or judgement.predicted
+    records, drifts = without_drift(evidence.records, predicted, calibration.response_unit)
+    if any(kept is not record for kept, record in zip(records, evidence.records, strict=True)):
         evidence = evidence.with_records(records)
         estimate, judgement = fitted_and_judged(evidence, chosen, progress)
-    hum_seen = estimate.tones is not None or any(estimate.findings.hum_hz)
+    known = estimate.findings.hum_hz
+    hum_seen = estimate.tones is not None or (any(known) and known != _slow(evidence))
     if evidence.records and sensor_model.is_linear and (hum_seen or not judgement.adequacy.adequate):
         found = _without_hum(evidence, estimate, judgement, chosen, progress)
         evidence, estimate, judgement = found or (evidence, estimate, judgement)
     linear = linearised(evidence, estimate, judgement)
     return Fitted(evidence, estimate, judgement, linear, chosen, reason, tuple(drifts))
+
+
+def _beside_slow_motion(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, chosen: Estimator, progress: Progress
+) -> Sequence[FloatArray] | None:
+    """What a fit beside slow motion of every record's zero predicts, where that alone explains the data.
+
+    A sensor whose own free motion is as slow takes a drift for that, and its residual does not show it.
+    """
+    values = estimate.coordinates.values(estimate.z)
+    slowest = min((value for name, value in values.items() if name.endswith("frequency")), default=np.inf)
+    slow = any(slowest * record.duration_s < AS_SLOW for record in evidence.records)
+    if judgement.adequacy.adequate or not slow or not evidence.model.is_linear:
+        return None
+    beside = evidence.with_records(tuple(beside_slow_motion(record) for record in evidence.records))
+    _, again = fitted_and_judged(beside, chosen, progress)
+    return again.predicted if again.adequacy.adequate else None
+
+
+def _slow(evidence: Evidence) -> Tones:
+    return tuple(slow_tones(record) for record in evidence.records)
 
 
 def _without_hum(
@@ -136,17 +161,20 @@ def _without_hum(
 
     What initial states and parameters took of it is in all lines, so that only a fit beside it tells its frequency.
     """
+    slow = _slow(evidence)
     plain = _without_knowing_hum(evidence, estimate)
-    if plain is not None and not any(hum_tones(evidence.records, plain)):  # what the start values left may be no hum
+    if (
+        plain is not None and hum_tones(evidence.records, plain, slow) == slow
+    ):  # what the start values left may be no hum
         values = estimate.coordinates.values(estimate.z)
         again = fitted_and_judged(replace(evidence, start=values), chosen, progress)
         if again[1].adequacy.adequate:
             return evidence, *again
-    best, known = None, tuple[tuple[float, ...], ...]()
+    best, known = None, slow
     for number in range(HUM_ROUNDS):
         tones = hum_tones(evidence.records, judgement.predicted, known)
         # The first fit beside hum is of records from which what the fit before took for hum was removed.
-        if not any(tones) or (number > 1 and _alike(tones, known, evidence.records)):
+        if tones == slow or (number > 1 and _alike(tones, known, evidence.records)):
             break
         known = tones
         cleaned = evidence.with_records(without_tones(evidence.records, judgement.predicted, tones))
@@ -163,7 +191,7 @@ def _without_knowing_hum(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
     What initial states can imitate is left to them: it is no hum.
     """
     problem = estimate.problem
-    if problem is None or not any(record.hum_hz for record in problem.records):
+    if problem is None or all(record.hum_hz == slow_tones(record) for record in problem.records):
         return None
     values = estimate.coordinates.values(estimate.z)
     network = estimate.findings.network

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vibrident.measure.drift import without_drift
+from vibrident.measure.drift import slow_tones, without_drift
 from vibrident.records import Record
 
 N, RATE = 1000, 1e3
@@ -38,3 +38,22 @@ def test_a_drift_is_found_and_taken_out():
         assert [found.code for found in findings] == ["drift"]
         slope = np.polyfit(T, kept.response - np.sin(2.0 * np.pi * 40.0 * T) - own, 1)[0]
         assert abs(slope) < 0.01
+
+
+def settling(time_constant):
+    """A zero that settles, as while an amplifier warms up."""
+    return 1.0 - np.exp(-T / time_constant)
+
+
+def test_a_zero_that_settles_is_left_to_the_fit():
+    """Whether large or small; only what matters is said. The noise of a record, up to 1/f, is none."""
+    rng = np.random.default_rng(3)
+    predicted = np.sin(2.0 * np.pi * 40.0 * T)
+    for power in (-1.0, 0.0, 4.0):
+        for _ in range(30):
+            (kept,), findings = without_drift([record(0.005 * noise(rng, power))], [predicted])
+            assert (slow_tones(kept), findings) == ((), ())
+    for size, own, codes in ((0.3, 5e-3, ["drift"]), (0.01, 1e-4, [])):
+        (kept,), findings = without_drift([record(own * noise(rng, 0.0) + size * settling(0.4))], [predicted])
+        assert slow_tones(kept)
+        assert [found.code for found in findings] == codes

@@ -24,6 +24,7 @@ from vibrident.estimators.reweighting import reweighted
 from vibrident.estimators.start import Start, find_start
 from vibrident.estimators.valley import ValleySteps
 from vibrident.lines import RecordLines
+from vibrident.measure.drift import slow_tones
 from vibrident.measure.hum import hum_tones
 from vibrident.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective
 from vibrident.problem.framing import response_size
@@ -117,10 +118,11 @@ def _beside_hum(problem: LineProblem, coordinates: Coordinates) -> LineProblem:
     A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
     from a start near the truth, training would leave it for that.
     """
-    if any(record.hum_hz for record in problem.records):
+    slow = tuple(slow_tones(record) for record in problem.records)
+    if any(record.hum_hz != own for record, own in zip(problem.records, slow, strict=True)):
         return problem
-    tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first))
-    return problem.with_hum(tones) if any(tones) else problem
+    tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first), slow)
+    return problem.with_hum(tones) if tones != slow else problem
 
 
 def _freed(network: NetworkSettings, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:
