@@ -1,6 +1,6 @@
 """A slow motion of the response's zero that no motion of the sensor explains.
 
-A straight line is measured and taken out. A bent one, such as the warming-up of an amplifier, is not measured there: what
+A straight line is measured and taken out. A bent one (an amplifier that warms up) is not measured there: what
 initial states and parameters took of it is in all lines. So it is an unknown of the fit, as hum is, by a tone of half a
 turn over the record whose size changes with time (:attr:`vibrident.records.Record.hum_hz`): with offset and line these
 are six smooth functions, as good as a polynomial of fifth degree.
