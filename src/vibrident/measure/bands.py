@@ -6,7 +6,6 @@ that hold enough of the excitation. Start values and pictures come from it, neve
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,9 +13,9 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.measure.alignment import MOST_CUT, aligned, bulk_delay, whitened
-from vibrident.measure.lines import fast_below, hann, power_of
-from vibrident.measure.response import LEAST_DEVIATION, ComplexArray, MeasuredResponse
+from vibrident.measure.alignment import aligned, bulk_delay, whitened
+from vibrident.measure.lines import hann, power_of
+from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.tails import gamma_tail
 
@@ -30,29 +29,12 @@ FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
 #: The noise of a wider band is estimated from every second, third … line, to save memory.
 MOST_LINES = 4096
-#: Stretches of time, half of each the next one's too, that tell how noise changes.
-STRETCHES = 15
-#: Groups of the lines of a stretch.
-GROUPS = 16
-#: A group is without motion below this part of the residual's power.
-STILL = 0.1
-#: Fewer groups without motion tell nothing.
-FEWEST_STILL = 3
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
 #: … and where at least this part of the response is coherent with it …
 LEAST_COHERENCE = 0.4
 #: … unless that leaves fewer bands than this.
 FEWEST_BANDS = 6
-#: A band of which less than this part stays when the ends are faded holds what leaks over from others, residual and
-#: prediction alike: both begin and end in the middle of a motion.
-OWN_POWER = 0.5
-#: Part of the record that is faded at either end for this.
-TAPER = 1.0 / 64.0
-#: The ends leak where they could give more than this part of a line's power.
-LEAKED = 0.1
-#: A band is not used if noise of the reference makes up more than this part of the prediction.
-MOST_SHARED = 0.3
 #: A displacement holds so much more at low frequencies that these would leak over all others; differences of both
 #: channels, sample by sample, are level and have the same ratio.
 DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
@@ -151,7 +133,7 @@ def _measure(index: int, whole: Record, late: int) -> MeasuredResponse | None:
     window = (np.ones(n) if record.excitation == "shock" else hann(n)) * mask
     spectrum = (windowed_spectrum(record.reference, mask, window), windowed_spectrum(record.response, mask, window))
     edges = band_edges(n, rate).astype(int)
-    power, coherence = _power_and_coherence(*spectrum, edges)
+    power, coherence = power_and_coherence(*spectrum, edges)
     excited = power > LEAST_POWER * power.max()
     # What of the reference does not show in the response is its own noise, beyond the excitation's band.
     keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
@@ -206,7 +188,7 @@ def windowed_spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -
     return spectrum
 
 
-def _power_and_coherence(
+def power_and_coherence(
     reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean of |X|², and |Σ Y X*|²/(Σ|X|² Σ|Y|²), over the lines of each band."""
@@ -218,153 +200,3 @@ def _power_and_coherence(
     cross = power_of(sums(response * np.conj(reference)))
     both = total[0] * total[1]
     return total[0] / np.diff(edges), np.divide(cross, both, out=np.zeros_like(both), where=both > 0)
-
-
-def coherent_remainder(
-    record: Record,
-    predicted: FloatArray,
-    through: FloatArray | None = None,
-    hum_hz: Sequence[float] = (),
-    least: FloatArray | None = None,
-) -> tuple[FloatArray, NDArray[np.complex128], FloatArray, FloatArray] | None:
-    """What of a time residual is coherent with the predicted response, by narrow bands.
-
-    With E and Ŷ the spectra of residual and prediction, ρ = Σ E Ŷ*/Σ |Ŷ|² is the relative error of the model's response
-    in the band; the rest of E gives its deviation.
-
-    Args:
-        record: measured response.
-        predicted: shape (samples,), NaN where it is not defined.
-        through: variance, a sample, of noise of the reference channel itself, after the model's |H|², at
-            the spectral lines of the record, shape (samples // 2 + 1,). Such noise is in E and in Ŷ, with opposite
-            signs; it is allowed for, and bands that hold little else are left out.
-        hum_hz: tones that are known not to come from the motion; they are removed from the residual.
-        least: variance, a sample, that no noise is believed to be below, at the lines as ``through``.
-
-    Returns:
-        Frequencies, ρ, standard deviation of the real part of ρ, degrees of freedom; each of shape (bands,). None
-        where no band holds enough of the response.
-    """
-    used = record.mask & np.isfinite(predicted)
-    if used.sum() < 8 * LINES_IN_BAND:
-        return None
-    n, rate = record.samples, record.sampling_rate_hz
-    # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    left = _without(record.response - predicted, used, hum_hz, rate)
-    error = _line_spectrum(left, used)
-    spectrum = _line_spectrum(predicted - np.mean(predicted[used]), used)
-    power = power_of(spectrum)
-    own = _own_power(predicted - np.mean(predicted[used]), used, power)
-    edges = band_edges(n, rate).astype(int)
-    there, even = noise_where_bands_move(left, np.where(used, predicted, 0.0), used, edges)
-    totals = np.add.reduceat(power[: edges[-1]], edges[:-1])
-    strongest = float(np.max(totals / np.diff(edges)))
-    own = np.add.reduceat(own[: edges[-1]], edges[:-1])
-    rows, count, whole = [], float(used.sum()), float(np.mean(used))
-    for (a, b), factor, total, stays in zip(
-        itertools.pairwise(edges.tolist()), there.tolist(), totals.tolist(), own.tolist(), strict=True
-    ):
-        if total <= LEAST_POWER * strongest * (b - a) or stays < OWN_POWER * total:
-            continue
-        shared = 0.0 if through is None else float(count * np.sum(through[a:b]))
-        if shared > MOST_SHARED * total:
-            continue
-        rho = (np.vdot(spectrum[a:b], error[a:b]) + shared) / total
-        rest = float(np.sum(power_of(error[a:b] - (rho if shared == 0.0 else 0.0) * spectrum[a:b])))
-        freedom = 2.0 * max((b - a) * whole * even - 1.0, 1.0)
-        floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
-        if least is not None:
-            floor = max(floor, float(count * np.mean(least[a:b])) / total / 2.0)
-        # Of the band's noise so much is what ρ took: as much as there is while the band moves.
-        variance = max(factor * rest / max(b - a - factor, 1.0) / total / 2.0, floor)
-        if variance > 0.25:
-            continue
-        centre = float(np.arange(a, b) @ power[a:b]) / total * rate / n
-        rows.append((centre, rho, np.sqrt(variance), freedom))
-    if not rows:
-        return None
-    frequency, rho, deviation, freedom = zip(*rows, strict=True)
-    return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)
-
-
-def noise_where_bands_move(
-    left: FloatArray, motion: FloatArray, used: BoolArray, edges: NDArray[np.int_]
-) -> tuple[FloatArray, float]:
-    """Noise power while each band moves, over its mean over the record, and how even the noise is.
-
-    A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
-    The noise of a stretch of time is read where there is no motion, so that no misfit counts; one where all moves.
-
-    Args:
-        left: residual, zero where not used, shape (samples,).
-        motion: predicted response, zero where not used, shape (samples,).
-        used: shape (samples,).
-        edges: first line of each band and the end of the last, shape (bands + 1,).
-
-    Returns:
-        The ratio, shape (bands,); and the independent lines among those of a band, as a part: lines of noise that
-        changes with time are alike.
-    """
-    places = np.flatnonzero(used)
-    samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
-    length = fast_below(2 * (samples // (STRETCHES + 1)), MOST_CUT)
-    window, last = hann(length), int(0.45 * length)
-    groups = np.unique(np.linspace(1, last, GROUPS + 1).astype(int))
-    first = np.minimum(edges[:-1] * length // left.size, last - 1)
-    end = np.maximum(-(-edges[1:] * length // left.size), first + 1)
-    noise, moves = np.zeros((STRETCHES, len(groups) - 1)), np.zeros((STRETCHES, len(first)))
-    still = np.zeros(noise.shape, dtype=bool)
-    for row in range(STRETCHES):
-        begin = origin + row * length // 2
-        part = slice(begin, begin + length)
-        own, moving = (power_of(np.asarray(fft.rfft(window * v[part]))) for v in (left, motion))
-        noise[row] = np.add.reduceat(own[:last], groups[:-1]) / max(float(np.mean(used[part])), 1e-9)
-        still[row] = np.add.reduceat(moving[:last], groups[:-1]) < STILL * noise[row]
-        total = np.concatenate([[0.0], np.cumsum(moving)])
-        moves[row] = total[end] - total[first]
-    kept = still.all(axis=0)
-    if kept.sum() < FEWEST_STILL:
-        return np.ones(len(first)), 1.0
-    level = np.median(noise[:, kept] / np.maximum(np.mean(noise[:, kept], axis=0), 1e-300), axis=1)
-    # A stretch alone tells its noise to a quarter: over five it changes smoothly.
-    level = np.convolve(np.pad(level, 2, mode="reflect", reflect_type="odd"), np.full(5, 0.2), mode="valid")
-    level = np.maximum(level, 1e-300)
-    shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
-    found = level @ shares / max(float(np.mean(level)), 1e-300)
-    even = float(np.mean(level)) ** 2 / float(np.mean(level**2))
-    return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0), even
-
-
-def _own_power(series: FloatArray, used: BoolArray, power: FloatArray) -> FloatArray:
-    """Power at the lines without what leaks over from others, shape (samples // 2 + 1,).
-
-    What stays when the ends are faded; all of it where the ends are no step that could leak as much.
-    """
-    samples = series.size
-    width = int(np.ceil(TAPER * samples))
-    rise = np.sin(0.5 * np.pi * (np.arange(width) + 0.5) / width) ** 2
-    faded = series * np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
-    ends = series[np.flatnonzero(used)[[0, -1]]]
-    steps = float(ends @ ends) / 4.0
-    leaked = steps / np.sin(np.pi * np.maximum(np.arange(power.size), 1) / samples) ** 2
-    return np.where(leaked < LEAKED * power, power, power_of(_line_spectrum(faded, used)))
-
-
-def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rate: float) -> FloatArray:
-    """The residual without these tones; each may drift a little in size and phase, as one of inexact frequency does."""
-    if not len(hum_hz):
-        return residual
-    turn = np.linspace(-1.0, 1.0, len(residual))[used, None]
-    angle = 2.0 * np.pi / rate * np.outer(np.flatnonzero(used), hum_hz)
-    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-    columns = np.concatenate([columns, turn * columns], axis=1)
-    amounts, *_ = np.linalg.lstsq(columns, residual[used], rcond=1e-9)
-    left = residual.copy()
-    left[used] -= columns @ amounts
-    return left
-
-
-def _line_spectrum(series: FloatArray, used: BoolArray) -> ComplexArray:
-    """Transform of the samples that are used, shape (samples // 2 + 1,); the others of ``series`` are set to zero."""
-    series[~used] = 0.0
-    return np.asarray(fft.rfft(series), dtype=complex)

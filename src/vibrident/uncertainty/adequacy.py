@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibrident.measure.bands import coherent_remainder
 from vibrident.measure.lines import line_frequencies, reference_colour
+from vibrident.measure.remainder import coherent_remainder
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.measure.rounding import rounding_variance
 from vibrident.measure.verdict import rejected
