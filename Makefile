@@ -49,6 +49,7 @@ test: $(DEV)  ## every law once
 	$(COMPILE)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)
 
+nightly: export JAX_DISABLE_MOST_OPTIMIZATIONS := false
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
 	$(COMPILE)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow --durations=10 $(PYTEST_ARGS)

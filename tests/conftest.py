@@ -15,6 +15,8 @@ from hypothesis import settings
 # One cache for all workers: what one has compiled the others need not. JAX compiles again what it finds half written,
 # with a warning that pyproject.toml lets pass.
 os.environ["VIBRIDENT_CACHE"] = str(Path(__file__).resolve().parents[1] / ".jax_cache")
+# Compiling is most of what a test of a network costs: half of that is the optimiser's. `make nightly` lets it work.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["COLUMNS"] = "160"  # what a table wraps must not depend on who runs the tests
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as the package sets it, for tests that load JAX first
@@ -54,6 +56,18 @@ def _release_kernels() -> Iterator[None]:
     if "jax" in sys.modules and maps.exists() and maps.read_text().count("\n") > 20_000:
         sys.modules["jax"].clear_caches()
         gc.collect()
+
+
+@pytest.fixture
+def optimised_kernels() -> Iterator[None]:
+    """Kernels as users have them: compiled with all optimisations."""
+    from vibrident.backend import jax
+
+    before = jax.config.values["jax_disable_most_optimizations"]
+    jax.config.update("jax_disable_most_optimizations", False)
+    jax.clear_caches()
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture

@@ -39,6 +39,7 @@ def run_python(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.usefixtures("optimised_kernels")
 def test_sums_of_matrix_products_are_right():
     assert backend.arithmetic_error() < 1e-13
 
