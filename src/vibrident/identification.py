@@ -22,6 +22,7 @@ from vibrident.judge import (
     fitted_and_judged,
     linearised,
     own_rows,
+    with_phase_scatter,
     without_dead_records,
 )
 from vibrident.measure.drift import beside_slow_motion, slow_tones, without_drift
@@ -119,6 +120,7 @@ def fit(
     estimate, judgement = fitted_and_judged(evidence, chosen, progress)
     found = without_dead_records(evidence, judgement, chosen, progress)
     evidence, estimate, judgement = found or (evidence, estimate, judgement)
+    evidence, estimate, judgement = with_phase_scatter(evidence, chosen, (estimate, judgement), progress)
     predicted = _beside_slow_motion(evidence, estimate, judgement, chosen, progress) or judgement.predicted
     records, drifts = without_drift(evidence.records, predicted, calibration.response_unit)
     if any(kept is not record for kept, record in zip(records, evidence.records, strict=True)):

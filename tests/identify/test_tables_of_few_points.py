@@ -86,3 +86,28 @@ def test_a_parameter_at_the_end_of_its_range_has_no_uncertainty() -> None:
         found = table[name]
         assert (found.standard_uncertainty, found.interval_95, found.identifiable) == (None, (None, None), False)
     assert table["sensitivity"].standard_uncertainty == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize("phase_noise", [0.1, 5.0])
+def test_a_phase_without_uncertainty_is_weighed_by_its_scatter(phase_noise: float) -> None:
+    """A certificate that states that of the magnitude alone: it was taken for that of the phase, in rad."""
+    outside, noise = [], 0.003
+    for seed in range(5):
+        rng, exact = np.random.default_rng(seed), table(40, noise=0.0).table
+        assert exact is not None
+        assert exact.phase_rad is not None
+        magnitude = exact.magnitude * (1.0 + noise * rng.standard_normal(40))
+        phase = exact.phase_rad + phase_noise * noise * rng.standard_normal(40)
+        made = ResponseTable(exact.frequency_hz, magnitude, phase, noise * magnitude)
+        result = vibrident.identify(Calibration(table=made))
+        assert result.warning_codes == ()
+        assert result.settings["uncertainty_covers"].endswith("by its scatter")
+        found = result.parameters
+        outside += [(found[name].value - true) / found[name].standard_uncertainty for name, true in TRUTH.items()]
+    assert np.max(np.abs(outside)) < 4.0
+    assert 0.6 < np.std(outside) < 1.5
+    late = ResponseTable(
+        made.frequency_hz, made.magnitude, made.phase_rad - 3e-5 * made.frequency_hz, noise * magnitude
+    )  # type: ignore[operator]
+    rejected = vibrident.identify(Calibration(table=late))
+    assert ("lack_of_fit" in rejected.warning_codes) == (phase_noise == 0.1)

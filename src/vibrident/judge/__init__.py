@@ -7,7 +7,7 @@ stated systematic ``effects``; ``doubts`` gives the warnings that need a fitted 
 from __future__ import annotations
 
 from vibrident.judge.adequacy import Judgement
-from vibrident.judge.attempts import Fitted, fitted_and_judged, without_dead_records
+from vibrident.judge.attempts import Fitted, fitted_and_judged, with_phase_scatter, without_dead_records
 from vibrident.judge.document import Uncertainty, document, own_rows
 from vibrident.judge.doubts import linearised
 
@@ -19,5 +19,6 @@ __all__ = [
     "fitted_and_judged",
     "linearised",
     "own_rows",
+    "with_phase_scatter",
     "without_dead_records",
 ]

@@ -244,9 +244,11 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         chi2, adequate = None, degrees > 0 and all(looks_random(part) for part in parts)
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
+        assumed = problem.has_phase and table.phase_uncertainty_rad is None
         text = (
             f"The model does not explain the table: deviations are {plain((chi2 or 0.0) ** 0.5, 3)} times the stated "
             f"uncertainties (χ²/dof = {plain(chi2 or 0.0, 4)}, {degrees} degrees of freedom)."
+            + (" The phase's, which is not stated, is taken to be the magnitude's, in rad." if assumed else "")
         )
     if degrees <= 0:
         text = _nothing_left(len(residual), len(estimate.z), "table")

@@ -20,6 +20,7 @@ from vibrident.memory import give_back_after
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray
+from vibrident.uncertainty.adequacy import looks_random
 from vibrident.uncertainty.linearised import Linearised
 
 #: Number of other starts tried if the model is rejected.
@@ -38,6 +39,9 @@ SEARCHES = 3
 OUTSIDE = 3.0
 #: Records that seem dead are left out where the model explains the others so many times better.
 MUCH_BETTER = 4.0
+#: Rounds in which the scatter of a table's phase settles to this part of it, and what its record says then.
+PHASE_ROUNDS, PHASE_SETTLED = 20, 0.01
+PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +132,35 @@ def _noise_weights(estimate: Estimate) -> str:
 
 def _chi2(judgement: Judgement) -> float:
     return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
+
+
+def with_phase_scatter(
+    evidence: Evidence, estimator: Estimator, found: tuple[Estimate, Judgement], progress: Progress
+) -> tuple[Evidence, Estimate, Judgement]:
+    """The fit of a table that states the magnitude's uncertainty alone: that of the phase is seen in its deviations.
+
+    It is taken in proportion to the magnitude's. Where the deviations follow a pattern, the model does not explain the
+    phase, and their size says nothing of its uncertainty.
+    """
+    table, problem, now = evidence.calibration.table, evidence.first_look, evidence
+    if table is None or problem is None or not problem.has_phase:
+        return now, *found
+    if table.magnitude_uncertainty is None or table.phase_uncertainty_rad is not None:
+        return now, *found
+    free, order = table.points - 0.5 * len(found[0].z), np.argsort(table.frequency_hz, kind="stable")
+    history = (*table.provenance.history, PHASE_BY_SCATTER)
+    begin, known = found, 1.0
+    for _ in range(PHASE_ROUNDS if free > 1.0 else 0):
+        args = (found[0].coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
+        turn = np.asarray(response_residual(found[0].z, *args))[table.points :][order]
+        scatter = float(np.sqrt(np.sum(turn**2) / free))
+        if abs(scatter - known) < PHASE_SETTLED * known or scatter == 0.0:
+            return (now, *found) if looks_random(turn) else (evidence, *begin)
+        known, stated = scatter, scatter * problem.relative_deviation
+        told = replace(table, phase_uncertainty_rad=stated, provenance=replace(table.provenance, history=history))
+        now = Evidence.gather(replace(evidence.calibration, table=told), evidence.model)
+        found = fitted_and_judged(now, estimator, progress)
+    return evidence, *begin
 
 
 def without_dead_records(

@@ -15,7 +15,7 @@ import numpy as np
 from vibrident import __version__
 from vibrident.estimators import Estimate
 from vibrident.judge.adequacy import Judgement, fit_of_signals, fit_of_table
-from vibrident.judge.attempts import Fitted
+from vibrident.judge.attempts import PHASE_BY_SCATTER, Fitted
 from vibrident.judge.doubts import second_thoughts
 from vibrident.judge.effects import all_effects, covered, measured, seen
 from vibrident.models import SensorModel
@@ -141,6 +141,9 @@ def _scaled(
     if (choice == "inflated" or unasked) and judgement.birge > 1.0:
         text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
         return estimate.covariance * judgement.birge**2, float(max(adequacy.degrees_of_freedom, 1)), text
+    table = evidence.calibration.table
+    if table is not None and PHASE_BY_SCATTER in table.provenance.history:
+        return estimate.covariance, freedom, f"stated uncertainties; {PHASE_BY_SCATTER}"
     return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"
 
 
