@@ -27,6 +27,8 @@ _BETWEEN = 16.0
 _ABOVE = 40.0
 #: Pixels below all panels.
 _BELOW = 56.0
+#: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands below them.
+_BUTTONS = 20.0
 _BAND = "rgba(86, 180, 233, 0.40)"
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
 _MARKERS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "x": "x-thin-open"}
@@ -111,6 +113,8 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
         layout["legend"]["y"] = 1.0 + 18.0 / (height - _ABOVE - _BELOW)
     if len(stacks) == 1 and stacks[0].panels[0].y.log:
         layout["updatemenus"] = [_scales(stacks[0].panels[0].y)]
+        layout["height"] = round(height + _BUTTONS)
+        layout["margin"]["t"] += _BUTTONS
     return {"data": data, "layout": layout}
 
 
