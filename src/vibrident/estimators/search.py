@@ -19,7 +19,7 @@ from vibrident.measure.lines import median
 from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.coordinates import searched
-from vibrident.records import FloatArray, Quantity
+from vibrident.records import BoolArray, FloatArray, Quantity
 
 #: Step of the differences in coordinates near one.
 STEP = 1e-7
@@ -240,7 +240,14 @@ class Front:
         return np.array(chosen, dtype=int)
 
 
-def descend(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual, rounds: int) -> Front:
+def descend(
+    chart: Chart,
+    u: FloatArray,
+    sign: FloatArray,
+    residual: Residual,
+    rounds: int,
+    held: BoolArray | None = None,
+) -> Front:
     """Levenberg–Marquardt on all candidates side by side.
 
     Args:
@@ -249,8 +256,10 @@ def descend(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual, r
         sign: of their gains, shape (C,).
         residual: what is made small.
         rounds: steps tried.
+        held: coordinates that stay as they are, shape (C, P); None: none does.
     """
     u, damping = u.copy(), np.full(len(u), DAMPING)
+    free = 1.0 if held is None else np.where(held, 0.0, 1.0)[:, None, :]
     places, costs = [], []
     for part in (rounds - rounds // 2, rounds // 2):  # what is out of the common is told better half-way
         off, slopes = _evaluated(chart, u, sign, residual)
@@ -260,7 +269,7 @@ def descend(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual, r
         places.append(u.copy())
         costs.append(cost.copy())
         for _ in range(part):
-            trial = u - _steps(off, slopes, damping)
+            trial = u - _steps(off, slopes * free, damping)
             new, new_slopes = _bounded(*_evaluated(chart, trial, sign, residual), limit)
             new_cost = np.sum(new**2, axis=1)
             better = new_cost < cost

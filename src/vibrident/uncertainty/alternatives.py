@@ -3,6 +3,9 @@
 Two sources. Some parameters give exactly the same response (:mod:`vibrident.models.labels`): a rule chose, which is
 said where the others mean another sensor, or where noise decides between the labels. And the search for start values
 met other optima: each is brought down the residual of the points once more, and counts where it explains them as well.
+Two modes beyond the band trade against each other along a curved valley, which leads further than the standard
+uncertainties say, as these know its direction at the estimate alone. There each parameter in turn is held far from its
+estimate and the others follow (the profile likelihood; Venzon & Moolgavkar 1988): what fits as well is a solution, too.
 """
 
 from __future__ import annotations
@@ -12,12 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.estimators.search import Chart, Sought, descend, differences
+from vibrident.estimators.search import Chart, Sought, descend, differences, information_at
 from vibrident.estimators.start import Start
+from vibrident.information import inverse_normal
 from vibrident.models import SensorModel
 from vibrident.models.labels import canonical, labels_of, relabellings
 from vibrident.naming import amount, in_words
-from vibrident.records import FloatArray, Quantity
+from vibrident.records import Quantity
 from vibrident.result import ResultWarning
 
 #: Another optimum fits as well where its χ² is larger by less than this: it would be the true one in 1 of 370 cases …
@@ -26,6 +30,10 @@ ALIKE = 9.0
 FAR = 5.0
 #: … and by this part of its value.
 DIFFERENT = 0.01
+#: A parameter is held so many of its standard uncertainties away …
+FAR_HELD = 6.0
+#: … unless it is known to no better than this part: that is said already.
+KNOWN = 0.1
 #: Steps on the way down.
 STEPS = 30
 #: Other optima that are tried.
@@ -68,33 +76,63 @@ def other_solutions(
     labels = labels_of(model)
     if same and labels is not None and labels.undecided(values, uncertainty):
         yield _same_response(labels.question, same, units)
-    if begin is None or not begin.others:
-        return
-    found = _refined(model, quantity, sought, [dict(values), *(at for at, _ in begin.others[:MOST])])
-    if found is None:
-        return
-    costs, refined = found
+    found = [*_met(model, quantity, sought, solution, begin), *_along_the_valley(model, quantity, sought, solution)]
     named: list[Mapping[str, float]] = [values]
-    for cost, other in zip(costs[1:], refined[1:], strict=True):
+    for more, other in found:
         mine = canonical(model, other)
         delays = [spec.name for spec in model.parameters if spec.kind == "time"]
-        if cost < costs[0] + ALIKE and all(_differ(mine, one, uncertainty, sought, delays) for one in named):
+        if more < ALIKE and all(_differ(mine, one, uncertainty, sought, delays) for one in named):
             named.append(mine)
-            yield _as_good(mine, values, cost - costs[0], units)
+            yield _as_good(mine, solution, more, units)
 
 
-def _refined(
-    model: SensorModel, quantity: Quantity, sought: Sought, starts: list[dict[str, float]]
-) -> tuple[FloatArray, list[dict[str, float]]] | None:
-    """χ² at the estimate and at the optima of the others, and where these are; None where that is no number."""
+def _chart(model: SensorModel, quantity: Quantity, sought: Sought) -> Chart:
     unit = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
-    chart = Chart(model, quantity, sought.frequency_hz, unit)
-    placed = [chart.place(at) for at in starts]
+    return Chart(model, quantity, sought.frequency_hz, unit)
+
+
+def _met(
+    model: SensorModel, quantity: Quantity, sought: Sought, solution: Solution, begin: Start | None
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """The optima that the search for start values met, and by how much their χ² is larger than the estimate's."""
+    if begin is None or not begin.others:
+        return
+    chart = _chart(model, quantity, sought)
+    placed = [chart.place(dict(at)) for at in (solution.values, *(at for at, _ in begin.others[:MOST]))]
     u, sign = np.array([p for p, _ in placed]), np.array([s for _, s in placed])
     front = descend(chart, u, sign, differences(sought), STEPS)
-    if not np.isfinite(front.cost[0]):
-        return None
-    return front.cost, [chart.named(front.u, front.sign, row) for row in range(len(u))]
+    if np.isfinite(front.cost[0]):
+        for row in range(1, len(u)):
+            yield float(front.cost[row] - front.cost[0]), chart.named(front.u, front.sign, row)
+
+
+def _along_the_valley(
+    model: SensorModel, quantity: Quantity, sought: Sought, solution: Solution
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """As :func:`_met`, the furthest first: optima with one parameter of two modes held beyond its uncertainty."""
+    if not model.shares:
+        return
+    chart, goal = _chart(model, quantity, sought), differences(sought)
+    u, sign = chart.place(dict(solution.values))
+    first = descend(chart, u[None], np.array([sign]), goal, 0)
+    here = descend(chart, u[None], np.array([sign]), goal, STEPS)
+    if not np.isfinite(first.cost[0]):
+        return
+    covariance = inverse_normal(information_at(chart, here.u, here.sign, goal)[0])
+    spread = np.sqrt(np.diag(covariance))
+    above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
+    stated = np.maximum(np.abs(above - u), spread)
+    known = np.flatnonzero(stated < KNOWN)
+    turns = [(k, side) for k in known.tolist() for side in (-1.0, 1.0)]
+    if not turns:
+        return
+    # The others begin where they would follow along a straight line.
+    moved = np.array([FAR_HELD * side * stated[k] / spread[k] ** 2 * covariance[k] for k, side in turns])
+    held = np.zeros(moved.shape, dtype=bool)
+    held[np.arange(len(turns)), [k for k, _ in turns]] = True
+    front = descend(chart, here.u + moved, np.full(len(turns), here.sign[0]), goal, STEPS, held)
+    for row in np.argsort(-np.max(np.abs(front.u - u) / stated, axis=1), kind="stable").tolist():
+        yield float(front.cost[row] - first.cost[0]), chart.named(front.u, front.sign, row)
 
 
 def _differ(
@@ -120,10 +158,9 @@ def _same_response(question: str, same: Sequence[Mapping[str, float]], units: Ma
     return ResultWarning("weakly_determined", f"The response does not tell {question}. The same response: {others}.")
 
 
-def _as_good(
-    other: Mapping[str, float], values: Mapping[str, float], more: float, units: Mapping[str, str]
-) -> ResultWarning:
-    changed = {n: v for n, v in other.items() if abs(v - values[n]) > 1e-3 * abs(values[n])}
+def _as_good(other: Mapping[str, float], solution: Solution, more: float, units: Mapping[str, str]) -> ResultWarning:
+    values, uncertainty = solution.values, solution.uncertainty
+    changed = {n: v for n, v in other.items() if abs(v - values[n]) > min(1e-3 * abs(values[n]), 3.0 * uncertainty[n])}
     text = f"Another solution explains the data as well (χ² larger by {max(more, 0.0):.2g}): {_listed(changed, units)}."
     return ResultWarning("weakly_determined", f"{text} A wider band of frequencies would tell.")
 
