@@ -11,6 +11,7 @@ import pytest
 import vibrident
 from vibrident.errors import InputError
 from vibrident.interferometer.acceleration import LOST, accelerated
+from vibrident.interferometer.setting import Interferometer
 from vibrident.measure.quality import screen
 from vibrident.simulation import sensor_named, simulate
 from vibrident.simulation.interferometer import write_optical_calibration
@@ -105,3 +106,37 @@ def test_a_loss_of_light_costs_a_shock_only_if_it_falls_on_its_pulse(tmp_path, b
     assert result.warning_codes == ("fringe_slip",)
     for name, true in sensor_named("paper").parameters.items():
         assert abs(result.parameters[name].value - true) < 3.0 * result.parameters[name].standard_uncertainty
+
+
+def shock(folder, amplitude, samples=10_240, setting=None, noise=0.02):
+    """A calibration by a weak shock, as written to a folder."""
+    optics = Optics(noise=noise) if setting is None else Optics(setting, noise=noise)
+    settings = {"sampling_rate_hz": 51_200.0, "samples": samples, "amplitude": amplitude, "response_noise": 1e-3}
+    write_optical_calibration(folder, "paper", "shock", optics, seed=1, **settings)
+    return folder / "calibration.toml"
+
+
+HETERODYNE = Interferometer("heterodyne", 632.991e-9, carrier_hz=12_800.0, direction=1)
+
+
+@pytest.mark.parametrize(("amplitude", "setting"), [(0.3, None), (1.5, None), (0.5, HETERODYNE)])
+def test_a_weak_shock_is_kept_apart_from_the_ends_of_its_record(tmp_path, amplitude, setting):
+    """At the low rate that its band allows, the filters' reach swallowed the pulse: what was left was free ringing,
+    with u thousands of times as large, or a sensitivity of zero that was 1200 u off."""
+    result = vibrident.identify(shock(tmp_path, amplitude, setting=setting))
+    assert result.warning_codes == ()
+    for name, true in sensor_named("paper").parameters.items():
+        assert abs(result.parameters[name].value - true) < 3.0 * result.parameters[name].standard_uncertainty
+    assert (
+        result.parameters["sensitivity"].standard_uncertainty < 1e-3 * sensor_named("paper").parameters["sensitivity"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "samples", "setting", "said"),
+    [(2e-3, 10_240, None, "hidden by the noise"), (2e-3, 2048, HETERODYNE, "too near to an end")],
+)
+def test_a_shock_that_cannot_be_seen_is_refused(tmp_path, amplitude, samples, setting, said):
+    """Less than a fringe: parameters were up to 50 000 u off."""
+    with pytest.raises(InputError, match=said):
+        vibrident.read(shock(tmp_path, amplitude, samples, setting))

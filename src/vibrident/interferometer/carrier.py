@@ -29,8 +29,9 @@ QUIET = 0.05
 MARGIN = 1.6
 #: Least band, on either side, over the response's sampling rate: samples enough to show a cyclic error of fast sines …
 LEAST = 0.8
-#: … but over that of the signal at most this.
-MOST_OF_ALL = 1.0 / 32.0
+#: … but over that of the signal at most this, for a steady motion and for a shock, whose pulse short filters keep apart
+#: from the ends of a record.
+MOST_OF_ALL, MOST_OF_SHOCK = 1.0 / 32.0, 1.0 / 8.0
 #: Usable part of the room beside the carrier.
 ROOM = 0.8
 
@@ -48,7 +49,7 @@ class Baseband(Decimated):
     offset: float
 
     @staticmethod
-    def around(raw: Signals, near_hz: float, response_hz: float, where: str) -> Baseband:
+    def around(raw: Signals, near_hz: float, response_hz: float, where: str, most: float = MOST_OF_ALL) -> Baseband:
         """Find the carrier near a frequency, and how wide its band is.
 
         Args:
@@ -56,6 +57,7 @@ class Baseband(Decimated):
             near_hz: its carrier, approximately.
             response_hz: sampling rate of the sensor's response.
             where: for messages.
+            most: of the signal's rate that the least band may take on either side.
 
         Raises:
             InputError: no carrier is found, or the band beside it is too narrow.
@@ -72,12 +74,12 @@ class Baseband(Decimated):
         room = ROOM * min(near_hz, half - near_hz)
         pieces = _pieces(raw)
         low, high = _band(pieces - pieces.mean(axis=1, keepdims=True), raw.rate_hz, near_hz, room, where)
-        least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, MOST_OF_ALL * raw.rate_hz))
+        least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
         wide = min(max(0.5 * MARGIN * (high - low), least), room)
         carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
         wide = min(wide, ROOM * min(carrier, half - carrier))
-        most = max(raw.samples // (8 * HALF), 2)
-        return Baseband(raw, int(np.clip(PASS * raw.rate_hz / wide, 2, most)), carrier, float(pieces.mean()))
+        factor = np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2))
+        return Baseband(raw, int(factor), carrier, float(pieces.mean()))
 
     def block(self, start: int, stop: int) -> FloatArray:
         """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""

@@ -12,7 +12,7 @@ import numpy as np
 from vibrident.effects import SystematicEffect
 from vibrident.errors import InputError
 from vibrident.interferometer import alignment
-from vibrident.interferometer.carrier import Baseband, Turned
+from vibrident.interferometer.carrier import MOST_OF_ALL, MOST_OF_SHOCK, Baseband, Turned
 from vibrident.interferometer.choice import Choice, choose, of_carrier
 from vibrident.interferometer.cyclic import Cyclic, significant
 from vibrident.interferometer.decimation import Decimated
@@ -25,6 +25,7 @@ from vibrident.io.calibration_file import CalibrationFile
 from vibrident.io.clocks import SAME_RATE, agreed_rate
 from vibrident.io.columns import ColumnFile
 from vibrident.io.interferometer_section import InterferometerSection
+from vibrident.io.optical_motion import part_outside, require_motion, require_pulse
 from vibrident.io.readers import open_columns, sha256
 from vibrident.io.record_files import Part, named_parts, read_record, stated_sampling, timed
 from vibrident.io.sampling import Sampling, cut
@@ -32,10 +33,8 @@ from vibrident.records import Provenance, Quantity, Record
 
 #: Samples of filtered signals that are kept in memory, of all records together.
 MOST_HELD = 1 << 23
-#: Largest part of a response's power that may fall into stretches that are left out; of a shock, whose pulse is all.
-MOST_LOST, MOST_LOST_OF_SHOCK = 0.5, 0.1
-#: Samples beside these that tell nothing either: a fit interpolates the reference from so many on either side.
-BESIDE = 32
+#: A shock is kept at a rate that leaves no more of its response's power to the ends of the record.
+WELL_INSIDE = 2e-3
 _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
@@ -240,7 +239,8 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
         )
     if section.carrier_hz is None:
         return _Opened(part, name, optical, response, sampling, beside)
-    mixed = Baseband.around(optical, section.carrier_hz, sampling.rate_hz, part.where)
+    most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
+    mixed = Baseband.around(optical, section.carrier_hz, sampling.rate_hz, part.where, most)
     return _Opened(part, name, mixed, response, sampling, beside, mixed.carrier_hz, mixed.first / optical_hz)
 
 
@@ -277,22 +277,6 @@ def _optical_rate(
     return rate_hz
 
 
-def _require_motion(aligned: alignment.Aligned, most: float, name: str) -> None:
-    """Refuse a record whose motion falls into stretches that are left out, as a shock's pulse does: what is beside it
-    tells nothing of the sensor."""
-    power = (aligned.response - np.mean(aligned.response)) ** 2
-    beside = np.convolve(~aligned.valid, np.ones(2 * BESIDE + 1), "same") > 0.5
-    lost = float(np.sum(power[beside])) / max(float(np.sum(power)), 1e-300)
-    if lost > most:
-        raise InputError(
-            "The light is lost while the sensor moves (fringe_slip).",
-            expected=f"at least {100 * (1 - most):.0f} % of the response's power outside the stretches left out",
-            found=f"{100 * (1 - lost):.2g} %; {100 * float(np.mean(~aligned.valid)):.2g} % of the time is left out",
-            where=name,
-            remedy="repeat the measurement, or leave this record out",
-        )
-
-
 def _record(
     one: _Opened,
     look: Survey,
@@ -309,20 +293,30 @@ def _record(
     top, broken = (near, False) if near else highest_frequency(one.optical, choice, coarse)
     kept = alignment.OF_SINE if sine else alignment.BESIDE_GAPS if broken else alignment.OF_OTHERS
     every = alignment.thinning(one.response.samples, one.response.rate_hz, top, kept)
-    every = max(every, alignment.no_finer(one.response.rate_hz, one.optical.rate_hz))
-    alike = one.beside and one.offset_s == 0.0
-    factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
-    found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
-    aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
-    aligned = aligned.accelerated if moving else aligned
-    _require_motion(aligned, MOST_LOST_OF_SHOCK if entry.excitation == "shock" else MOST_LOST, one.name)
+    least = alignment.no_finer(one.response.rate_hz, one.optical.rate_hz)
+    every = max(every, least)
+
+    def made(every: int) -> tuple[Demodulated, alignment.Aligned]:
+        alike = one.beside and one.offset_s == 0.0
+        factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
+        found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
+        aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
+        return found, aligned.accelerated if moving else aligned
+
+    found, aligned = made(every)
+    if entry.excitation == "shock":
+        while (outside := part_outside(one.response, aligned)) > WELL_INSIDE and every > least:
+            every = max(int(0.8 * every), least)
+            found, aligned = made(every)
+        require_pulse(aligned, outside, one.name)
+    require_motion(aligned, entry.excitation, one.name)
     to_response = calibration.response
     what = "acceleration in m/s²" if moving else "displacement in m"
     unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"
     history = (
         f"response: {one.response.source.file}, column {one.response.positions[0] + 1} × {to_response.scale!r} → "
         f"{to_response.unit}",
-        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {factor}"
+        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {found.factor}"
         f"{unsure}",
         *([f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}"]
           if entry.reference_file is not None else []),
