@@ -11,6 +11,8 @@ from collections.abc import Iterator
 
 #: Terms smaller than this, relative to the sum, no longer count.
 ROUNDING = 1e-16
+#: A Newton step below this part leaves its square as an error, which is rounding.
+SETTLED = 1e-10
 #: In place of a zero in a continued fraction.
 TINY = 1e-300
 #: Terms at most; a million degrees of freedom need some thousands.
@@ -60,7 +62,7 @@ def student_quantile(degrees: float, chance: float) -> float:
         ) / math.sqrt(math.pi * degrees)
         step = (f_tail(1.0, degrees, t * t) - outside) / (2.0 * density)
         t += step
-        if abs(step) < 4.0 * ROUNDING * t:
+        if abs(step) < SETTLED * t:
             break
     return t
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import fft
 
-from vibrident.measure.lines import hann, power_of, waves
+from vibrident.measure.lines import hann, median, power_of, waves
 from vibrident.measure.rounding import step_of_response
 from vibrident.measure.tones import own_sine
 from vibrident.records import BoolArray, FloatArray, Record
@@ -257,7 +257,7 @@ def _above(power: FloatArray, peak: int) -> float:
     around = np.concatenate(
         [power[max(peak - AROUND, 1) : max(peak - NEAREST, 1)], power[peak + NEAREST + 1 : peak + AROUND]]
     )
-    return float(power[peak] / max(float(np.median(around)), np.finfo(float).tiny)) if around.size else 0.0
+    return float(power[peak] / max(float(median(around)), np.finfo(float).tiny)) if around.size else 0.0
 
 
 def _summit(power: FloatArray, peak: int) -> float:

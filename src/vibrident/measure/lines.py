@@ -88,6 +88,7 @@ def fast_length(least: int) -> int:
     return best
 
 
+@functools.lru_cache(maxsize=64)
 def fast_below(most: int, lost: float = LEAST_LOST) -> int:
     """Largest length up to ``most`` that transforms fast; ``most`` where that would lose a larger part than ``lost``.
 

@@ -17,6 +17,7 @@ Score tests: Rao 1948; Volterra's kernels at weak nonlinearity: Schetzen 1980.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -100,7 +101,7 @@ class _Series:
     Attributes:
         record: as measured.
         used: samples that count.
-        motions: linear response by the prediction and as measured, about the mean, zero elsewhere.
+        motion: linear response by the prediction, about the mean, zero elsewhere.
         error: lines of the residual, shape (samples // 2 + 1,).
         level: noise power at each line by the median of the lines around, shape (samples // 2 + 1,).
         quiet: lines that count, shape (samples // 2 + 1,).
@@ -108,10 +109,15 @@ class _Series:
 
     record: Record
     used: np.ndarray
-    motions: tuple[FloatArray, FloatArray]
+    motion: FloatArray
     error: ComplexArray
     level: FloatArray
     quiet: np.ndarray
+
+    @property
+    def measured(self) -> FloatArray:
+        """The same as measured."""
+        return heard_motion(self.record.response, self.used, self.level)
 
 
 def distortion(
@@ -130,27 +136,48 @@ def distortion(
     """
     series = _series(*_in_parts(records, predicted, tones_hz))
     kinds = (CUBE, SQUARE, DEAD) if over_gain is None else (CUBE, SQUARE, DEAD, SPRING)
+    least = CERTAIN + np.log(max(len(series), 1) * len(kinds))
+    through = None if over_gain is None else _on_grids(over_gain)
+    predictions = [_sums(one, one.motion, kinds, through) for one in series]
+    measured = functools.cache(lambda place: _sums(series[place], series[place].measured, kinds, through))
     best: Distortion | None = None
-    each = [_sums(one, kinds, over_gain) for one in series]
     for kind in kinds:
-        sums = [one[kind] for one in each]
         # A harmonic of one sine does not distinguish a spring from another nonlinearity: that needs several.
-        alone = [[s] for s in sums] if kind != SPRING and len(sums) > 1 else []
-        for own in [sums, *alone]:
-            found = _judged(kind, own, max(len(series), 1) * len(kinds)) if own else None
+        alone = [[place] for place in range(len(series))] if kind != SPRING and len(series) > 1 else []
+        for places in [list(range(len(series))), *alone]:
+            by_prediction = [predictions[place][kind] for place in places]
+            if _strength(by_prediction) < least:
+                continue  # the measured response need not be asked
+            own = [series[place] for place in places]
+            found = _judged(kind, own, (by_prediction, [measured(place)[kind] for place in places]), least)
             if found is not None and (best is None or found.sigma > PREFERRED * best.sigma):
                 best = found
     return best
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Sum:
-    """Σ W* E/S, Σ |W|²/S and W's amplitude for one record; W made of the prediction, and of the measured response."""
+    """Σ W* E/S, Σ |W|²/S and W's amplitude for one shape of one record's motion."""
 
-    one: _Series
-    product: tuple[complex, complex]
-    power: tuple[float, float]
-    left: tuple[float, float]
+    product: complex
+    power: float
+    left: float
+
+
+def _strength(sums: Sequence[_Sum]) -> float:
+    """T of these records together; zero where the shape is nowhere."""
+    power = sum(s.power for s in sums)
+    return abs(sum(s.product for s in sums)) ** 2 / power if power > 0.0 else 0.0
+
+
+def _on_grids(over_gain: Callable[[FloatArray], ComplexArray]) -> Callable[[Record], ComplexArray]:
+    """The response over the gain at the lines of a record; records alike share it."""
+
+    @functools.lru_cache(maxsize=2)
+    def at(samples: int, rate_hz: float) -> ComplexArray:
+        return np.asarray(over_gain(line_frequencies(samples, rate_hz)))
+
+    return lambda record: at(record.samples, record.sampling_rate_hz)
 
 
 def _series(
@@ -170,11 +197,11 @@ def _series(
         quiet[:LOWEST] = False
         error = np.asarray(fft.rfft(residual), dtype=complex)
         level = median_level(power_of(error))
-        motions = heard_motion(series, used, level), heard_motion(record.response, used, level)
         if record.optical is not None:
             quiet &= _answered(record.response, residual, used)
-        if np.any(motions[0]):
-            found.append(_Series(record, used, motions, error, level, quiet))
+        motion = heard_motion(series, used, level)
+        if np.any(motion):
+            found.append(_Series(record, used, motion, error, level, quiet))
             tones.append(tone)
             loud.append(_loud(record, residual, tone) if several else np.zeros(0))
     for index, (one, tone) in enumerate(zip(found, tones, strict=True)):
@@ -269,46 +296,36 @@ def _shape(kind: str, motion: FloatArray) -> FloatArray:
 
 
 def _sums(
-    one: _Series, kinds: Sequence[str], over_gain: Callable[[FloatArray], ComplexArray] | None
+    one: _Series, motion: FloatArray, kinds: Sequence[str], through: Callable[[Record], ComplexArray] | None
 ) -> dict[str, _Sum]:
-    """What one record says of each kind."""
-    record = one.record
-    edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
-    found = []
-    for motion in one.motions:
-        lines = {}
-        for kind in kinds:
-            if kind == SPRING and over_gain is not None:
-                through = np.asarray(over_gain(line_frequencies(record.samples, record.sampling_rate_hz)))
-                lines[kind] = lines[CUBE] * through
-                continue
-            lines[kind] = np.asarray(fft.rfft(about_mean(_shape(kind, motion), one.used)), dtype=complex)
-        spectra = np.stack([one.error, np.asarray(fft.rfft(motion), dtype=complex), *lines.values()])
-        found.append(_fitted(spectra, edges, one))
-    return {
-        kind: _Sum(one, (first[0], second[0]), (first[1], second[1]), (first[2], second[2]))
-        for kind, first, second in zip(kinds, found[0], found[1], strict=True)
-    }
+    """What one record says of each kind, made of its motion by the prediction or as measured."""
+    edges = band_edges(one.record.samples, one.record.sampling_rate_hz).astype(int)
+    lines = {}
+    for kind in kinds:
+        if kind == SPRING and through is not None:
+            lines[kind] = lines[CUBE] * through(one.record)
+            continue
+        lines[kind] = np.asarray(fft.rfft(about_mean(_shape(kind, motion), one.used)), dtype=complex)
+    spectra = np.stack([one.error, np.asarray(fft.rfft(motion), dtype=complex), *lines.values()])
+    return dict(zip(kinds, _fitted(spectra, edges, one), strict=True))
 
 
-def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
+def _judged(
+    kind: str, series: Sequence[_Series], sums: tuple[Sequence[_Sum], Sequence[_Sum]], certain: float
+) -> Distortion | None:
     """The common test of these records, if it is significant by prediction and by measured response."""
-    products = [sum(s.product[i] for s in sums) for i in range(2)]
-    powers = [sum(s.power[i] for s in sums) for i in range(2)]
-    if min(powers) <= 0.0:
-        return None
-    strength = [abs(p) ** 2 / w for p, w in zip(products, powers, strict=True)]
-    amounts = [p / w for p, w in zip(products, powers, strict=True)]
+    strength = [_strength(own) for own in sums]
     least = int(np.argmin(strength))
-    opposed = (amounts[0] * np.conj(amounts[1])).real <= 0.0
-    if strength[least] < CERTAIN + np.log(tried) or opposed:
+    if strength[least] < certain:
+        return None
+    amounts = [sum(s.product for s in own) / sum(s.power for s in own) for own in sums]
+    if (amounts[0] * np.conj(amounts[1])).real <= 0.0:
         return None
     amount = amounts[least]
-    worst = max(sums, key=lambda s: s.power[least])
-    one = worst.one
-    motion = one.motions[0]
+    one, worst = max(zip(series, sums[least], strict=True), key=lambda pair: pair[1].power)
+    motion = one.motion
     size = float(np.copysign(abs(amount), amount.real))
-    size_of_rest = abs(amount) * worst.left[least]
+    size_of_rest = abs(amount) * worst.left
     largest = float(np.max(np.abs(motion)))
     shape = np.where(one.used, _shape(kind, motion), 0.0)
     peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
@@ -319,7 +336,7 @@ def _judged(kind: str, sums: Sequence[_Sum], tried: int) -> Distortion | None:
     return Distortion(kind, one.record.name, peak, gain, float(np.sqrt(2.0 * strength[least])))
 
 
-def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tuple[complex, float, float]]:
+def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[_Sum]:
     """Σ W* E/S, Σ |W|²/S and the amplitude of W for every shape; rows E, motion, W … of ``spectra``."""
     wide = np.diff(edges)
     lines = slice(int(edges[0]), int(edges[-1]))
@@ -340,24 +357,25 @@ def _fitted(spectra: ComplexArray, edges: np.ndarray, one: _Series) -> list[tupl
     least = np.maximum(one.level[lines], LEAST_DEVIATION**2 * float(np.max(power_of(motion))))
     quiet = one.quiet[1 : 1 + motion.size]
     kept = spread(sums(power_of(rest[1:])) > LEFT * sums(power_of(shapes))) & quiet
+    level = np.maximum(_mean_near(power_of(rest[0])), least)
     pairs = zip(rest[1:], kept, strict=True)
-    return [_strength(rest[0], left, told, least, one.record.samples) for left, told in pairs]
+    return [_summed(rest[0], left, told / level, told, least, one.record.samples) for left, told in pairs]
 
 
-def _strength(
-    error: ComplexArray, left: ComplexArray, kept: np.ndarray, least: FloatArray, samples: int
-) -> tuple[complex, float, float]:
+def _summed(
+    error: ComplexArray, left: ComplexArray, weight: FloatArray, kept: np.ndarray, least: FloatArray, samples: int
+) -> _Sum:
     """The sums for one shape; ``least`` is the lower limit of a line's noise power."""
     squares = power_of(left)
-    amount, product, power = 0j, 0j, 0.0
-    for _ in range(2):  # the noise is what the shape does not explain
-        weight = kept / np.maximum(_mean_near(power_of(error - amount * left if amount else error)), least)
-        product = complex(np.vdot(weight * left, error))
+    power = float(weight @ squares)
+    if power > 0.0:
+        amount = complex(np.vdot(weight * left, error)) / power
+        # The noise is what the shape does not explain.
+        weight = kept / np.maximum(_mean_near(power_of(error - amount * left)), least)
         power = float(weight @ squares)
-        if power <= 0.0:
-            return 0j, 0.0, 0.0
-        amount = product / power
-    return product, power, 2.0 * float(np.sqrt(np.sum(squares[kept]))) / samples
+    if power <= 0.0:
+        return _Sum(0j, 0.0, 0.0)
+    return _Sum(complex(np.vdot(weight * left, error)), power, 2.0 * float(np.sqrt(np.sum(squares[kept]))) / samples)
 
 
 def _mean_near(power: FloatArray) -> FloatArray:

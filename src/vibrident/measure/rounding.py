@@ -8,7 +8,9 @@ of a rounded channel is taken to be below q²/12.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from weakref import ref
 
 import numpy as np
 
@@ -50,7 +52,26 @@ def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
         valid: samples to look at, shape (samples,); None: all.
     """
     every = slice(None, None, max(1, values.size // SOME))
-    seen = values[every] if valid is None else values[every][valid[every]]
+    if valid is not None and not valid.all():
+        return _step_of(values[every][valid[every]])
+    if values.base is not None or values.flags.writeable:
+        return _step_of(values[every])
+    known = _STEPS.get(id(values))
+    if known is None or known[0]() is not values:
+        forget = functools.partial(_forget, id(values))
+        known = _STEPS[id(values)] = ref(values, forget), _step_of(values[every])
+    return known[1]
+
+
+#: Steps of channels of records, which cannot change: several findings need them.
+_STEPS: dict[int, tuple[ref[FloatArray], float]] = {}
+
+
+def _forget(key: int, _: object) -> None:
+    _STEPS.pop(key, None)
+
+
+def _step_of(seen: FloatArray) -> float:
     some = np.unique(seen)
     if some.size < FEWEST:
         return 0.0
@@ -87,10 +108,13 @@ def repeated_errors(values: FloatArray, used: BoolArray, turns: float) -> tuple[
         used: samples that count, shape (samples,).
         turns: of the sine from sample to sample.
     """
-    seen, period = values[used], np.arange(1, min(LONGEST_PERIOD, max(values.size // REPEATS, 1)) + 1)
-    span = float(np.ptp(seen)) if seen.size else 0.0
+    period = np.arange(1, min(LONGEST_PERIOD, max(values.size // REPEATS, 1)) + 1)
     drift = np.abs(period * turns - np.rint(period * turns)) * values.size / period
-    if seen.size < REPEATS * FEWEST or span == 0.0 or np.min(drift) > 1.0:
+    if np.min(drift) > 1.0 or np.count_nonzero(used) < REPEATS * FEWEST:
+        return 0, 0.0
+    seen = values[used]
+    span = float(np.ptp(seen))
+    if span == 0.0:
         return 0, 0.0
     step = converter_step(values, used)
     period = period[np.pi * span * drift < DRIFTED * step]
@@ -115,20 +139,17 @@ def undithered(step: float, residual_variance: float) -> float:
     return float(np.exp(-((2.0 * np.pi) ** 2) * noise / step**2))
 
 
-def returning_errors(record: Record, frequency: float, residual: FloatArray) -> FloatArray:
-    """Variance of the real parts of both amplitudes by rounding errors that return each period, shape (2,).
+def returning_error(values: FloatArray, used: BoolArray, turns: float, residual: FloatArray) -> float:
+    """Variance of the real part of a sine's amplitude by rounding errors that return each period.
 
     Args:
-        record: a sine, as it was measured.
-        frequency: of its tone, Hz.
-        residual: of both channels, shape (2, samples); noise makes the errors of the steps noise.
+        values: a channel, as it was measured, shape (samples,).
+        used: samples that count, shape (samples,).
+        turns: of the sine from sample to sample.
+        residual: of the channel where it counts; noise makes the errors of the steps noise.
     """
-    found, mask = np.zeros(2), record.mask
-    for channel, values in enumerate((np.asarray(record.reference), record.response)):
-        number, step = repeated_errors(values, mask, frequency / record.sampling_rate_hz)
-        if number:
-            found[channel] = step**2 / (6.0 * number) * undithered(step, float(residual[channel, mask].var()))
-    return found
+    number, step = repeated_errors(values, used, turns)
+    return step**2 / (6.0 * number) * undithered(step, float(residual.var())) if number else 0.0
 
 
 def step_of_response(record: Record) -> float:

@@ -18,12 +18,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.measure.lines import median
+from vibrident.measure.neighbours import MEDIAN, REACH, Interpolation, Rows, interpolation
 from vibrident.records import BoolArray, FloatArray
 
-#: Neighbours on either side; samples that the interpolation predicts worst, as a part of all, are left out of its fit.
-REACH, WORST = 8, 0.015
-#: Rounds of fit and leaving out, and the most rows of one.
-ROUNDS, MOST_ROWS = 4, 4_000
+#: Samples that the interpolation predicts worst, as a part of all, are left out of its fit; rounds of this.
+WORST, ROUNDS = 0.015, 4
 #: A wild sample at the beginning has so many before it.
 BEFORE = 2
 #: Rounds of picking wild samples, the largest of neighbours first.
@@ -51,36 +50,8 @@ LEAST_BREAK = 2e-3
 BESIDE, ALIKE = 64, 0.2
 #: Values closer than this part of the range are the same; on a grid are values of which fewer than this part differ.
 SAME, GRID = 1e-12, 0.5
-#: Scaled normal equations with eigenvalues above this are solved to six digits.
-WELL_POSED = 1e-10
 #: Errors below this part of the least size of a wild sample leave nothing to look for.
 EXACTLY = 0.1
-#: Normal errors have this median of their size; 98 % are within so many standard deviations.
-MEDIAN, QUANTILE, DEVIATES = 0.6745, 0.98, 2.326
-
-
-@dataclass(frozen=True)
-class _Interpolation:
-    """An interpolation fitted to a record.
-
-    Attributes:
-        shape: error around a wild sample of size one, shape (2 reach + 1,).
-        constant: what it adds.
-        deviation: of its errors, where it tells the samples well.
-    """
-
-    shape: FloatArray
-    constant: float
-    deviation: float
-
-    def errors(self, series: FloatArray, judged: BoolArray) -> FloatArray:
-        """Error of each sample, shape (samples,); zero where it is not judged."""
-        return np.where(judged, np.convolve(series, self.shape, mode="same") - self.constant, 0.0)
-
-    def around(self, error: FloatArray, places: NDArray[np.int_]) -> FloatArray:
-        """Usual standard deviation of the errors around some samples, shape (places,)."""
-        windows = sliding_window_view(np.pad(np.abs(error), 2 * REACH, mode="reflect"), 4 * REACH + 1)
-        return np.maximum(median(windows[places]) / MEDIAN, self.deviation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +84,14 @@ class Channel:
         return max(STEPS * _step(self.series[self.valid]), ROUNDING)
 
     @functools.cached_property
-    def rough(self) -> _Interpolation:
+    def _rows(self) -> Rows:
+        """Of all samples."""
+        return Rows.of(self.series, self.judged)
+
+    @functools.cached_property
+    def rough(self) -> Interpolation:
         """The interpolation fitted to all samples."""
-        return _interpolation(self.series, self.judged)
+        return interpolation(self._rows)
 
     @functools.cached_property
     def _rough_errors(self) -> FloatArray:
@@ -134,9 +110,9 @@ class Channel:
         return self.judged if self.alike else _told_well(self.series, self.judged)
 
     @functools.cached_property
-    def long(self) -> _Interpolation:
+    def long(self) -> Interpolation:
         """The interpolation fitted to these."""
-        return self.rough if self.alike else _interpolation(self.series, self.clean)
+        return self.rough if self.alike else interpolation(Rows.of(self.series, self.clean))
 
     @functools.cached_property
     def errors(self) -> FloatArray:
@@ -148,13 +124,18 @@ class Channel:
         """Wild samples, shape (samples,)."""
         if not self.judged.any():
             return np.zeros(self.series.shape, dtype=bool)
-        series, valid, clean, least = self.series, self.valid, self.clean, self.least
+        series, valid, least = self.series, self.valid, self.least
         sizes = np.zeros(series.shape)
-        if not self.alike:
+        if self.alike:
+            rows = self._rows
+        else:
             sizes += _in_the_middle(series, self.judged, self.long, least)
-        sizes += _at_the_beginning(series - sizes, valid, clean, least)
-        reversed_series = np.ascontiguousarray((series - sizes)[::-1])
-        sizes += _at_the_beginning(reversed_series, valid[::-1], clean[::-1], least)[::-1]
+            rows = Rows.of(series - sizes, self.clean)
+        beginning = _at_the_beginning(series - sizes, valid, rows, least)
+        sizes += beginning
+        if beginning.any():
+            rows = Rows.of(series - sizes, self.clean)
+        sizes += _at_the_beginning((series - sizes)[::-1], valid[::-1], rows.reversed(), least)[::-1]
         return sizes != 0.0
 
 
@@ -242,7 +223,7 @@ def _scaled(values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray
     return np.where(valid, (values - middle) / size, 0.0), valid, judged
 
 
-def _in_the_middle(series: FloatArray, judged: BoolArray, long: _Interpolation, least: float) -> FloatArray:
+def _in_the_middle(series: FloatArray, judged: BoolArray, long: Interpolation, least: float) -> FloatArray:
     """Size of each wild sample with neighbours on both sides, zero for the others, shape (samples,)."""
     sizes = _sizes(series, judged, long, least)
     places = _few_in_a_row(np.flatnonzero(sizes * (judged & ~_around(~judged, REACH))))
@@ -258,17 +239,15 @@ def _in_the_middle(series: FloatArray, judged: BoolArray, long: _Interpolation, 
     return kept
 
 
-def _at_the_beginning(series: FloatArray, valid: BoolArray, clean: BoolArray, least: float) -> FloatArray:
+def _at_the_beginning(series: FloatArray, valid: BoolArray, rows: Rows, least: float) -> FloatArray:
     """Size of each wild sample among the first, predicted from those after it, shape (samples,)."""
     sizes, first = np.zeros(series.shape), 2 * REACH
     if not valid[: 6 * REACH].all():
         return sizes
-    windows = sliding_window_view(series, first + 1)[_some(np.flatnonzero(clean[:-first]))]
-    samples = np.ascontiguousarray(windows.T)
-    known, wanted = samples[1:], samples[0]
-    amounts = _fitted(known, wanted)
+    prediction = np.eye(first + 1, first + 2, 1)[:first]
+    amounts = rows.fitted(prediction, 0)
     inside = np.abs(series[first : 2 * first] - sliding_window_view(series[first + 1 :], first)[:first] @ amounts)
-    usual = max(float(np.std(wanted - amounts @ known)), median(inside) / MEDIAN)
+    usual = max(rows.deviation(prediction, 0, amounts), median(inside) / MEDIAN)
     told, errors = series[: 2 * first].copy(), np.zeros(first)
     for place in range(first - 1, -1, -1):
         errors[place] = told[place] - told[place + 1 : place + 1 + first] @ amounts
@@ -311,7 +290,7 @@ def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
     clean = judged
     worst = max(3, int(WORST * np.sum(judged)))
     for _ in range(ROUNDS):
-        error = np.abs(_interpolation(series, clean).errors(series, judged))
+        error = np.abs(interpolation(Rows.of(series, clean)).errors(series, judged))
         peaks = np.flatnonzero(error * (error >= _largest_near(error, 2)))
         far = np.zeros(series.shape, dtype=bool)
         far[peaks[np.argsort(error[peaks])[-worst:]]] = True
@@ -321,51 +300,7 @@ def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
     return clean
 
 
-def _interpolation(series: FloatArray, clean: BoolArray) -> _Interpolation:
-    """Fitted to the samples that are predicted well."""
-    rows = _some(np.flatnonzero(clean))
-    wanted = _beside(series, rows, 0)
-    matrix = np.ones((REACH + 1, wanted.size))
-    for k in range(1, REACH + 1):
-        np.add(_beside(series, rows, -k), _beside(series, rows, k), out=matrix[k - 1])
-    amounts = _fitted(matrix, wanted)
-    errors = wanted - amounts @ matrix
-    size = np.abs(errors)
-    place = int(QUANTILE * (size.size - 1))
-    usual = max(float(np.std(errors)), float(np.partition(size, place)[place]) / DEVIATES)
-    shape = np.concatenate([-amounts[REACH - 1 :: -1], [1.0], -amounts[:REACH]])
-    return _Interpolation(shape, float(amounts[REACH]), usual)
-
-
-def _some(rows: NDArray[np.int_]) -> slice | NDArray[np.int_]:
-    """Not too many of the rows, evenly spread; as a slice where none between them is left out."""
-    every = max(1, rows.size // MOST_ROWS)
-    if rows.size and rows[-1] - rows[0] == rows.size - 1:
-        return slice(int(rows[0]), int(rows[-1]) + 1, every)
-    return rows[::every]
-
-
-def _beside(series: FloatArray, rows: slice | NDArray[np.int_], shift: int) -> FloatArray:
-    """The samples so far behind some."""
-    if isinstance(rows, slice):
-        return series[rows.start + shift : rows.stop + shift : rows.step]
-    return series[rows + shift]
-
-
-def _fitted(matrix: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Amounts of the rows of a matrix, shape (n, samples), whose sum is closest to a series, shape (samples,).
-
-    By the normal equations, where these lose no digit that counts; a motion without noise leaves them too few.
-    """
-    gram = matrix.dot(matrix.T)
-    size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    scaled, moments = gram / np.outer(size, size), matrix @ wanted / size
-    if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
-        return np.asarray(np.linalg.solve(scaled, moments) / size, dtype=float)
-    return np.asarray(np.linalg.lstsq(matrix.T, wanted, rcond=1e-12)[0], dtype=float)
-
-
-def _sizes(series: FloatArray, judged: BoolArray, long: _Interpolation, least: float) -> FloatArray:
+def _sizes(series: FloatArray, judged: BoolArray, long: Interpolation, least: float) -> FloatArray:
     """Size of each sample that may be wild, zero for the others; all zero where there are too many."""
     sizes = np.zeros(series.shape)
     for _ in range(PICKS):

@@ -8,6 +8,7 @@ fitted along where the sensor's poles are known.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 from vibrident.information import inverse_where_shown
 from vibrident.measure.lines import about_mean, fast_length, hann, waves
 from vibrident.measure.response import ComplexArray, MeasuredResponse
-from vibrident.measure.rounding import returning_errors
-from vibrident.records import FloatArray, Record
+from vibrident.measure.rounding import returning_error
+from vibrident.measure.terms import TOLD_APART, Exponentials, Terms, WrittenOut, fitted
+from vibrident.records import BoolArray, FloatArray, Record
 
 HARMONICS = 5
 _SineFit = tuple[float, ComplexArray, FloatArray]
@@ -39,8 +41,6 @@ FEWEST_LINES, MOST_LINES = 48, 400
 NEAREST_HUM = 0.05
 #: In records of at most so many samples a line that keeps less than this part of its noise beside the fit says nothing.
 SHORT, KEPT = 4096, 0.5
-#: Terms are told apart where their scaled normal matrix has eigenvalues above this.
-TOLD_APART = 1e-10
 
 
 def measure_tones(
@@ -158,7 +158,7 @@ def own_sine(record: Record) -> FloatArray:
     return np.asarray(np.real(amplitude[1] * wave) + record.response[record.mask].mean(), dtype=float)
 
 
-def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near: float | None) -> float:
+def spectral_peak(signal: FloatArray, mask: BoolArray, rate: float, near: float | None) -> float:
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n, size = signal.shape[0], fast_length(signal.shape[0])
     power = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
@@ -177,46 +177,77 @@ def spectral_peak(signal: FloatArray, mask: NDArray[np.bool_], rate: float, near
 
 def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None, raw: Record) -> MeasuredResponse:
     mask, rate = record.mask, record.sampling_rate_hz
-    times, place = record.time_s, _span(mask)
-    tone, extra = _design(times, frequency, rate), _free_response(times, poles, rate)
-    if record.hum_hz:
-        hum = waves(_beside(record, frequency), record.samples)
-        extra = hum if extra is None else np.concatenate([extra, hum])
-    channels = np.stack([np.asarray(record.reference)[place], record.response[place]])
-    whole = (tone if extra is None else np.concatenate([tone, extra]))[:, place]
-    if not mask[place].all():
-        channels, whole = channels * mask[place], whole * mask[place]
-    count, own = float(mask.sum()), np.arange(len(tone))
-    gram = whole @ whole.T
+    terms, number = _terms(record, frequency, poles)
     if not mask.all():
-        own = _told_apart(own, whole, gram, channels, count)
-    rows = np.concatenate([own, np.arange(len(tone), len(whole))])
-    whole, gram = (whole, gram) if len(rows) == len(whole) else (whole[rows], gram[np.ix_(rows, rows)])
-    found, rest = _least_squares(whole, gram, channels, (len(own), len(rows)))
-    harmonics = (len(own) - 2) // 2
-    # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
-    amplitude = found[0 : 2 * harmonics : 2] - 1j * found[1 : 2 * harmonics : 2]
-    residual, fitted = np.zeros((2, mask.size)), np.zeros((len(rows) if mask.size <= SHORT else 0, mask.size))
-    residual[:, place], fitted[:, place] = rest, whole[: len(fitted)]
-    left = [_noise_left(fitted[:number], number, mask) for number in (len(own), len(rows))]
-    lines_hz, lines = _noise_lines(residual, mask, frequency, rate, harmonics, left)
-    lines *= np.sqrt(_cost(gram, count))
-    free = max(count - len(rows), 1.0)
-    overtones = np.sqrt(np.sum(np.abs(amplitude[1:]) ** 2, axis=0)) / np.maximum(np.abs(amplitude[0]), 1e-300)
-    number, rounding = lines_hz.shape[0], returning_errors(raw, frequency, residual)
+        kept = _told_apart(number, terms, record, float(mask.sum()))
+        terms = terms.only(np.concatenate([kept, np.arange(number, len(terms.gram))]))
+        number = len(kept)
+    own = terms.only(np.arange(number))
+    fits = (_Fit.of(own, "reference", record, raw, frequency), _Fit.of(terms, "response", record, raw, frequency))
+    harmonics = (number - 2) // 2
+    left = [fit.left for fit in fits]
+    chosen = _noise_lines(mask.size, frequency, rate, harmonics, left)
+    count = float(mask.sum())
+    # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
+    scale = np.sqrt(2.0 / (np.sum(_window(mask) ** 2) * max(count, 1.0)) * _cost(terms.gram, count))
+    lines = [scale * fit.spectrum[chosen] / np.sqrt(fit.left[chosen]) for fit in fits]
+    amplitude = [fit.amplitudes[:harmonics] for fit in fits]
+    overtones = [np.sqrt(np.sum(np.abs(a[1:]) ** 2)) / max(float(np.abs(a[0])), 1e-300) for a in amplitude]
+    free = max(count - len(terms.gram), 1.0)
     return MeasuredResponse(
         np.array([frequency]),
-        amplitude[0, :1],
-        amplitude[0, 1:],
-        lines_hz[None, :],
-        lines[:1],
-        lines[1:],
-        np.ones((1, number)),
-        np.array([min(2.0 * number / HANN_CORRELATION, free)]),
+        amplitude[0][:1],
+        amplitude[1][:1],
+        (chosen * rate / mask.size)[None, :],
+        lines[0][None, :],
+        lines[1][None, :],
+        np.ones((1, chosen.size)),
+        np.array([min(2.0 * chosen.size / HANN_CORRELATION, free)]),
         np.array([index]),
-        overtones[None, :],
-        rounding[None, :],
+        np.array([overtones]),
+        np.array([[fit.rounding for fit in fits]]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A channel of a record, fitted.
+
+    Attributes:
+        amplitudes: of the harmonics first, complex, shape (terms // 2,).
+        spectrum: of what is left, windowed, shape (lines,).
+        left: part of white noise that the fit leaves of each line, shape (lines,).
+        rounding: variance of the tone's real part by a converter's errors that return each period.
+    """
+
+    amplitudes: ComplexArray
+    spectrum: ComplexArray
+    left: FloatArray
+    rounding: float
+
+    @classmethod
+    def of(cls, terms: Terms, channel: str, record: Record, raw: Record, frequency: float) -> _Fit:
+        """By these terms; ``raw``: the record as it was measured."""
+        mask = record.mask
+        place, values = _span(mask), np.asarray(getattr(record, channel))
+        found, rest = fitted(terms, values[place] * mask[place])
+        residual, rows = np.zeros(mask.size), np.zeros((0, mask.size))
+        residual[place] = rest
+        if isinstance(terms, WrittenOut) and mask.size <= SHORT:
+            rows = np.zeros((len(found), mask.size))
+            rows[:, place] = terms.rows
+        # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
+        pairs = len(found) // 2
+        amplitudes = found[0 : 2 * pairs : 2] - 1j * found[1 : 2 * pairs : 2]
+        turns = frequency / record.sampling_rate_hz
+        rounding = returning_error(np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask])
+        spectrum = np.asarray(fft.rfft(residual * _window(mask)))
+        return cls(amplitudes, spectrum, _noise_left(rows, len(found), mask), rounding)
+
+
+def _window(mask: BoolArray) -> FloatArray:
+    """Hann's window where samples are used, shape (samples,)."""
+    return hann(mask.size) if mask.all() else hann(mask.size) * mask
 
 
 def _beside(record: Record, frequency: float) -> FloatArray:
@@ -225,50 +256,64 @@ def _beside(record: Record, frequency: float) -> FloatArray:
     return np.where(np.abs(places - own) < NEAREST_HUM, own + NEAREST_HUM, places)
 
 
-def _span(mask: NDArray[np.bool_]) -> slice:
+def _span(mask: BoolArray) -> slice:
     """From the first sample that is used to the last."""
     used = np.flatnonzero(mask)
     return slice(int(used[0]), int(used[-1]) + 1) if used.size else slice(0, 0)
 
 
-def _design(times: FloatArray, frequency: float, rate: float) -> FloatArray:
-    """Rows cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, 1, t."""
-    highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(times[-1] * rate / 16)))
-    rows = np.empty((2 * highest + 2, times.shape[0]))
-    wave = turning(times.shape[0], 2.0 * np.pi * frequency / rate)
-    turned = wave.copy()
-    for h in range(highest):  # e^{j(h+1)ωt} = e^{jhωt} e^{jωt}
-        rows[2 * h], rows[2 * h + 1] = turned.real, turned.imag
-        if h + 1 < highest:
-            turned *= wave
-    rows[-2] = 1.0
+def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tuple[Terms, int]:
+    """Terms over the span that is used, and how many are the tone's own.
+
+    cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, one, t; free response of stable poles that last
+    longer than a few samples; hum.
+    """
+    mask, rate, place = record.mask, record.sampling_rate_hz, _span(record.mask)
+    last = record.samples - 1
+    highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(last / 16)))
+    lasting = np.zeros(0, complex) if poles is None else poles[(poles.imag >= 0) & (poles.real < 0)] / rate
+    lasting = lasting[lasting.real >= -1.0]
+    exponents = np.concatenate([2j * np.pi * frequency / rate * np.arange(1, highest + 1), lasting])
+    count = len(exponents)
     # A trend resembles part of a sine of only one or two periods.
-    rows[-1] = (times / times[-1] - 0.5) if frequency * times[-1] >= 3.0 else 0.0
-    return rows
+    trend = np.arange(place.start, place.stop) / last - 0.5
+    trend = trend if frequency * last / rate >= 3.0 else np.zeros_like(trend)
+    pairs = np.stack([np.arange(count), count + np.arange(count)], axis=1)
+    swings = np.ravel([[True, exponent.imag > 1e-9 * abs(exponent)] for exponent in lasting]).astype(bool)
+    free = pairs[highest:].ravel()[swings]
+    order = np.concatenate([pairs[:highest].ravel(), [2 * count, 2 * count + 1], free])
+    swift = bool(np.all(np.abs(exponents) * trend.size > 1.0))  # of slower ones the products cancel
+    if record.samples > SHORT and swift and not record.hum_hz and mask[place].all():
+        return Exponentials.of(exponents, place.start, trend, order), 2 * highest + 2
+    waves_of = np.array(
+        [turning(record.samples, e.imag) for e in exponents[:highest]]
+        + [np.exp(e * np.arange(record.samples)) for e in lasting]
+    )[:, place]
+    rows = np.concatenate([waves_of.real, waves_of.imag, np.ones((1, trend.size)), trend[None]])[order]
+    if record.hum_hz:
+        rows = np.concatenate([rows, waves(_beside(record, frequency), record.samples)[:, place]])
+    return WrittenOut.of(rows * mask[place]), 2 * highest + 2
 
 
-def _told_apart(
-    rows: NDArray[np.int_], whole: FloatArray, gram: FloatArray, channels: FloatArray, count: float
-) -> NDArray[np.int_]:
-    """The rows of the tone's design without harmonics that omitted samples make inseparable from the tone.
+def _told_apart(number: int, terms: Terms, record: Record, count: float) -> NDArray[np.int_]:
+    """The tone's terms without harmonics that omitted samples make inseparable from the tone.
 
     Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's amplitude is 2 σ²/N times
     a factor, which grows with the harmonics. Those that are significant in either channel always stay: without
     them the tone would be biased.
     """
+    rows, place = np.arange(number), _span(record.mask)
     offset = rows[-2:]
-    alone = np.concatenate([rows[:2], offset])
-    most = MOST_COST * _cost(gram[np.ix_(alone, alone)], count)
-    for highest in range((len(rows) - 2) // 2, 0, -1):
+    most = MOST_COST * _cost(terms.only(np.concatenate([rows[:2], offset])).gram, count)
+    for highest in range((number - 2) // 2, 0, -1):
         which = np.concatenate([rows[: 2 * highest], offset])
-        if _cost(gram[np.ix_(which, which)], count) > most and highest > 1:
+        if _cost(terms.only(which).gram, count) > most and highest > 1:
             continue
-        if (dropped := len(rows) - which.size) == 0:
+        if (dropped := number - which.size) == 0:
             return rows
+        channels = [np.asarray(c)[place] * record.mask[place] for c in (record.reference, record.response)]
         every, kept = (
-            np.sum(
-                _least_squares(whole[some], gram[np.ix_(some, some)], channels, (len(some), len(some)))[1] ** 2, axis=1
-            )
+            np.array([np.sum(fitted(terms.only(some), channel)[1] ** 2) for channel in channels])
             for some in (rows, which)
         )
         return rows if np.any(kept > every * (1.0 + HEARD * dropped / count)) else which
@@ -289,47 +334,7 @@ def _cost(gram: FloatArray, count: float) -> float:
     return max(largest * count / 2.0, 1.0)
 
 
-def _free_response(times: FloatArray, poles: ComplexArray | None, rate: float) -> FloatArray | None:
-    """Real basis of the free response of stable poles that last longer than a few samples; None if there is none."""
-    if poles is None:
-        return None
-    rows = []
-    for pole in poles[np.imag(poles) >= 0]:
-        if np.real(pole) >= 0 or -np.real(pole) > rate:
-            continue
-        lasting = np.zeros((2, times.shape[0]))
-        lives = times < 36.0 / -np.real(pole)  # e^{−36} is below rounding
-        decay = np.exp(np.real(pole) * times[lives])
-        lasting[0, lives] = decay * np.cos(np.imag(pole) * times[lives])
-        lasting[1, lives] = decay * np.sin(np.imag(pole) * times[lives])
-        rows += [lasting[0], lasting[1]] if np.imag(pole) > 1e-9 * abs(pole) else [lasting[0]]
-    return np.stack(rows) if rows else None
-
-
-def _least_squares(
-    rows: FloatArray, gram: FloatArray, channels: FloatArray, numbers: tuple[int, int]
-) -> tuple[FloatArray, FloatArray]:
-    """Coefficients (rows, channels) and residual (channels, samples).
-
-    Args:
-        rows: zero where samples are not used, shape (rows, samples).
-        gram: their products.
-        channels: zero where samples are not used, shape (channels, samples).
-        numbers: how many of the rows each channel is fitted by; the others' coefficients are zero.
-    """
-    inverses = np.zeros((len(channels), *gram.shape))
-    for channel, number in enumerate(numbers):
-        inverses[channel, :number, :number] = inverse_where_shown(gram[:number, :number], TOLD_APART)
-
-    def fitted(right: FloatArray) -> FloatArray:
-        return np.einsum("cij,jc->ic", inverses, rows @ right.T)
-
-    found = fitted(channels)
-    found += fitted(channels - found.T @ rows)  # one step of refinement: normal equations lose half the digits
-    return found, channels - found.T @ rows
-
-
-def _noise_left(design: FloatArray, rows: int, mask: NDArray[np.bool_]) -> FloatArray:
+def _noise_left(design: FloatArray, rows: int, mask: BoolArray) -> FloatArray:
     """Part of white noise that the fit of so many rows leaves of each windowed line, shape (lines,).
 
     Few periods: harmonics, offset and free response take nearly all of the lines beside the tone. In a long record they
@@ -345,22 +350,12 @@ def _noise_left(design: FloatArray, rows: int, mask: NDArray[np.bool_]) -> Float
     return np.maximum(1.0 - taken, 1e-3)
 
 
-def _noise_lines(
-    residual: FloatArray,
-    mask: NDArray[np.bool_],
-    frequency: float,
-    rate: float,
-    harmonics: int,
-    left: Sequence[FloatArray],
-) -> tuple[FloatArray, ComplexArray]:
-    """Spectral lines of the residual beside the tone, scaled as :class:`MeasuredResponse` says; (K,) and (2, K).
+def _noise_lines(n: int, frequency: float, rate: float, harmonics: int, left: Sequence[FloatArray]) -> NDArray[np.int_]:
+    """Numbers of spectral lines of n samples beside the tone that tell its noise, shape (K,).
 
-    ``left`` is the part of white noise that the fit left of each, for either channel of shape (samples // 2 + 1,).
+    ``left`` is the part of white noise that the fit left of each, for either channel of shape (n // 2 + 1,).
     """
-    n = residual.shape[1]
-    window = hann(n) if mask.all() else hann(n) * mask
-    spectrum = np.asarray(fft.rfft(residual * window, axis=1))
-    last = spectrum.shape[1] - 1
+    last = n // 2
     centre = frequency * n / rate
     low, high = int(centre / BAND_FACTOR), int(centre * BAND_FACTOR) + 1
     # A window wide enough for the lines wanted, on whichever side there is room.
@@ -378,10 +373,7 @@ def _noise_lines(
     distance = np.abs(np.log(candidates / max(centre, 0.5)))
     order = np.argsort(distance, kind="stable")
     count = int(np.sum(distance <= np.log(BAND_FACTOR)))
-    chosen = np.sort(candidates[order[: int(np.clip(count, FEWEST_LINES, MOST_LINES))]])
-    # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
-    scale = np.sqrt(2.0 / (np.sum(window**2) * max(int(mask.sum()), 1)))
-    return chosen * rate / n, scale * spectrum[:, chosen] / np.sqrt([part[chosen] for part in left])
+    return np.sort(candidates[order[: int(np.clip(count, FEWEST_LINES, MOST_LINES))]])
 
 
 def turning(samples: int, angle: float, first: float = 0.0) -> ComplexArray:

@@ -34,7 +34,9 @@ BoolArray = NDArray[np.bool_]
 
 
 def frozen(values: object) -> FloatArray:
-    """A copy that cannot be written to."""
+    """A copy that cannot be written to; the same array where it is one already, as another record's is."""
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.base is None and not values.flags.writeable:
+        return values
     array = np.array(values, dtype=np.float64)  # a copy: a record does not follow its source
     array.flags.writeable = False
     return array
