@@ -7,14 +7,15 @@ that hold enough of the excitation. Start values and pictures come from it, neve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.measure.alignment import aligned, bulk_delay, whitened
-from vibrident.measure.lines import hann, power_of
+from vibrident.measure.alignment import TINY, aligned, bulk_delay, whitened
+from vibrident.measure.lines import MOST_KEPT, hann, power_of
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.tails import gamma_tail
@@ -67,26 +68,25 @@ def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, Meas
     looks = []
     for late in sorted(delays, key=abs):
         found = [
-            (index, part)
+            (index, look)
             for (index, record), white in zip(records, filtered, strict=True)
-            if (part := _clearer(index, record, white, late)) is not None
+            if (look := _clearer(record, white, late)) is not None
         ]
-        looks.append((sum(float(np.sum(_evidence_of_motion(part))) for _, part in found), found))
-    return max(looks, key=lambda look: look[0])[1]
+        looks.append((sum(look.evidence for _, look in found), late, found))
+    _, late, found = max(looks, key=lambda one: one[0])
+    return [(index, look.bands(index, late)) for index, look in found]
 
 
-def _clearer(index: int, record: Record, white: Record | None, late: int) -> MeasuredResponse | None:
+def _clearer(record: Record, white: Record | None, late: int) -> _Look | None:
     """The bands of a record as it is, or whitened: where the two channels agree more."""
-    looks = [_measure(index, one, late) for one in (record, white) if one is not None]
-    found = [look for look in looks if look is not None]
-    return max(found, key=lambda look: float(np.sum(_evidence_of_motion(look))), default=None)
+    looks = [_Look.at(one, late) for one in (record, white) if one is not None]
+    return max((look for look in looks if look is not None), key=lambda look: look.evidence, default=None)
 
 
-def _evidence_of_motion(bands: MeasuredResponse, least: float = 0.0) -> FloatArray:
-    """−(n − 1) log(1 − γ²) of each band, counted from the coherence ``least``, shape (bands,)."""
-    lines = np.sum(bands.line_weight, axis=1)
+def _evidence_of_motion(coherence: FloatArray, lines: FloatArray, least: float = 0.0) -> FloatArray:
+    """−(n − 1) log(1 − γ²) of each band of so many lines, counted from the coherence ``least``, shape (bands,)."""
     freedom = np.maximum(INDEPENDENT * lines - 1.0, 1.0)
-    apart = 1.0 - np.clip(_coherence(bands), 0.0, 1.0 - 1e-12)
+    apart = 1.0 - np.clip(coherence, 0.0, 1.0 - 1e-12)
     return -freedom * np.log(np.minimum(apart / (1.0 - least), 1.0))
 
 
@@ -108,7 +108,8 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     for record in np.unique(bands.record).tolist():
         own = bands.record == record
         least = LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 0.0
-        statistic = float(np.sum(_evidence_of_motion(bands, least)[own]))
+        lines = np.sum(bands.line_weight[own], axis=1)
+        statistic = float(np.sum(_evidence_of_motion(share[own], lines, least)))
         if gamma_tail(float(own.sum()), statistic) > BY_CHANCE:
             found.append(int(record))
     return found
@@ -125,45 +126,90 @@ def band_edges(samples: int, rate: float) -> FloatArray:
     return np.array(edges, dtype=float)
 
 
-def _measure(index: int, whole: Record, late: int) -> MeasuredResponse | None:
-    """The bands of a record whose response comes so many samples late."""
-    record = aligned(whole, late)
-    n, rate, mask = record.samples, record.sampling_rate_hz, record.mask
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A record with its response moved back by some samples, and the bands that count.
+
+    Attributes:
+        record: as moved.
+        spectrum: of reference and response; None for a long record, where they are made again.
+        edges: of all bands, in lines, shape (all + 1,).
+        keep: the bands that count, shape (bands,).
+        total: Σ|X|² of these, shape (bands,).
+        cross: Σ Y X* of these, shape (bands,).
+        evidence: that the channels have something in common.
+    """
+
+    record: Record
+    spectrum: tuple[ComplexArray, ComplexArray] | None
+    edges: NDArray[np.int_]
+    keep: NDArray[np.int_]
+    total: FloatArray
+    cross: ComplexArray
+    evidence: float
+
+    @classmethod
+    def at(cls, whole: Record, late: int) -> _Look | None:
+        """Of a record whose response comes so many samples late; None if no band holds excitation."""
+        record = aligned(whole, late)
+        reference, response = _spectra(record)
+        edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
+        total, answered, cross = _sums(reference, response, edges)
+        both, counts = total * answered, np.diff(edges)
+        coherence = np.divide(power_of(cross), both, out=np.zeros_like(both), where=both > 0)
+        excited = total / counts > LEAST_POWER * np.max(total / counts)
+        # What of the reference does not show in the response is its own noise, beyond the excitation's band.
+        keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
+        if keep.size < FEWEST_BANDS:
+            keep = np.flatnonzero(excited)
+        if not keep.size:
+            return None
+        for band in keep[counts[keep] > MOST_LINES].tolist():  # by the lines that are kept
+            some = response[edges[band] : edges[band + 1] : _stride(counts[band])]
+            coherence[band] = power_of(cross[band]) / max(float(np.sum(power_of(some))) * total[band], TINY)
+        lines = -(-counts[keep] // _stride(counts[keep]))
+        evidence = float(np.sum(_evidence_of_motion(coherence[keep], lines)))
+        kept = (reference, response) if record.samples <= MOST_KEPT else None
+        return cls(record, kept, edges, keep, total[keep], cross[keep], evidence)
+
+    def bands(self, index: int, late: int) -> MeasuredResponse:
+        """The response over the bands, turned back by so many samples."""
+        n, rate, counts = self.record.samples, self.record.sampling_rate_hz, np.diff(self.edges)[self.keep]
+        reference, response = self.spectrum or _spectra(self.record)
+        first, end = self.edges[self.keep], self.edges[self.keep + 1]
+        moments = power_of(reference[: self.edges[-1]])
+        moments *= np.arange(moments.size)
+        frequency = np.add.reduceat(moments, self.edges[:-1])[self.keep] / self.total * rate / n
+        place = first[:, None] + np.arange(min(np.max(counts), MOST_LINES)) * _stride(counts)[:, None]
+        there = place < end[:, None]
+        place = np.where(there, place, 0)
+        back = np.exp(-2j * np.pi * frequency * (late / rate))  # lines turn as if all had the phase of their centre
+        return MeasuredResponse(
+            frequency,
+            np.sqrt(self.total).astype(complex),
+            self.cross / np.sqrt(self.total) * back,
+            np.where(there, place * (rate / n), 1.0),
+            np.where(there, reference[place] / np.sqrt(2.0), 0.0),
+            np.where(there, response[place] / np.sqrt(2.0), 0.0) * back[:, None],
+            there.astype(float),
+            np.maximum(2.0 * counts - 2.0, 1.0),
+            np.full(self.keep.size, index),
+            np.zeros((self.keep.size, 2)),
+        )
+
+
+def _stride(count: Any) -> Any:
+    """Every so many of a band's lines are kept."""
+    return -(-count // MOST_LINES)
+
+
+def _spectra(record: Record) -> tuple[ComplexArray, ComplexArray]:
+    """Spectra of reference and response under a window."""
     assert record.reference is not None
-    window = (np.ones(n) if record.excitation == "shock" else hann(n)) * mask
-    spectrum = (windowed_spectrum(record.reference, mask, window), windowed_spectrum(record.response, mask, window))
-    edges = band_edges(n, rate).astype(int)
-    power, coherence = power_and_coherence(*spectrum, edges)
-    excited = power > LEAST_POWER * power.max()
-    # What of the reference does not show in the response is its own noise, beyond the excitation's band.
-    keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
-    if keep.size < FEWEST_BANDS:
-        keep = np.flatnonzero(excited)
-    if power.max() == 0 or keep.size == 0:
-        return None
-    counts = edges[keep + 1] - edges[keep]
-    width = int(min(np.max(counts), MOST_LINES))
-    shape = (keep.size, width)
-    hz, x, y, weight = np.ones(shape), np.zeros(shape, complex), np.zeros(shape, complex), np.zeros(shape)
-    frequency, reference, response = np.zeros(keep.size), np.zeros(keep.size, complex), np.zeros(keep.size, complex)
-    for row, band in enumerate(keep):
-        lines = slice(edges[band], edges[band + 1])
-        bx, by = spectrum[0][lines], spectrum[1][lines]
-        own = power_of(bx)
-        total = own.sum()
-        bins = np.arange(lines.start, lines.stop)
-        frequency[row] = (bins @ own) / total * rate / n
-        reference[row], response[row] = np.sqrt(total), np.vdot(bx, by) / np.sqrt(total)
-        some = slice(None, None, -(-int(counts[row]) // MOST_LINES))
-        bins = bins[some]
-        hz[row, : bins.size], weight[row, : bins.size] = bins * rate / n, 1.0
-        x[row, : bins.size], y[row, : bins.size] = bx[some] / np.sqrt(2), by[some] / np.sqrt(2)
-    back = np.exp(-2j * np.pi * frequency * (late / whole.sampling_rate_hz))
-    response *= back  # the lines turn with their band, as if all of it had the phase of its centre
-    y *= back[:, None]
-    freedom = np.maximum(2.0 * counts - 2.0, 1.0)
-    owner = np.full(keep.size, index)
-    return MeasuredResponse(frequency, reference, response, hz, x, y, weight, freedom, owner, np.zeros((keep.size, 2)))
+    window = hann(record.samples)
+    window = record.mask.astype(float) if record.excitation == "shock" else window * record.mask
+    reference, response = (windowed_spectrum(v, record.mask, window) for v in (record.reference, record.response))
+    return reference, response
 
 
 def _differenced(record: Record, times: int) -> Record:
@@ -188,15 +234,19 @@ def windowed_spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -
     return spectrum
 
 
+def _sums(
+    reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
+) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Σ|X|², Σ|Y|² and Σ Y X* over the lines of each band."""
+    products = (power_of(reference), power_of(response), response * np.conj(reference))
+    first, second, both = (np.add.reduceat(lines[: edges[-1]], edges[:-1]) for lines in products)
+    return first, second, both
+
+
 def power_and_coherence(
     reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean of |X|², and |Σ Y X*|²/(Σ|X|² Σ|Y|²), over the lines of each band."""
-
-    def sums(lines: FloatArray | ComplexArray) -> np.ndarray:
-        return np.add.reduceat(lines[: edges[-1]], edges[:-1])
-
-    total = sums(power_of(reference)), sums(power_of(response))
-    cross = power_of(sums(response * np.conj(reference)))
-    both = total[0] * total[1]
-    return total[0] / np.diff(edges), np.divide(cross, both, out=np.zeros_like(both), where=both > 0)
+    total, answered, cross = _sums(reference, response, edges)
+    both = total * answered
+    return total / np.diff(edges), np.divide(power_of(cross), both, out=np.zeros_like(both), where=both > 0)
