@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.measure.tones import turning
+from vibrident.measure.terms import products
 from vibrident.records import FloatArray
 from vibrident.tails import f_tail
 
@@ -71,16 +71,16 @@ class Blocks:
         p, scale = len(columns), np.maximum(_deviations(columns, parts), np.finfo(float).tiny)
         products, powers, squares = np.zeros((len(parts), p)), np.zeros((len(parts), p, p)), np.zeros(len(parts))
         hum = _hum(residual, parts, rate)
-        for which in _side_by_side(parts):
-            places = np.stack([parts[index] for index in which])
-            size = places.shape[1]
+        for which in _of_one_size(parts):
+            size = parts[which[0]].size
             trend = np.stack([np.ones(size), np.linspace(-1.0, 1.0, size)], axis=1)[None]
             if hum.size:
-                angle = 2.0 * np.pi / rate * places[..., None] * hum
+                angle = 2.0 * np.pi / rate * np.stack([parts[index] for index in which])[..., None] * hum
                 trend = np.repeat(trend, len(which), axis=0)
                 trend = np.concatenate([trend, np.cos(angle), np.sin(angle)], axis=2)
             basis, _ = np.linalg.qr(trend)
-            rows = np.stack([*(c[places] / s for c, s in zip(columns, scale, strict=True)), residual[places]], axis=1)
+            rows = _side_by_side(columns, residual, [parts[index] for index in which])
+            rows[:, :-1] /= scale[:, None]
             rows -= (rows @ basis) @ np.swapaxes(basis, 1, 2)
             both = rows @ np.swapaxes(rows, 1, 2)
             products[which], powers[which], squares[which] = both[:, :p, p], both[:, :p, :p], both[:, p, p]
@@ -201,9 +201,20 @@ class Fit:
 def sums_of(columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray]) -> FloatArray:
     """Mean products, over each block, of the columns and the residual with each other, shape (blocks, p + 1, p + 1)."""
     found = np.empty((len(parts), len(columns) + 1, len(columns) + 1))
-    for sums, part in zip(found, parts, strict=True):
-        rows = np.stack([row[part] for row in (*columns, residual)])
-        np.divide(rows @ rows.T, part.size, out=sums)
+    for which in _of_one_size(parts):
+        rows = _side_by_side(columns, residual, [parts[index] for index in which])
+        found[which] = rows @ np.swapaxes(rows, 1, 2) / rows.shape[2]
+    return found
+
+
+def _side_by_side(columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray]) -> FloatArray:
+    """Columns and residual in parts of one size, shape (parts, p + 1, samples of a part)."""
+    found = np.empty((len(parts), len(columns) + 1, parts[0].size))
+    first, last = int(parts[0][0]), int(parts[-1][-1])
+    together = last - first + 1 == len(parts) * parts[0].size  # without a gap
+    places = slice(first, last + 1) if together else np.concatenate(parts)
+    for number, row in enumerate((*columns, residual)):
+        found[:, number] = row[places].reshape(len(parts), -1)
     return found
 
 
@@ -230,17 +241,21 @@ def best(blocks: Blocks) -> Fit:
     return min(found, key=lambda fit: fit.squares)
 
 
-def _side_by_side(parts: Sequence[np.ndarray]) -> Iterator[list[int]]:
+def _of_one_size(parts: Sequence[np.ndarray]) -> Iterator[list[int]]:
     """Numbers of parts of one size, of at most AT_ONCE samples together."""
     for size in sorted({part.size for part in parts}):
         which, width = [i for i, part in enumerate(parts) if part.size == size], max(1, AT_ONCE // size)
         yield from (which[i : i + width] for i in range(0, len(which), width))
 
 
-def _joined(parts: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
+def _joined(parts: Sequence[np.ndarray]) -> Iterator[slice | np.ndarray]:
     """Consecutive parts together, of at most AT_ONCE samples: of a long record each copy counts."""
     width = max(1, AT_ONCE // max(part.size for part in parts))
-    yield from (np.concatenate(parts[i : i + width]) for i in range(0, len(parts), width))
+    for i in range(0, len(parts), width):
+        some = parts[i : i + width]
+        first, last = int(some[0][0]), int(some[-1][-1])
+        gaps = last - first + 1 > sum(part.size for part in some)
+        yield np.concatenate(some) if gaps else slice(first, last + 1)
 
 
 def _deviations(columns: FloatArray, parts: Sequence[np.ndarray]) -> FloatArray:
@@ -256,19 +271,16 @@ def _deviations(columns: FloatArray, parts: Sequence[np.ndarray]) -> FloatArray:
 
 def _hum(residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> FloatArray:
     """Mains frequencies and their harmonics that are significant in a residual; beside a tone they beat with it."""
-    sums, power = np.zeros((len(MAINS_HZ), HARMONICS), complex), 0.0
+    hz, power = np.outer(MAINS_HZ, np.arange(1, HARMONICS + 1)), 0.0
+    sums = np.zeros(hz.size, complex)
     for part in _joined(parts):
-        own, first, last = residual[part], int(part[0]), int(part[-1])
+        own, first = residual[part], part.start if isinstance(part, slice) else int(part[0])
         power += float(own @ own)
-        for row, mains in enumerate(MAINS_HZ):
-            angle = -2.0 * np.pi * mains / rate
-            turn = turning(last - first + 1, angle, angle * first)
-            turn = turn if turn.size == part.size else turn[part - first]
-            wave = own.astype(complex)
-            for order in range(HARMONICS):
-                wave *= turn
-                sums[row, order] += wave.sum()
-    found = np.outer(MAINS_HZ, np.arange(1, HARMONICS + 1))[np.abs(sums) ** 2 > HEARD * power]
+        if not isinstance(part, slice):
+            own = np.zeros(int(part[-1]) - first + 1)
+            own[part - first] = residual[part]
+        sums += products(own, 2j * np.pi / rate * hz.ravel(), first)
+    found = hz[np.abs(sums.reshape(hz.shape)) ** 2 > HEARD * power]
     return np.unique(found[found < 0.5 * rate]).astype(float)
 
 

@@ -131,7 +131,8 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     lines = np.asarray(fft.rfft(residual), dtype=complex)
     power = power_of(lines)
     # Noise of the reference is in prediction and residual alike: lines that hold nothing else are no motion.
-    motion = heard_motion(series, used, np.maximum(median_level(power), OWN * power))
+    level = median_level(power)
+    motion = heard_motion(series, used, np.maximum(level, OWN * power))
     del series  # of a long record each copy counts
     if not np.any(motion):
         return None
@@ -144,10 +145,12 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     # Noise through a sharp resonance is alike over many blocks, which would look like a change: both are filtered so
     # that the noise is white. A change that is nearly all of the residual is not taken for noise.
     if least_left(sums, parts) < REST * float(residual @ residual):
-        power = _power_of_noise(columns, residual, parts, rate, power)
+        noise = _power_of_noise(columns, residual, parts, rate)
+        power, level = (power, level) if noise is None else (noise, median_level(noise))
     del residual
-    white = _whitening(power, tones=record.excitation != "random")
-    del power
+    # Beside a tone a change appears in a few lines, which do not give the noise.
+    white = _whitening(power if record.excitation == "random" else level, float(np.mean(power)))
+    del power, level
     for row in columns:
         row[:] = fft.irfft(white * np.asarray(fft.rfft(row)), used.size)
     lines *= white
@@ -180,11 +183,13 @@ def _of_a_channel(found: Fit, steep: float) -> bool:
 
 
 def _power_of_noise(
-    columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float, power: FloatArray
-) -> FloatArray:
-    """``power`` of the residual at its lines, or that of what a change leaves of it, if that is nearly all of it."""
+    columns: FloatArray, residual: FloatArray, parts: Sequence[np.ndarray], rate: float
+) -> FloatArray | None:
+    """Power, at its lines, of what a change leaves of the residual; None where the change is not nearly all of it."""
     left = residual - best(Blocks.of(columns, residual, parts, rate)).signal(columns, parts)
-    return power_of(np.asarray(fft.rfft(left))) if float(left @ left) < REST * float(residual @ residual) else power
+    if float(left @ left) >= REST * float(residual @ residual):
+        return None
+    return power_of(np.asarray(fft.rfft(left)))
 
 
 def _without_memory(
@@ -225,13 +230,9 @@ def _columns(motion: FloatArray, rate: float, sensor: SensorSlopes | None) -> Fl
     return np.concatenate([channel, np.asarray(fft.irfft(through, wide))[:, : motion.size]])
 
 
-def _whitening(power: FloatArray, *, tones: bool) -> FloatArray:
-    """Gain at each line that makes noise of this power white, shape (lines,); ``tones``: the motion is of tones.
-
-    Beside a tone a change appears in a few lines, which do not give the noise.
-    """
-    power = power + np.finfo(float).tiny + LEAST_LEVEL * float(np.mean(power))
-    logarithm = np.log(median_level(power) if tones else power)
+def _whitening(level: FloatArray, mean: float) -> FloatArray:
+    """Gain at each line that makes noise of this level white, shape (lines,); ``mean`` power of all lines."""
+    logarithm = np.log(level + (np.finfo(float).tiny + LEAST_LEVEL * mean))
     logarithm = np.convolve(np.pad(logarithm, SMOOTHED, mode="edge"), KERNEL, mode="valid")
     return np.exp(0.5 * (np.mean(logarithm) - logarithm))
 

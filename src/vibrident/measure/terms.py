@@ -93,20 +93,14 @@ class Exponentials:
         cls, exponents: NDArray[np.complex128], first: int, trend: FloatArray, order: NDArray[np.int_]
     ) -> Exponentials:
         """Over the samples from ``first`` on for which there is a trend."""
-        n, width = trend.size, max(int(np.sqrt(trend.size)), 1)
-        steps = np.exp(np.multiply.outer(exponents, np.arange(width)))
-        begins = np.exp(np.multiply.outer(first + width * np.arange(-(-n // width)), exponents))
-        made = cls(np.concatenate([steps.real, steps.imag]), begins, trend, order, np.zeros((0, 0)))
+        steps, begins = _tables(exponents, first, trend.size)
+        made = cls(steps, begins, trend, order, np.zeros((0, 0)))
         gram = _gram(exponents, first, trend, made._with_trend(trend))
-        return cls(made.steps, begins, trend, order, gram[np.ix_(order, order)])
+        return cls(steps, begins, trend, order, gram[np.ix_(order, order)])
 
     def _with_trend(self, values: FloatArray) -> FloatArray:
         """Products of all terms with a series, shape (n,) → (2 K + 2,)."""
-        (blocks, count), width = self.begins.shape, self.steps.shape[1]
-        laid = np.zeros(blocks * width)
-        laid[: values.size] = values
-        inner = laid.reshape(blocks, width) @ self.steps.T
-        sums = np.sum((inner[:, :count] + 1j * inner[:, count:]) * self.begins, axis=0)
+        sums = _summed(values, self.steps, self.begins)
         return np.concatenate([sums.real, sums.imag, [np.sum(values), self.trend @ values]])
 
     def products(self, values: FloatArray) -> FloatArray:
@@ -128,6 +122,27 @@ class Exponentials:
         """As :meth:`Terms.only`."""
         gram = self.gram[np.ix_(which, which)]
         return Exponentials(self.steps, self.begins, self.trend, self.order[which], gram)
+
+
+def products(values: FloatArray, exponents: NDArray[np.complex128], first: int = 0) -> NDArray[np.complex128]:
+    """Σ values e^{pk} over the samples k from ``first`` on, for each of K exponents, shape (K,)."""
+    return _summed(values, *_tables(exponents, first, values.size))
+
+
+def _tables(exponents: NDArray[np.complex128], first: int, samples: int) -> tuple[FloatArray, NDArray[np.complex128]]:
+    """Steps and begins of so many samples, as :class:`Exponentials` has them."""
+    width = max(int(np.sqrt(samples)), 1)
+    steps = np.exp(np.multiply.outer(exponents, np.arange(width)))
+    begins = np.exp(np.multiply.outer(first + width * np.arange(-(-samples // width)), exponents))
+    return np.concatenate([steps.real, steps.imag]), begins
+
+
+def _summed(values: FloatArray, steps: FloatArray, begins: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    (blocks, count), width = begins.shape, steps.shape[1]
+    laid = np.zeros(blocks * width)
+    laid[: values.size] = values
+    inner = laid.reshape(blocks, width) @ steps.T
+    return np.sum((inner[:, :count] + 1j * inner[:, count:]) * begins, axis=0)
 
 
 def _gram(exponents: NDArray[np.complex128], first: int, trend: FloatArray, with_trend: FloatArray) -> FloatArray:
