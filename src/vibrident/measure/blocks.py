@@ -279,7 +279,7 @@ def _hum(residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> Floa
         if not isinstance(part, slice):
             own = np.zeros(int(part[-1]) - first + 1)
             own[part - first] = residual[part]
-        sums += products(own, 2j * np.pi / rate * hz.ravel(), first)
+        sums += products(own, np.asarray(2j * np.pi / rate * hz.ravel(), dtype=complex), first)
     found = hz[np.abs(sums.reshape(hz.shape)) ** 2 > HEARD * power]
     return np.unique(found[found < 0.5 * rate]).astype(float)
 

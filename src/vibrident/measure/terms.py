@@ -132,8 +132,8 @@ def products(values: FloatArray, exponents: NDArray[np.complex128], first: int =
 def _tables(exponents: NDArray[np.complex128], first: int, samples: int) -> tuple[FloatArray, NDArray[np.complex128]]:
     """Steps and begins of so many samples, as :class:`Exponentials` has them."""
     width = max(int(np.sqrt(samples)), 1)
-    steps = np.exp(np.multiply.outer(exponents, np.arange(width)))
-    begins = np.exp(np.multiply.outer(first + width * np.arange(-(-samples // width)), exponents))
+    steps = np.exp(exponents[:, None] * np.arange(width))
+    begins = np.exp((first + width * np.arange(-(-samples // width)))[:, None] * exponents)
     return np.concatenate([steps.real, steps.imag]), begins
 
 

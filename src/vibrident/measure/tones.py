@@ -271,9 +271,10 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
     mask, rate, place = record.mask, record.sampling_rate_hz, _span(record.mask)
     last = record.samples - 1
     highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(last / 16)))
-    lasting = np.zeros(0, complex) if poles is None else poles[(poles.imag >= 0) & (poles.real < 0)] / rate
-    lasting = lasting[lasting.real >= -1.0]
-    exponents = np.concatenate([2j * np.pi * frequency / rate * np.arange(1, highest + 1), lasting])
+    every = (np.zeros(0) if poles is None else poles).astype(complex) / rate
+    lasting = every[(every.imag >= 0.0) & (every.real < 0.0) & (every.real >= -1.0)]
+    tone = 2j * np.pi * frequency / rate * np.arange(1, highest + 1)
+    exponents = np.concatenate([tone, lasting]).astype(complex)
     count = len(exponents)
     # A trend resembles part of a sine of only one or two periods.
     trend = np.arange(place.start, place.stop) / last - 0.5
