@@ -132,7 +132,7 @@ def products(values: FloatArray, exponents: NDArray[np.complex128], first: int =
 def _tables(exponents: NDArray[np.complex128], first: int, samples: int) -> tuple[FloatArray, NDArray[np.complex128]]:
     """Steps and begins of so many samples, as :class:`Exponentials` has them."""
     width = max(int(np.sqrt(samples)), 1)
-    steps = np.exp(exponents[:, None] * np.arange(width))
+    steps: NDArray[np.complex128] = np.asarray(np.exp(exponents[:, None] * np.arange(width)), dtype=complex)
     begins = np.exp((first + width * np.arange(-(-samples // width)))[:, None] * exponents)
     return np.concatenate([steps.real, steps.imag]), begins
 
