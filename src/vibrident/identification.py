@@ -23,6 +23,7 @@ from vibrident.judge import (
     linearised,
     own_rows,
     with_phase_scatter,
+    with_remedy,
     without_dead_records,
 )
 from vibrident.measure.drift import beside_slow_motion, slow_tones, without_drift
@@ -131,8 +132,9 @@ def fit(
     if evidence.records and sensor_model.is_linear and (hum_seen or not judgement.adequacy.adequate):
         found = _without_hum(evidence, estimate, judgement, chosen, progress)
         evidence, estimate, judgement = found or (evidence, estimate, judgement)
+    judgement = with_remedy(evidence, estimate, judgement, chosen, progress)
     linear = linearised(evidence, estimate, judgement)
-    return Fitted(evidence, estimate, judgement, linear, chosen, reason, tuple(drifts))
+    return Fitted(evidence, estimate, judgement, linear, chosen, reason, () if judgement.remedied else tuple(drifts))
 
 
 def _beside_slow_motion(

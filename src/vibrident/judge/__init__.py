@@ -10,6 +10,7 @@ from vibrident.judge.adequacy import Judgement
 from vibrident.judge.attempts import Fitted, fitted_and_judged, with_phase_scatter, without_dead_records
 from vibrident.judge.document import Uncertainty, document, own_rows
 from vibrident.judge.doubts import linearised
+from vibrident.judge.remedy import with_remedy
 
 __all__ = [
     "Fitted",
@@ -20,5 +21,6 @@ __all__ = [
     "linearised",
     "own_rows",
     "with_phase_scatter",
+    "with_remedy",
     "without_dead_records",
 ]

@@ -66,6 +66,7 @@ class Judgement:
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
         removed: factor on the measured response that takes these out of it, shape (points,); None for no change.
         without: the estimate that the response without them gives, shape (p,).
+        remedied: whether another model explains what this one does not, so that all else in the residual is misfit.
     """
 
     adequacy: Adequacy
@@ -82,6 +83,7 @@ class Judgement:
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
     removed: ComplexArray | None = None
     without: FloatArray | None = None
+    remedied: bool = False
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
@@ -244,12 +246,12 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         chi2, adequate = None, degrees > 0 and all(looks_random(part) for part in parts)
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
-        assumed = problem.has_phase and table.phase_uncertainty_rad is None
         text = (
             f"The model does not explain the table: deviations are {plain((chi2 or 0.0) ** 0.5, 3)} times the stated "
             f"uncertainties (χ²/dof = {plain(chi2 or 0.0, 4)}, {degrees} degrees of freedom)."
-            + (" The phase's, which is not stated, is taken to be the magnitude's, in rad." if assumed else "")
         )
+        if problem.has_phase and table.phase_uncertainty_rad is None:
+            text += " The phase's, which is not stated, is taken to be the magnitude's, in rad."
     if degrees <= 0:
         text = _nothing_left(len(residual), len(estimate.z), "table")
     names = (table.provenance.file or "table",) * table.points

@@ -62,19 +62,21 @@ def second_thoughts(
         covariance: of the coordinates, by the data alone, shape (p, p).
         total: with the stated systematic effects, shape (p, p).
     """
-    warnings = list(_nonlinear(evidence, estimate, judgement, covariance))
-    warnings += _cyclic_errors(evidence, judgement)
-    warnings += _moving(evidence, estimate, judgement, covariance, total)
-    warnings += _reference_noise(estimate)
-    warnings += _regimes(evidence, estimate, judgement)
-    warnings += _others(evidence, estimate, judgement, covariance)
+    warnings = list(_cyclic_errors(evidence, judgement))
     # Without stated uncertainties a table that is misread is one that scatters.
     doubted = not judgement.adequacy.adequate or judgement.scatter is not None
-    if (text := _angular_frequencies(evidence)) is not None:
-        warnings.append(ResultWarning("units_suspect", text))
-    elif doubted and judgement.adequacy.degrees_of_freedom > 0:
-        warnings += _misread(evidence)
-    return warnings
+    angular = _angular_frequencies(evidence)
+    misread = [] if angular is None else [ResultWarning("units_suspect", angular)]
+    if doubted and not misread and judgement.adequacy.degrees_of_freedom > 0:
+        misread = _misread(evidence)
+    # What a misfit that is explained leaves is neither a bent sensor nor one that changed.
+    if judgement.adequacy.adequate or not (judgement.remedied or misread):
+        warnings += _nonlinear(evidence, estimate, judgement, covariance)
+        warnings += _regimes(evidence, estimate, judgement)
+    warnings += _moving(evidence, estimate, judgement, covariance, total)
+    warnings += _reference_noise(estimate)
+    warnings += _others(evidence, estimate, judgement, covariance)
+    return warnings + misread
 
 
 def _nonlinear(
