@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 #: Samples of all excerpts together, and of one.
 MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
-
 #: Scatter of a table's points, in units of their weights, where nothing tells it: so large that they say nothing.
 UNKNOWN = 1e8
 
@@ -66,7 +65,7 @@ class Judgement:
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
         removed: factor on the measured response that takes these out of it, shape (points,); None for no change.
         without: the estimate that the response without them gives, shape (p,).
-        remedied: whether another model explains what this one does not, so that all else in the residual is misfit.
+        remedied: whether another model explains the data, so that all else in the residual is misfit.
     """
 
     adequacy: Adequacy
