@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import pytest
 
+import vibrident
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import read_calibration_file
 from vibrident.io.guess import guess_columns
+from vibrident.simulation.interferometer import write_optical_calibration
+from vibrident.simulation.optics import Optics
+from vibrident.web.columns import merged
 from vibrident.web.description import Description, calibration_text, described
+from vibrident.web.looks import chart, guess
+from vibrident.web.pairs import mark
 
 
 def reread(folder, given: Description, *files: str):
@@ -118,3 +124,42 @@ def test_a_guess_is_a_description_that_can_be_corrected(tmp_path):
     assert (given.table, given.phase_unit, given.model) == (True, "rad", "accelerometer+delay")
     path.write_text("frequency_hz,magnitude\n1,2\n2,2\n")
     assert described(guess_columns(path)).model == "accelerometer"  # a magnitude alone knows no delay
+
+
+def test_optical_signals_in_files_of_their_own_are_paired_by_their_names(tmp_path):
+    """From the uploaded files to the records: guessed, drawn, written and read."""
+    optics = Optics(rate_hz=1e6)
+    settings = {"sampling_rate_hz": 5e4, "samples": 3000, "frequencies_hz": [200.0, 600.0], "start": "steady"}
+    write_optical_calibration(tmp_path, "paper", "sine", optics, seed=1, **settings)
+    files = sorted(path.name for path in tmp_path.glob("*.h5"))
+    found = guess(tmp_path, files)
+    assert (found.optical_part, found.columns.detectors, found.columns.response) == (
+        "_optical",
+        ("u1", "u2"),
+        "response",
+    )
+    given = merged(None, found).given
+    given.rate_hz, given.optical_rate_hz, given.direction = 5e4, 1e6, 1
+    assert b"u2" in chart(given, tmp_path, files)
+    read = reread(tmp_path, given, *files)
+    assert [(r.file, r.reference_file) for r in read.records] == [
+        (f"record_0{i}.h5", f"record_0{i}_optical.h5") for i in (1, 2)
+    ]
+    made = vibrident.read(tmp_path / "calibration.toml").records
+    assert [record.optical.fringes for record in made] == pytest.approx([39.5, 4.4], rel=0.03)
+    with pytest.raises(InputError, match="do not match"):
+        calibration_text(given, files[:-1])
+
+
+@pytest.mark.parametrize(
+    ("files", "part"),
+    [
+        (["a.csv", "a_light.csv", "b.csv", "b_light.csv"], "_light"),
+        (["pd-1.wav", "1.h5"], "pd-"),
+        (["160 Hz.csv", "315 Hz.csv"], ""),
+        (["1.csv", "10.csv", "2.csv", "20.csv", "3.csv"], ""),
+        (["a.csv"], ""),
+    ],
+)
+def test_files_are_pairs_where_names_differ_by_one_part(files, part):
+    assert mark(files) == part

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 from nicegui import ui
@@ -212,6 +213,7 @@ class ColumnsStep:
         await self._number(form, "Optical channel later by, in s (optional)", "optical_delay_s")
         await self._number(form, "u of this delay, in s (optional)", "optical_delay_standard_uncertainty_s")
         await self._number(form, "Optical sampling rate in Hz, if another", "optical_rate_hz")
+        await self._text(form, "Signals in files of their own: more in their names", "optical_part", "optical-part")
 
     async def _table(self, form: Form) -> None:
         with _group("Columns of the table"):
@@ -306,7 +308,7 @@ class ColumnsStep:
 
 def merged(before: Form | None, found: Guess) -> Form:
     """The form for a new guess: keeps what the user set, except columns that no longer exist."""
-    given = described(found.columns, found.excitation or "sine")
+    given = replace(described(found.columns, found.excitation or "sine"), optical_part=found.optical_part)
     if before is None or not before.touched:
         return Form(found, given)
     for role in ROLES:

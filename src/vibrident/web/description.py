@@ -11,6 +11,7 @@ from vibrident.io.guess import Columns
 from vibrident.io.toml_text import toml_entry, toml_section
 from vibrident.models import ADD_ONS
 from vibrident.records import USUAL_MODEL
+from vibrident.web.pairs import paired
 
 #: Fields that name a column of a table.
 POINTS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
@@ -27,7 +28,8 @@ def delays() -> list[str]:
 class Description:
     """The user's description of the data, starting with a guess. A column is its name, or its number from 1.
 
-    ``reference_by`` is ``channel`` (a column in physical units), or the kind of an interferometer.
+    ``reference_by`` is ``channel`` (a column in physical units), or the kind of an interferometer. Its signals may be
+    in files of their own, whose names have ``optical_part`` more than those of the response.
     """
 
     table: bool = False
@@ -47,6 +49,7 @@ class Description:
     carrier_hz: float | None = None
     direction: int | None = None
     optical_rate_hz: float | None = None
+    optical_part: str = ""
     optical_delay_s: float | None = None
     optical_delay_standard_uncertainty_s: float | None = None
     response: int | str | None = None
@@ -75,6 +78,14 @@ class Description:
             return ()
         both = (self.first_signal, self.second_signal)
         return both if self.reference_by == "quadrature" else both[:1]
+
+    def pairs(self, files: Sequence[str]) -> list[tuple[str, str | None]]:
+        """The file of each record, and that of its optical signals where these are apart.
+
+        Raises:
+            InputError: a file has no partner.
+        """
+        return paired(files, self.optical_part if self.signals else "")
 
 
 def described(guess: Columns, excitation: str = "sine") -> Description:
@@ -122,7 +133,10 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
     if given.time is not None or given.rate_hz is not None:
         sampling = {"time_column": given.time, "rate_hz": None if given.time is not None else given.rate_hz}
         sections.append(toml_section("sampling", _floats(sampling)))
-    entries = [toml_entry("records", {"file": file, "excitation": given.excitation}) for file in files]
+    entries = [
+        toml_entry("records", {"file": file, "reference_file": other, "excitation": given.excitation})
+        for file, other in given.pairs(files)
+    ]
     return "\n".join((*sections, *entries))
 
 
@@ -180,7 +194,7 @@ def _require_apart(given: Description) -> None:
     if given.table or given.excitation == "decay":
         return
     motion = given.signals or (given.reference,)
-    if given.response in motion:
+    if given.response in motion and not (given.signals and given.optical_part):
         text = "Reference and response are the same column."
         raise _missing(text, "two columns", repr(given.response), "choose another for one of the two")
     if len(set(motion)) != len(motion):

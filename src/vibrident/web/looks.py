@@ -24,6 +24,7 @@ from vibrident.present.views import Figure, count
 from vibrident.report import content
 from vibrident.result import Result
 from vibrident.web.description import POINTS, Description, described
+from vibrident.web.pairs import mark, paired
 from vibrident.web.preview import preview
 from vibrident.web.session import refuse_outside
 
@@ -47,12 +48,14 @@ class Guess:
         excitation: by the file's name or the motion; None if undetermined.
         all_columns: number of the file's columns.
         chart: the guessed columns, as ``chart`` draws them; empty if that fails.
+        optical_part: what names of files with optical signals have beyond the others'; empty if there are none.
     """
 
     columns: Columns
     excitation: str | None
     all_columns: int
     chart: bytes
+    optical_part: str = ""
 
 
 def prepare() -> None:
@@ -65,17 +68,32 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
     Raises:
         InputError: the first file cannot be opened.
     """
-    columns = guess_columns(folder / files[0])
+    part = mark(files)
+    columns, apart = _columns(folder, paired(files, part))
     count = len(columns.columns)
     try:
-        excitation = likely_excitation(columns, folder, files)
+        excitation = likely_excitation(columns, folder, [file for file, _ in paired(files, part if apart else "")])
     except MemoryError:  # the files may be too large for a guess
         excitation = None
     try:
-        drawn = chart(described(columns, excitation or "sine"), folder, files)
+        given = replace(described(columns, excitation or "sine"), optical_part=part if apart else "")
+        drawn = chart(given, folder, files)
     except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
-    return Guess(_few(columns), excitation, count, drawn)
+    return Guess(_few(columns), excitation, count, drawn, part if apart else "")
+
+
+def _columns(folder: Path, pairs: Sequence[tuple[str, str | None]]) -> tuple[Columns, bool]:
+    """The columns of the first file, with those of its optical signals; whether these are in another file."""
+    first, other = pairs[0]
+    columns = guess_columns(folder / first)
+    light = columns if other is None else guess_columns(folder / other)
+    if light is columns or columns.detectors or not light.detectors:
+        return columns, False
+    more = [pair for pair in zip(light.columns, light.labels, strict=True) if pair[0] not in columns.columns]
+    names, labels = (tuple(part) for part in zip(*more, strict=True)) if more else ((), ())
+    both = {"columns": (*columns.columns, *names), "labels": (*columns.labels, *labels)}
+    return replace(columns, **both, detectors=light.detectors), True
 
 
 def likely_excitation(columns: Columns, folder: Path, files: Sequence[str]) -> str:

@@ -35,29 +35,43 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     Raises:
         InputError: a column cannot be read, or the columns are too large to be read whole.
     """
-    source = open_columns(folder / files[0])
+    first, other = given.pairs(files)[0]
+    source = open_columns(folder / first)
+    light = source if other is None else open_columns(folder / other)
     across = given.frequency if given.table else given.time
-    drawn = (given.magnitude, given.phase) if given.table else (*(given.signals or (given.reference,)), given.response)
+    drawn: tuple[int | str | None, ...] = (given.magnitude, given.phase)
+    if not given.table:
+        drawn = (*(given.signals or (given.reference,)), given.response)
+    if light is not source:
+        drawn = (given.response,)
     wanted = list(dict.fromkeys(column for column in drawn if column is not None))
     if not given.signals:  # those of an interferometer are read in blocks
         whole = [source.position_of(column, "columns and units") for column in wanted]
-        require_room(folder / files[0], sum(source.length(place) for place in whole))
+        require_room(folder / first, sum(source.length(place) for place in whole))
+    stacks = [*_light(light, given), _over(source, wanted, across, table=given.table)]
+    if light is not source:
+        signals = [column for column in given.signals if column is not None]
+        stacks.insert(-1, _over(light, signals, None, table=False))
+    ((_, chart),) = charts(Figure("preview", "", tuple(stacks), across=len(stacks)))
+    return chart
+
+
+def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | None, *, table: bool) -> Stack:
+    """Columns of a file below each other, over one of them or the number of the sample."""
     values = dict(zip(wanted, _beginnings(source, wanted), strict=True))
     x = None if across is None else _beginnings(source, [across])[0]
-    if x is not None and not given.table and x.size:  # times since 1970 make unreadable labels
+    if x is not None and not table and x.size:  # times since 1970 make unreadable labels
         x = x - x[0]
     size = min((column.size for column in values.values()), default=0)
     places = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
-    title = "Frequency in Hz" if given.table else "Sample" if x is None else "Time from the first sample in s"
-    below = axes.frequency(places, title) if given.table else axes.linear(title, places, margin=0.02)
-    mark = "o" if given.table else ""
+    title = "Frequency in Hz" if table else "Sample" if x is None else "Time from the first sample in s"
+    below = axes.frequency(places, title) if table else axes.linear(title, places, margin=0.02)
+    mark = "o" if table else ""
     panels = tuple(
         Panel(below, _axis(values[column]), (_series(places, values[column][:size], column, colour, mark),), 1.0)
         for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False)
     )
-    stacks = (*_light(source, given), Stack(panels))
-    ((_, chart),) = charts(Figure("preview", "", stacks, across=len(stacks)))
-    return chart
+    return Stack(panels)
 
 
 def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
