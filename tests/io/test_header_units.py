@@ -67,6 +67,42 @@ def test_a_unit_that_contradicts_a_channel_is_refused(tmp_path, names, head, wor
     assert words in caught.value.remedy
 
 
+@pytest.mark.parametrize("name", ["out (pC)", "out [counts]", "out (m/s^2)", "out (mV)"])
+def test_a_response_in_another_unit_than_stated_needs_a_scale(tmp_path, name):
+    """Charge, or a converter's counts, for volts. Another scale may be any gain."""
+    path = write_records(tmp_path, "t", 1.0, names=("ref", name), sampling="rate_hz = 2000.0")
+    stated = path.read_text() + 'unit = "V"\n'
+    path.write_text(stated)
+    with pytest.raises(InputError, match="contradicts"):
+        read(path)
+    path.write_text(stated + "scale = 0.0123\n")
+    assert read(path).response_unit == "V"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "U (k=2) [V/(m/s²)]",
+        "U (V/(m/s²)), k = 2",
+        "Expanded uncertainty (V/(m/s²))",
+        "erweiterte Messunsicherheit",
+        "U95",
+    ],
+)
+def test_expanded_uncertainties_are_refused(tmp_path, name):
+    """They were taken for standard ones: u twice as large."""
+    quoted = f'"{name}"'
+    (tmp_path / "f.csv").write_text(f"f,m,{quoted}\n" + "".join(f"{f},0.1,0.001\n" for f in (10, 20, 40, 80)))
+    (tmp_path / "c.toml").write_text(
+        '[table]\nfile = "f.csv"\nfrequency = 1\nmagnitude = 2\nmagnitude_uncertainty = 3\n'
+    )
+    with pytest.raises(InputError, match="contradicts") as caught:
+        read(tmp_path / "c.toml")
+    assert "divide it by" in caught.value.remedy
+    (tmp_path / "f.csv").write_text((tmp_path / "f.csv").read_text().replace(quoted, "u (k=1)"))
+    assert read(tmp_path / "c.toml").table is not None
+
+
 @pytest.mark.parametrize(
     ("names", "head"),
     [

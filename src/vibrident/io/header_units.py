@@ -56,6 +56,12 @@ _TIMES = frozenset(
     {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time", "relative time",
      "时间", "時間", "时刻", "время", "temps", "tiempo", "tempo"}
 )  # fmt: skip
+_BASES = ("V", "A", "C", "m/s^2", "m/s", "m")
+#: Numbers of an analogue-to-digital converter.
+_CODES = frozenset({"count", "counts", "cts", "lsb", "lsbs", "digit", "digits"})
+#: A coverage factor, and words for an expanded uncertainty.
+_COVERAGE = re.compile(r"\bk\s*=\s*(\d+(?:[.,]\d+)?)", re.IGNORECASE)
+_EXPANDED = re.compile(r"expanded|erweitert\w*|élargie|\bU_?95\b|расширенн\w*|扩展不确定度", re.IGNORECASE)
 _LONGEST_NAME = 200
 #: A scale this close to a conversion is that conversion.
 _SAME = 1e-3
@@ -196,6 +202,44 @@ def require_magnitude_unit(
     _require_scale(source, position, f"[table] {key}", found, factor, scale, f"{unit} per SI unit of the reference")
 
 
+def require_response_unit(source: ColumnFile, position: int, key: str, unit: str, scale: float) -> None:
+    """Check the stated unit of the response: charge is no voltage, nor is a converter's count, without a scale.
+
+    Args:
+        source: the file.
+        position: of the response, or of a magnitude, which is per something.
+        key: the section, for messages.
+        unit: as stated.
+        scale: to that unit.
+
+    Raises:
+        InputError: the header names another unit, and nothing is said of how to convert it.
+    """
+    found = unit_in_name(header(source, position)).partition("/")[0].strip()
+    own, stated = _base(found), _base(unit)
+    if own and stated and own != stated and abs(scale) == 1.0:
+        remedy = f'set unit = "{found}"; or set scale to {unit} per {found}; or correct the header'
+        raise _contradiction(source, position, f"{key} unit", f'{stated}, for unit = "{unit}"', found, remedy)
+
+
+def require_standard_uncertainty(source: ColumnFile, position: int, key: str) -> None:
+    """Check that a column of uncertainties is not of expanded ones, U = k u.
+
+    Raises:
+        InputError: its header names a coverage factor other than one, or says that they are expanded.
+    """
+    name = _short(header(source, position))
+    factor = _COVERAGE.search(name)
+    if factor is not None and float(factor.group(1).replace(",", ".")) != 1.0:
+        found, by = f"k = {factor.group(1)}", factor.group(1)
+    elif expanded := _EXPANDED.search(name):
+        found, by = expanded.group(0), "its coverage factor k, usually 2"
+    else:
+        return
+    remedy = f"divide it by {by}; and correct the header"
+    raise _contradiction(source, position, f"[table] {key}", "standard uncertainties (k = 1)", found, remedy)
+
+
 def _own_unit(
     source: ColumnFile, position: int, known: dict[str, float], key: str, expected: str, remedy: str
 ) -> float:
@@ -240,11 +284,23 @@ def _known_elsewhere(found: str) -> bool:
 def _factor(found: str, unit: str) -> float | None:
     """The found unit in terms of the stated one; None if they are not multiples of one unit."""
     found, unit = (text.translate(PLAIN).strip("()") for text in (found, unit))
-    for base in ("V", "A", "C", "m/s^2", "m/s", "m"):
-        multiples = {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}
+    for base in _BASES:
+        multiples = _multiples(base)
         if found in multiples and unit in multiples:
             return multiples[found] / multiples[unit]
     return None
+
+
+def _multiples(base: str) -> dict[str, float]:
+    return {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}
+
+
+def _base(unit: str) -> str:
+    """What a unit is a multiple of, "counts" of a converter's; "" if that is not known."""
+    unit = unit.translate(PLAIN).strip("()")
+    if unit.lower() in _CODES:
+        return "counts"
+    return next((base for base in _BASES if unit in _multiples(base)), "")
 
 
 def _require_scale(

@@ -15,7 +15,7 @@ from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.io.clocks import SAME_RATE, agreed_rate, contradicting_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.file_order import natural
-from vibrident.io.header_units import require_channel_unit, seconds_per_unit
+from vibrident.io.header_units import require_channel_unit, require_response_unit, seconds_per_unit
 from vibrident.io.readers import open_columns, sha256
 from vibrident.io.sampling import Sampling, cut, sampling_from_times
 from vibrident.records import FloatArray, Provenance, Record
@@ -232,6 +232,8 @@ def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], 
     response, reference = calibration.response, calibration.reference
     at = channels["response"]
     require_channel_unit(at.source, at.position, "[response]", unit=response.unit, scale=response.scale)
+    if "unit" in response.model_fields_set:
+        require_response_unit(at.source, at.position, "[response]", response.unit, response.scale)
     if (at := channels.get("reference")) is not None:
         stated = {"unit": reference_unit, "scale": reference.scale, "quantity": reference.quantity}
         require_channel_unit(at.source, at.position, "[reference]", **stated)

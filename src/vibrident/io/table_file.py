@@ -9,7 +9,13 @@ import numpy as np
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile
 from vibrident.io.columns import ColumnFile
-from vibrident.io.header_units import hertz_per_unit, require_magnitude_unit, require_phase_unit
+from vibrident.io.header_units import (
+    hertz_per_unit,
+    require_magnitude_unit,
+    require_phase_unit,
+    require_response_unit,
+    require_standard_uncertainty,
+)
 from vibrident.io.readers import open_columns, sha256
 from vibrident.records import FloatArray, Provenance, ResponseTable
 
@@ -92,10 +98,14 @@ def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: 
         "quantity": calibration.reference.quantity,
     }
     for key, position in positions.items():
+        if key.endswith("uncertainty"):
+            require_standard_uncertainty(source, position, key)
         if key.startswith("phase"):
             require_phase_unit(source, position, key, calibration.table.phase_unit)
         elif key.startswith("magnitude"):
             require_magnitude_unit(source, position, key, **stated)
+            if "unit" in calibration.response.model_fields_set and calibration.reference.quantity != "drive":
+                require_response_unit(source, position, f"[table] {key}", stated["unit"], stated["scale"])
 
 
 def _times(values: FloatArray | None, factor: float) -> FloatArray | None:
