@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,9 @@ from vibrident.interferometer.effects import effects
 from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.interferometer.setting import Held, Interferometer
 from vibrident.interferometer.survey import survey
+from vibrident.io import read
+from vibrident.simulation.interferometer import write_optical_calibration
+from vibrident.simulation.optics import Optics
 
 SETTING = Interferometer("quadrature", 632.991e-9, direction=1)
 HERTZ, SECONDS, SLOWEST = 1e4, 0.04, 4e5
@@ -77,3 +82,16 @@ def test_a_sine_slower_than_the_first_look_is_found(monkeypatch):
     rate, time = 1e5, np.arange(60_000) / 1e5
     signals, choice = of(200.0 * np.sin(2.0 * np.pi * 10.0 * time), rate)
     assert abs(rough_frequency(signals, choice) - 10.0) < 1.0
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.0, False), (2.0, True), (0.5, True), (1.3, False)])
+def test_an_optical_rate_that_is_wrong_by_a_factor_is_suspected(tmp_path, times, said):
+    """Without stated frequencies nothing else told it."""
+    settings = {"sampling_rate_hz": 5e4, "samples": 3000, "start": "steady", "frequencies_hz": [400.0, 1000.0]}
+    write_optical_calibration(tmp_path, "paper", "sine", Optics(rate_hz=1e6), seed=1, **settings)
+    file = tmp_path / "calibration.toml"
+    text = re.sub(r"frequency_hz = .*\n", "", file.read_text())
+    file.write_text(text.replace("rate_hz = 1000000.0", f"rate_hz = {1e6 * times!r}"))
+    found = [finding.message for record in read(file).records for finding in record.optical.findings]
+    assert len(found) == said
+    assert not said or "factor of 2" in found[0]

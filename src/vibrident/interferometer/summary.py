@@ -12,7 +12,7 @@ from vibrident.interferometer.setting import FloatArray, Interferometer
 if TYPE_CHECKING:
     from vibrident.interferometer.ellipse import Ellipse
 
-OpticalCode = Literal["fringe_slip", "few_fringes", "ellipse_unstable", "clipped"]
+OpticalCode = Literal["fringe_slip", "few_fringes", "ellipse_unstable", "clipped", "clock_suspect"]
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,13 @@ from vibrident.interferometer.demodulation import Demodulated, demodulate
 from vibrident.interferometer.effects import Answer, effects
 from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.interferometer.setting import FloatArray, Held, Interferometer, Signals
+from vibrident.interferometer.summary import OpticalFinding
 from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
 from vibrident.io.clocks import SAME_RATE, agreed_rate
 from vibrident.io.columns import ColumnFile
 from vibrident.io.interferometer_section import InterferometerSection
-from vibrident.io.optical_motion import part_outside, require_motion, require_pulse
+from vibrident.io.optical_motion import clocks_apart, part_outside, require_motion, require_pulse
 from vibrident.io.readers import open_columns, sha256
 from vibrident.io.record_files import Part, named_parts, read_record, stated_sampling, timed
 from vibrident.io.sampling import Sampling, cut
@@ -76,6 +77,7 @@ class _Opened:
     response: FileSignals
     sampling: Sampling
     beside: bool
+    doubts: tuple[OpticalFinding, ...]
     carrier_hz: float | None = None
     offset_s: float = 0.0
 
@@ -108,6 +110,8 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     opened = [
         _open(part, name, calibration, section, folder) for part, name in parts if part.entry.excitation != "decay"
     ]
+    doubted = next((one.name for one in opened if one.doubts), "")  # said once: the rate is that of all
+    opened = [one if one.name == doubted else replace(one, doubts=()) for one in opened]
     opened, seen, choices = _looked_at(opened, setting)
     moving = any(one.part.entry.excitation != "sine" for one in opened)
     made = [
@@ -237,11 +241,13 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
             where=part.where,
             remedy="give both over the same samples, or rate_hz of [interferometer] if they are sampled faster",
         )
+    lasting = other.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
+    doubts = () if beside else clocks_apart(*lasting, name)
     if section.carrier_hz is None:
-        return _Opened(part, name, optical, response, sampling, beside)
+        return _Opened(part, name, optical, response, sampling, beside, doubts)
     most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
     mixed = Baseband.around(optical, section.carrier_hz, sampling.rate_hz, part.where, most)
-    return _Opened(part, name, mixed, response, sampling, beside, mixed.carrier_hz, mixed.first / optical_hz)
+    return _Opened(part, name, mixed, response, sampling, beside, doubts, mixed.carrier_hz, mixed.first / optical_hz)
 
 
 def _kept(part: Part, samples: int, rate_hz: float) -> slice:
@@ -333,6 +339,6 @@ def _record(
         provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
         response_full_scale=None if to_response.full_scale is None else to_response.full_scale * abs(to_response.scale),
         reference_noise_order=4 if moving else 0,
-        optical=found.summary,
+        optical=replace(found.summary, findings=(*one.doubts, *found.summary.findings)),
     )
     return replace(found, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

@@ -7,10 +7,13 @@ import numpy as np
 from vibrident.errors import InputError
 from vibrident.interferometer.alignment import Aligned
 from vibrident.interferometer.setting import Signals
+from vibrident.interferometer.summary import OpticalFinding
 from vibrident.interferometer.survey import BLOCK
 
 #: Largest part of a response's power that may fall into stretches that are left out; of a shock, whose pulse is all.
 MOST_LOST, MOST_LOST_OF_SHOCK = 0.5, 0.1
+#: A channel that lasts 2 to so many times as long as the other, to this part, has another clock.
+MOST_TIMES, SAME_TIME = 10, 5e-3
 #: Least mean square of a shock's acceleration over that of its noise, less one.
 LEAST_ABOVE = 1.5
 #: A response is the shock's above this multiple of its median power: 3 standard deviations of noise.
@@ -19,6 +22,25 @@ LOUD = 20.0
 BESIDE = 32
 #: … and from so many at the ends of a record, where the state of the sensor is an unknown, too.
 ENDS = 48
+
+
+def clocks_apart(optical_s: float, response_s: float, name: str) -> tuple[OpticalFinding, ...]:
+    """A doubt where one channel lasts a whole number of times as long as the other: a rate wrong by a factor does that.
+
+    Args:
+        optical_s: how long the optical signals last by their rate.
+        response_s: the same of the response.
+        name: of the record.
+    """
+    times = max(optical_s, response_s) / max(min(optical_s, response_s), 1e-300)
+    whole = round(min(times, MOST_TIMES + 1.0))
+    if not 2 <= whole <= MOST_TIMES or abs(times / whole - 1.0) > SAME_TIME:
+        return ()
+    text = (
+        f"{name}: the optical signals last {optical_s:.6g} s, the response {response_s:.6g} s. If both were recorded "
+        f"together, rate_hz of [interferometer] or of [sampling] is wrong by a factor of {whole}."
+    )
+    return (OpticalFinding("clock_suspect", text),)
 
 
 def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
@@ -85,7 +107,7 @@ def require_pulse(seen: Aligned, outside: float, name: str) -> None:
             found=f"{above:.2g} times",
             where=name,
             remedy="shock harder, reduce the noise of the optical signals, or record more before and after the shock: "
-            "fewer samples a second, of less noise, then do",
+            "fewer samples a second, of less noise, then do; check rate_hz and delay_s of [interferometer], too",
         )
 
 
