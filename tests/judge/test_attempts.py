@@ -1,21 +1,27 @@
 """A fit that ended beside its optimum goes on from the other optima of its start."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from vibrident.estimators import Estimate
 from vibrident.estimators.findings import Findings, TrainedNetwork
+from vibrident.estimators.kinds.ipnn import IPNN
 from vibrident.estimators.optimise import Trace, silent
 from vibrident.estimators.start import Start
 from vibrident.judge import attempts
 from vibrident.judge.adequacy import Judgement
+from vibrident.measure import measure_bands
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence
+from vibrident.simulation import simulate
 from vibrident.uncertainty.adequacy import Adequacy
 
 FIRST, SECOND = ({"sensitivity": 1.0, "natural_frequency": hz, "damping_ratio": 0.1} for hz in (100.0, 300.0))
 
 
-def fitted(values, weights, chi2_reduced):
+def fitted(values, weights, chi2_reduced, adequate=True):
     coordinates = Coordinates.at(parse("accelerometer"), values, (1.0, 50.0))
     trace = Trace("levenberg-marquardt", True, "converged", (1.0,), coordinates.first[None])
     estimate = Estimate(
@@ -23,8 +29,18 @@ def fitted(values, weights, chi2_reduced):
         begin=Start(values, (90.0,), 100, (values,), ((SECOND, 95.0),)),
         findings=Findings(TrainedNetwork("bandlimited", "levenberg-marquardt", 4, np.ones(1), weights=weights)),
     )  # fmt: skip
-    points = Adequacy(np.ones(50), np.ones(50, complex), np.ones(50), ("r",) * 50, chi2_reduced, 97, adequate=True)
+    points = Adequacy(np.ones(50), np.ones(50, complex), np.ones(50), ("r",) * 50, chi2_reduced, 97, adequate=adequate)
     return estimate, Judgement(points, "")
+
+
+class Promising:
+    """An estimator that would try any start, or none."""
+
+    def __init__(self, promising):
+        self.promising = promising
+
+    def promises(self, evidence, estimate, progress):
+        return self.promising
 
 
 def chosen(monkeypatch, first, second):
@@ -43,3 +59,34 @@ def test_a_fit_of_equal_weights_gives_way_to_one_that_reached_its_optimum_in_the
     assert chosen(monkeypatch, white, fitted(SECOND, "spectrum", 1.5)) is white
     assert chosen(monkeypatch, white, fitted(SECOND, "white", 0.8)) is white
     assert chosen(monkeypatch, fitted(FIRST, "spectrum", 1.0), reached) is not reached
+
+
+@pytest.mark.parametrize("promising", [True, False])
+def test_another_start_is_fitted_to_the_end_only_where_it_promises_something(monkeypatch, promising):
+    """A shock that no model fits took four times as long: every start led back to the same misfit."""
+    starts = []
+
+    def once(evidence, *_):
+        starts.append(evidence.start)
+        return fitted(FIRST, "white", 50.0, adequate=False)
+
+    monkeypatch.setattr(attempts, "_once", once)
+    bands = measure_bands(simulate(("accelerometer", FIRST), "random", samples=1000, seed=1).records)
+    evidence = Evidence(None, parse("accelerometer"), (), None, bands, ())  # type: ignore[arg-type]
+    monkeypatch.setattr(attempts, "_searched_again", lambda evidence, estimator, best, progress: best)
+    attempts.fitted_and_judged(evidence, Promising(promising), silent)  # type: ignore[arg-type]
+    assert starts == ([None, SECOND] if promising else [None])
+
+
+def test_a_start_promises_something_where_training_leaves_less():
+    """Not where it leads back to the optimum that is known, whatever the way there."""
+    made = simulate(("accelerometer", FIRST), "random", samples=1500, response_noise=1e-3, seed=1)
+    evidence = Evidence.gather(made, parse("accelerometer"))
+    known = IPNN.fit(evidence)
+    values = known.coordinates.values(known.z)
+    elsewhere = replace(evidence, start={**values, "natural_frequency": 1.1 * values["natural_frequency"]})
+    assert not IPNN.promises(elsewhere, known)
+    network = known.findings.network
+    assert network is not None
+    worse = replace(known, findings=replace(known.findings, network=replace(network, noise=1.01 * network.noise)))
+    assert IPNN.promises(elsewhere, worse)

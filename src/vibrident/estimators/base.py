@@ -125,6 +125,11 @@ class Estimator(ABC):
         """
         return None
 
+    def promises(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
+        """Whether the start stated in the evidence may lead to a better fit than a rejected estimate, as far as that
+        can be told for a part of the work."""
+        return True
+
     def suits(self, evidence: Evidence) -> str:
         """Reason to choose this estimator for these data; empty: it is not chosen automatically."""
         return ""

@@ -34,6 +34,8 @@ from vibrident.records import FloatArray
 ROUNDS = 6
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
+#: A fit is better where −2 log likelihood of the residual, as white noise, is less by this.
+LIKELIER = 9.0
 
 
 def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
@@ -56,6 +58,20 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
         return _freed(network, evidence, trained, progress)
     # A nonlinear model has no residual line by line, and Adam trains as the paper does.
     return trained.in_the_noise_found(evidence) if _by_lines(network, evidence) else trained.with_equal_weights()
+
+
+def leads_further(network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress) -> bool:
+    """Whether another start leads to less residual with equal weights than the estimate's training left.
+
+    Training takes a tenth of the time of the steps in the metric of the noise, which come to nothing where the model
+    does not explain the data. True where it is not known.
+    """
+    before = estimate.findings.network
+    if before is None or not _by_lines(network, evidence):
+        return True
+    after = _trained(network, evidence, progress)
+    samples = np.array([record.mask.sum() for record in evidence.records], dtype=float)
+    return float(np.sum(2.0 * samples * np.log(before.noise / after.network.noise))) > LIKELIER
 
 
 def with_equal_weights(estimate: Estimate) -> Estimate | None:

@@ -199,8 +199,11 @@ def _tried(
 
     A start may lead to no fit: a delay beyond the record, for one.
     """
+    begun = replace(evidence, start=dict(start))
     try:
-        other = _once(replace(evidence, start=dict(start)), estimator, progress)
+        if not estimator.promises(begun, best[0], progress):
+            return best
+        other = _once(begun, estimator, progress)
     except (NotConverged, InputError):
         return best
     less = (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0)

@@ -118,6 +118,8 @@ def _along_the_valley(
     here = descend(chart, u[None], np.array([sign]), goal, STEPS)
     if not np.isfinite(first.cost[0]):
         return
+    # The estimate is not the optimum of the points alone; what fits them as well as it does counts, up to a limit.
+    least = min(float(first.cost[0]), float(here.cost[0]) + ALIKE)
     covariance = inverse_normal(information_at(chart, here.u, here.sign, goal)[0])
     spread = np.sqrt(np.diag(covariance))
     above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
@@ -132,7 +134,7 @@ def _along_the_valley(
     held[np.arange(len(turns)), [k for k, _ in turns]] = True
     front = descend(chart, here.u + moved, np.full(len(turns), here.sign[0]), goal, STEPS, held)
     for row in np.argsort(-np.max(np.abs(front.u - u) / stated, axis=1), kind="stable").tolist():
-        yield float(front.cost[row] - first.cost[0]), chart.named(front.u, front.sign, row)
+        yield float(front.cost[row] - least), chart.named(front.u, front.sign, row)
 
 
 def _differ(

@@ -76,6 +76,12 @@ class Ipnn(NetworkSettings, Estimator):
 
         return training.fit(self, evidence, progress)
 
+    def promises(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
+        """Whether training with equal weights leads to less residual."""
+        from vibrident.estimators import training
+
+        return training.leads_further(self, evidence, estimate, progress)
+
     def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """The best overall fit: equal weights for all samples of a record."""
         from vibrident.estimators import training
