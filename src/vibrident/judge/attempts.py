@@ -1,8 +1,8 @@
-"""Fit and judge; if the model is rejected, fit again from other starts, or without records that seem dead."""
+"""Fit and judge; if the model is rejected, fit again from other starts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +19,6 @@ from vibrident.measure import Finding
 from vibrident.memory import give_back_after
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
-from vibrident.records import FloatArray
-from vibrident.uncertainty.adequacy import looks_random
 from vibrident.uncertainty.linearised import Linearised
 
 #: Number of other starts tried if the model is rejected.
@@ -37,11 +35,33 @@ ALIKE = 9.0
 SEARCHES = 3
 #: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
 OUTSIDE = 3.0
-#: Records that seem dead are left out where the model explains the others so many times better.
-MUCH_BETTER = 4.0
-#: Rounds in which the scatter of a table's phase settles to this part of it, and what its record says then.
-PHASE_ROUNDS, PHASE_SETTLED = 20, 0.01
-PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """Data, the estimate from them, what it says of them, and how it was made."""
+
+    evidence: Evidence
+    estimate: Estimate
+    judgement: Judgement
+    estimator: Estimator
+    progress: Progress
+    drifts: tuple[Finding, ...] = ()
+
+    @classmethod
+    def at(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Attempt:
+        """The first one."""
+        return cls(evidence, *fitted_and_judged(evidence, estimator, progress), estimator, progress)
+
+    def anew(self, evidence: Evidence) -> Attempt:
+        """The same estimator's of other data."""
+        estimate, judgement = fitted_and_judged(evidence, self.estimator, self.progress)
+        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the model explains the data."""
+        return self.judgement.adequacy.adequate
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,60 +152,6 @@ def _noise_weights(estimate: Estimate) -> str:
 
 def _chi2(judgement: Judgement) -> float:
     return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
-
-
-def with_phase_scatter(
-    evidence: Evidence, estimator: Estimator, found: tuple[Estimate, Judgement], progress: Progress
-) -> tuple[Evidence, Estimate, Judgement]:
-    """The fit of a table that states the magnitude's uncertainty alone: that of the phase is seen in its deviations.
-
-    It is taken in proportion to the magnitude's. Where the deviations follow a pattern, the model does not explain the
-    phase, and their size says nothing of its uncertainty.
-    """
-    table, problem, now = evidence.calibration.table, evidence.first_look, evidence
-    if table is None or problem is None or not problem.has_phase:
-        return now, *found
-    if table.magnitude_uncertainty is None or table.phase_uncertainty_rad is not None:
-        return now, *found
-    free, order = table.points - 0.5 * len(found[0].z), np.argsort(table.frequency_hz, kind="stable")
-    history = (*table.provenance.history, PHASE_BY_SCATTER)
-    begin, known = found, 1.0
-    for _ in range(PHASE_ROUNDS if free > 1.0 else 0):
-        args = (found[0].coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
-        turn = np.asarray(response_residual(found[0].z, *args))[table.points :][order]
-        scatter = float(np.sqrt(np.sum(turn**2) / free))
-        if abs(scatter - known) < PHASE_SETTLED * known or scatter == 0.0:
-            return (now, *found) if looks_random(turn) else (evidence, *begin)
-        known, stated = scatter, scatter * problem.relative_deviation
-        told = replace(table, phase_uncertainty_rad=stated, provenance=replace(table.provenance, history=history))
-        now = Evidence.gather(replace(evidence.calibration, table=told), evidence.model)
-        found = fitted_and_judged(now, estimator, progress)
-    return evidence, *begin
-
-
-def without_dead_records(
-    evidence: Evidence, judgement: Judgement, chosen: Estimator, progress: Progress
-) -> tuple[Evidence, Estimate, Judgement] | None:
-    """The fit without records that seem dead, where the model explains the others so much better."""
-    others = evidence.without_dead_records()
-    if others is None:
-        return None
-    estimate, better = fitted_and_judged(others, chosen, progress)
-    chi2 = [judged.adequacy.chi2_reduced or np.inf for judged in (better, judgement)]
-    # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
-    kept = [index for index, record in enumerate(evidence.records) if any(record is other for other in others.records)]
-    left = _unexplained(others, better.predicted), _unexplained(others, [judgement.predicted[i] for i in kept])
-    spoilt = chi2[0] < chi2[1] / MUCH_BETTER or left[0] < left[1] / MUCH_BETTER
-    return (others, estimate, better) if spoilt else None
-
-
-def _unexplained(evidence: Evidence, predicted: Sequence[FloatArray]) -> float:
-    """Mean square of the responses' deviations from the prediction, each over its response's."""
-    parts = []
-    for record, expected in zip(evidence.records, predicted, strict=True):
-        used = record.mask & np.isfinite(expected)
-        parts.append(float(np.var((record.response - expected)[used]) / np.var(record.response[used])))
-    return float(np.mean(parts))
 
 
 def _tried(

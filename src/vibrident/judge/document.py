@@ -15,9 +15,10 @@ import numpy as np
 from vibrident import __version__
 from vibrident.estimators import Estimate
 from vibrident.judge.adequacy import Judgement, fit_of_signals, fit_of_table
-from vibrident.judge.attempts import PHASE_BY_SCATTER, Fitted
+from vibrident.judge.attempts import Fitted
 from vibrident.judge.doubts import second_thoughts
 from vibrident.judge.effects import all_effects, covered, measured, seen
+from vibrident.judge.refits import PHASE_BY_SCATTER
 from vibrident.models import SensorModel
 from vibrident.naming import in_words
 from vibrident.problem import Evidence

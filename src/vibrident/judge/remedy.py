@@ -8,18 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.errors import VibridentError
-from vibrident.estimators import Estimate, Estimator
-from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
+from vibrident.estimators.optimise import levenberg_marquardt, silent
 from vibrident.estimators.start import find_start
 from vibrident.judge.adequacy import Judgement
-from vibrident.judge.attempts import fitted_and_judged
-from vibrident.models import CORES, SensorModel, installed
+from vibrident.judge.attempts import Attempt
+from vibrident.models import ADD_ONS, CORES, SensorModel, installed
 from vibrident.naming import plain
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 
-#: What is added to a model; a boxcar needs sines or a table.
-WITH_NETWORK = ("delay", "highpass", "mode2", "highpass+delay", "mode2+delay")
-ADDED = (*WITH_NETWORK, "boxcar", "boxcar+delay")
 #: Another model is tried if its χ²/ν at the points is so many times smaller …
 BETTER = 10.0
 #: … with this many degrees of freedom left to judge it by.
@@ -32,36 +28,37 @@ WELL, ALIKE, MOST_TRIED = 1.5, 30.0, 3
 ROUGH = 0.02
 
 
-def with_remedy(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, estimator: Estimator, progress: Progress
-) -> Judgement:
-    """The judgement with the model that explains what the present one does not, if there is one.
+def with_remedy(found: Attempt) -> Attempt:
+    """The attempt, its judgement with the model that explains what the present one does not, if there is one.
 
     Models are tried at the excited frequencies, the likely ones then by a whole fit.
     """
+    evidence, judgement = found.evidence, found.judgement
     declared = judgement.adequacy.chi2_reduced or 0.0
-    if judgement.adequacy.adequate or declared <= 0.0 or not _may_be_the_model(evidence, estimate, judgement):
-        return judgement
+    if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
+        return found
     for other in _tried(evidence, judgement):
         try:
-            _, found = fitted_and_judged(Evidence.gather(evidence.calibration, other), estimator, progress)
+            better = found.anew(Evidence.gather(evidence.calibration, other))
         except VibridentError:
             continue
-        if found.adequacy.adequate:
-            chi2 = found.adequacy.chi2_reduced or 0.0
+        if better.adequate:
+            chi2 = better.judgement.adequacy.chi2_reduced or 0.0
             text = f"{judgement.lack_of_fit} The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
-            return replace(judgement, lack_of_fit=text, remedied=chi2 * ALL_MISFIT < declared)
-    return judgement
+            remedied = chi2 * ALL_MISFIT < declared
+            judgement = replace(judgement, lack_of_fit=text, remedied=remedied)
+            return replace(found, judgement=judgement, drifts=() if remedied else found.drifts)
+    return found
 
 
-def _may_be_the_model(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> bool:
+def _may_be_the_model(found: Attempt) -> bool:
     """Whether the model may be at fault: not its discretisation, nor what no linear model explains."""
-    findings, few = estimate.findings, judgement.adequacy.degrees_of_freedom < LEAST_FREE
+    findings, few = found.estimate.findings, found.judgement.adequacy.degrees_of_freedom < LEAST_FREE
     network = findings.network
     plain_fit = (
         findings.learned is None and (network is None or network.optimiser != "adam") and findings.method.is_exact
     )
-    return evidence.model.is_linear and plain_fit and not few and not judgement.overtones
+    return found.evidence.model.is_linear and plain_fit and not few and not found.judgement.overtones
 
 
 def _tried(evidence: Evidence, judgement: Judgement) -> list[SensorModel]:
@@ -112,9 +109,13 @@ def _left(problem: FrequencyProblem, model: SensorModel) -> float:
 
 
 def _others(evidence: Evidence) -> list[SensorModel]:
-    """Linear models beside the present one: of another core, and with more add-ons."""
-    own, possible = evidence.model.name.split("+"), ADDED if evidence.bands is None else WITH_NETWORK
-    names = ["+".join([core, *own[1:]]) for core in CORES if core != own[0]]
-    names += ["+".join([*own, *more.split("+")]) for more in possible if not set(more.split("+")) & set(own)]
-    models = (installed(name) for name in names)
+    """Linear models beside the present one: of another core, and with one more add-on, with and without a delay."""
+    own, possible = evidence.model.name.split("+"), [addon for addon in ADD_ONS.values() if addon.force is None]
+    if evidence.bands is not None:  # broadband motion needs a network
+        possible = [addon for addon in possible if addon.factor is None]
+    delays = [[], *([addon.name] for addon in possible if addon.is_delay)]
+    more = [[addon.name, *later] for later in delays for addon in possible if not (later and addon.is_delay)]
+    names = [[core, *own[1:]] for core in CORES if core != own[0]]
+    names += [[*own, *added] for added in more if not set(added) & set(own)]
+    models = (installed("+".join(parts)) for parts in names)
     return [model for model in models if model is not None and model.is_linear]
