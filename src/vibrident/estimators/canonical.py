@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.estimators.base import Estimate
-from vibrident.estimators.findings import Findings
+from vibrident.estimators.findings import Findings, doubtful
 from vibrident.models.labels import canonical, rule, slopes, upright
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
@@ -49,15 +49,14 @@ def in_one_form(estimate: Estimate) -> Estimate:
         covariance=covariance,
         trace=replace(estimate.trace, coordinates=path),
         begin=begin,
-        findings=_turned(estimate.findings, turn, estimate.covariance, covariance),
+        findings=_turned(estimate.findings, turn, covariance),
     )
 
 
-def _turned(findings: Findings, turn: FloatArray, before: FloatArray, after: FloatArray) -> Findings:
-    """Findings whose statements on each parameter are converted to the new parameters."""
+def _turned(findings: Findings, turn: FloatArray, covariance: FloatArray) -> Findings:
+    """Findings whose statements on each parameter are converted to the new parameters, with their new covariance."""
     noise = findings.noise
-    if noise is None or not noise.doubt.size:
+    if noise is None or not noise.pulls.size:
         return findings
-    shift = np.abs(turn) @ (noise.doubt * np.sqrt(np.maximum(np.diag(before), 0.0)))
-    size = np.sqrt(np.maximum(np.diag(after), np.finfo(float).tiny))
-    return replace(findings, noise=replace(noise, doubt=shift / size))
+    pulls = noise.pulls @ turn.T
+    return replace(findings, noise=replace(noise, pulls=pulls, doubt=doubtful(pulls, covariance)))

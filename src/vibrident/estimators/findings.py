@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
+
+import numpy as np
 
 from vibrident.discretize import Method, method
 from vibrident.records import FloatArray
@@ -71,11 +73,13 @@ class LineNoise:
         doubt: part of z's standard deviation for such noise where motion leaves no line free, 0 … 1, shape (p,); empty
             likewise.
         hum_hz: tones of each record's response that do not come from the motion.
+        pulls: what such noise of each of these records does to z, shape (k, p).
     """
 
     reference: FloatArray
     doubt: FloatArray
     hum_hz: tuple[tuple[float, ...], ...]
+    pulls: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def as_settings(self, names: Sequence[str]) -> dict[str, Any]:
         """For a result; ``names``: of the parameters."""
@@ -87,6 +91,11 @@ class LineNoise:
         if any(self.hum_hz):
             found["hum_hz"] = [list(tones) for tones in self.hum_hz]
         return found
+
+
+def doubtful(pulls: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Part of the standard deviations that independent pulls, shape (k, p), make up, shape (p,)."""
+    return np.sqrt(np.sum(pulls**2, axis=0) / np.maximum(np.diag(covariance), 1e-300))
 
 
 @dataclass(frozen=True, eq=False)

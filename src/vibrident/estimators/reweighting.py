@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.estimators.coloured import sandwich
-from vibrident.estimators.findings import LineNoise
+from vibrident.estimators.findings import LineNoise, doubtful
 from vibrident.estimators.noise_metric import Place, beside_hum, equal, equal_cost, motion_of, place_at, products, width
 from vibrident.estimators.noise_motion import NEAREST
 from vibrident.estimators.noise_spectrum import DOUBT, NoiseSpectrum
@@ -123,19 +123,20 @@ def reweighted(
     inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
-    untold = [pull**2 for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free]
-    doubt = np.sqrt(np.sum([np.zeros(len(z)), *untold], axis=0) / np.maximum(np.diag(covariance), 1e-300))
+    untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
+    untold = untold.reshape(-1, len(z))
     return Reweighted(
         here.z,
         covariance,
         sum(4.0 * (width(record) - NEAREST) for record in lines),
         LineNoise(
             np.sqrt([spectrum.passed for spectrum in spectra]) * noise,
-            doubt,
+            doubtful(untold, covariance),
             tuple(
                 tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
                 for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
             ),
+            untold,
         ),
     )
 

@@ -167,8 +167,8 @@ def _estimate(descent: Descent, index: int) -> Estimate:
     estimate, place, near = descent.fitted[index].estimate, descent.places[index], descent.near[index]
     findings, more = estimate.findings, {}
     if index not in descent.alone and findings.noise is not None:
-        nothing = np.zeros(0)
-        findings = replace(findings, noise=replace(findings.noise, reference=nothing, doubt=nothing))
+        nothing, none = np.zeros(0), np.zeros((0, 0))
+        findings = replace(findings, noise=replace(findings.noise, reference=nothing, doubt=nothing, pulls=none))
     if near.noise is not None and findings.network is not None:
         findings = replace(findings, network=replace(findings.network, noise=near.noise))
         more["problem"] = near.network
