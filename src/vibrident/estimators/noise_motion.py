@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vibrident.measure.lines import MOST_KEPT, in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
+from vibrident.records.basis import distinct
 
 #: Bins that a spectrum is averaged into.
 BINS = 160
@@ -130,7 +131,7 @@ class Bins(NamedTuple):
 def bins_of(lines: int) -> Bins:
     """Bins of so many lines, evenly spread over the logarithm up to a part of the sampling rate."""
     last = max(int(HIGHEST * 2 * (lines - 1)), 8)
-    edges = np.unique(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
+    edges = distinct(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
     wide = np.diff(edges).astype(float)
     order = means(np.arange(lines, dtype=float), edges)
     return Bins(edges, wide, order, np.exp(-wide * [math.lgamma(1.0 + 1.0 / number) for number in wide]))

@@ -30,6 +30,7 @@ from vibrident.estimators.search import (
 from vibrident.models import SensorModel
 from vibrident.problem import FrequencyProblem
 from vibrident.records import FloatArray
+from vibrident.records.basis import distinct
 
 FREQUENCIES_PER_DECADE = 24
 DECADES_OUTSIDE = 1.5
@@ -292,12 +293,12 @@ def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatAr
     """Natural frequencies to try: evenly over the band and beyond, and between neighbours of few points."""
     low, high = np.log10(band_hz[0]) - DECADES_OUTSIDE, np.log10(band_hz[1]) + DECADES_OUTSIDE
     even = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
-    points = np.unique(frequency_hz)
+    points = distinct(frequency_hz)
     if points.size > MOST_SCORED_POINTS:
         return even
     log = np.log(points)
     between = [np.exp(log[:-1] + part * np.diff(log)) for part in (0.25, 0.5, 0.75)]
-    return np.unique(np.concatenate([even, *between]))
+    return distinct(np.concatenate([even, *between]))
 
 
 def _with_guesses(cores: FloatArray, model: SensorModel, band_hz: tuple[float, float]) -> FloatArray:

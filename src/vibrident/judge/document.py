@@ -23,6 +23,7 @@ from vibrident.models import SensorModel
 from vibrident.naming import in_words
 from vibrident.problem import Evidence
 from vibrident.records import Calibration, FloatArray
+from vibrident.records.basis import distinct
 from vibrident.result import Result, ResultWarning, Training
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table
 from vibrident.uncertainty.budget import (
@@ -197,7 +198,7 @@ def _training(estimate: Estimate) -> Training:
     """The way from the grid to the optimum: start values from the response, then the estimator's own iterations."""
     trace, begin = estimate.trace, estimate.begin
     names = estimate.coordinates.model.parameter_names
-    keep = np.unique(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), MOST_TRACE)).astype(int))
+    keep = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), MOST_TRACE)).astype(int))
     before = () if begin is None or trace.optimiser == "adam" else _shown(begin.costs, begin.equations, begin.path)
     path = [estimate.coordinates.values(trace.coordinates[i]) for i in keep]
     own = _shown([trace.costs[i] for i in keep], estimate.equations, path)

@@ -25,6 +25,7 @@ from vibrident.naming import in_words
 from vibrident.nominal import nominal_value
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.records import FloatArray, Quantity, ResponseTable
+from vibrident.records.basis import distinct
 from vibrident.result import ResultWarning
 from vibrident.tails import f_tail
 from vibrident.uncertainty.adequacy import Adequacy, Points
@@ -330,7 +331,7 @@ def _angular_frequencies(evidence: Evidence) -> str | None:
     table = evidence.calibration.table
     if table is None:
         return None
-    frequencies = np.unique(table.frequency_hz)
+    frequencies = distinct(table.frequency_hz)
     if len(frequencies) < FEWEST_NOMINAL or _nominal(frequencies) or not _nominal(frequencies / (2.0 * np.pi)):
         return None
     return (

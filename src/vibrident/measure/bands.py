@@ -18,6 +18,7 @@ from vibrident.measure.alignment import TINY, aligned, bulk_delay, whitened
 from vibrident.measure.lines import MOST_KEPT, hann, power_of
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
+from vibrident.records.basis import distinct
 from vibrident.tails import gamma_tail
 
 LINES_IN_BAND = 6
@@ -105,7 +106,7 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     """
     share = _coherence(bands)
     found = []
-    for record in np.unique(bands.record).tolist():
+    for record in distinct(bands.record).tolist():
         own = bands.record == record
         least = LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 0.0
         lines = np.sum(bands.line_weight[own], axis=1)

@@ -13,6 +13,7 @@ import numpy as np
 
 from vibrident.measure.terms import products
 from vibrident.records import FloatArray
+from vibrident.records.basis import distinct
 from vibrident.tails import f_tail
 
 #: Number of independent places of a step.
@@ -281,7 +282,7 @@ def _hum(residual: FloatArray, parts: Sequence[np.ndarray], rate: float) -> Floa
             own[part - first] = residual[part]
         sums += products(own, np.asarray(2j * np.pi / rate * hz.ravel(), dtype=complex), first)
     found = hz[np.abs(sums.reshape(hz.shape)) ** 2 > HEARD * power]
-    return np.unique(found[found < 0.5 * rate]).astype(float)
+    return distinct(found[found < 0.5 * rate]).astype(float)
 
 
 def _fitted(blocks: Blocks, shapes: FloatArray, pair: slice) -> tuple[FloatArray, FloatArray]:

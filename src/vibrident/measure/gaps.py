@@ -11,6 +11,7 @@ import numpy as np
 
 from vibrident.measure.rounding import converter_step
 from vibrident.records import BoolArray, FloatArray
+from vibrident.records.basis import distinct
 
 #: Equal samples in a row that are looked at.
 FEWEST = 3
@@ -61,7 +62,7 @@ def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
 
 def _step(values: FloatArray) -> float:
     """Smallest difference of values that occur."""
-    return float(np.min(np.diff(np.unique(values)), initial=np.inf))
+    return float(np.min(np.diff(distinct(values)), initial=np.inf))
 
 
 def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> float:
@@ -84,7 +85,7 @@ def _levels_of_rest(values: FloatArray, begins: np.ndarray, ends: np.ndarray) ->
     """Where the signal rests: at a level held for long, or at the record's very beginning or end."""
     lengths = ends - begins + 1
     edge = ((begins == 0) | (ends == values.size - 1)) & (lengths >= 2 * FEWEST)
-    return np.unique(values[begins[edge | (lengths > REST * values.size)]])
+    return distinct(values[begins[edge | (lengths > REST * values.size)]])
 
 
 def _leaves_by_jump(values: FloatArray, begins: np.ndarray, ends: np.ndarray) -> BoolArray:

@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.records.basis import distinct
 
 #: Windows and transforms of filters are kept for signals of up to so many samples.
 MOST_KEPT = 1 << 16
@@ -188,7 +189,7 @@ class _Windows(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _windows(count: int) -> _Windows:
-    places = np.unique(np.geomspace(1, count, 160).astype(int)) - 1
+    places = distinct(np.geomspace(1, count, 160).astype(int)) - 1
     reach = np.maximum(MEDIAN_LINES, (MEDIAN_SHARE * places).astype(int))
     around = list(zip(np.maximum(places - reach, 0).tolist(), (places + reach + 1).tolist(), strict=True))
     alike = (places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))

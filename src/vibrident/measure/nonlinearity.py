@@ -31,6 +31,7 @@ from vibrident.measure.overtones import OWN
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import step_in_response
 from vibrident.records import FloatArray, Record
+from vibrident.records.basis import distinct
 
 #: Longer records are looked at in parts, of which each holds so many periods of a tone.
 LONGEST, MANY_PERIODS = 1 << 16, 50.0
@@ -252,7 +253,7 @@ def _answered(response: FloatArray, residual: FloatArray, used: np.ndarray) -> n
 def _leave_out(one: _Series, frequencies_hz: FloatArray) -> None:
     """Leave out the lines next to these frequencies."""
     step = one.record.sampling_rate_hz / one.record.samples
-    places = np.unique(np.round(frequencies_hz / step).astype(int))
+    places = distinct(np.round(frequencies_hz / step).astype(int))
     for offset in range(-2, 3):
         beside = places + offset
         one.quiet[beside[(beside >= 0) & (beside < one.quiet.size)]] = False

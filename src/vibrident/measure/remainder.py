@@ -14,6 +14,7 @@ from vibrident.measure.bands import LEAST_POWER, LINES_IN_BAND, band_edges, powe
 from vibrident.measure.lines import fast_below, hann, power_of
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.records.basis import distinct
 
 #: Stretches of time, half of each the next one's too, that tell how noise changes.
 STRETCHES = 15
@@ -131,7 +132,7 @@ def noise_where_bands_move(
     samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
     length = fast_below(2 * (samples // (STRETCHES + 1)), MOST_CUT)
     window, last = hann(length), int(0.45 * length)
-    groups = np.unique(np.linspace(1, last, GROUPS + 1).astype(int))
+    groups = distinct(np.linspace(1, last, GROUPS + 1).astype(int))
     first = np.minimum(edges[:-1] * length // left.size, last - 1)
     end = np.maximum(-(-edges[1:] * length // left.size), first + 1)
     noise, moves = np.zeros((STRETCHES, len(groups) - 1)), np.zeros((STRETCHES, len(first)))

@@ -15,6 +15,7 @@ from weakref import ref
 import numpy as np
 
 from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.records.basis import distinct
 
 #: Noise of so many steps turns rounding errors into white noise.
 DITHERED = 0.6
@@ -72,7 +73,7 @@ def _forget(key: int, _: object) -> None:
 
 
 def _step_of(seen: FloatArray) -> float:
-    some = np.unique(seen)
+    some = distinct(seen)
     if some.size < FEWEST:
         return 0.0
     gaps = np.diff(some)
@@ -124,7 +125,7 @@ def repeated_errors(values: FloatArray, used: BoolArray, turns: float) -> tuple[
     number = whole if whole % 2 else max(whole // 2, 1)  # the halves of a period are rounded alike
     if whole > FEW:
         return number, step
-    levels = np.unique(np.rint(np.abs(seen - np.mean(seen)) / (0.5 * step)))
+    levels = distinct(np.rint(np.abs(seen - np.mean(seen)) / (0.5 * step)))
     return min(1 + int(np.sum(np.diff(levels) > 1.5)), number), step  # noise may reach the neighbouring code
 
 

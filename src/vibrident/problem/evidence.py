@@ -24,6 +24,7 @@ from vibrident.measure.quality import (
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
 from vibrident.records import Calibration, Quantity, Record
+from vibrident.records.basis import distinct
 
 #: Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told from less.
 PART_LATE = 0.5
@@ -96,7 +97,7 @@ class Evidence:
         dead: list[int] = []
         for measured, suspects in ((self.bands, uncorrelated_records), (self.tones, silent_records)):
             found = [] if measured is None else suspects(measured)
-            if measured is not None and len(found) < len(np.unique(measured.record)):
+            if measured is not None and len(found) < len(distinct(measured.record)):
                 dead += found
         if not dead:
             return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,12 @@ def frozen(values: object) -> FloatArray:
     array = np.array(values, dtype=np.float64)  # a copy: a record does not follow its source
     array.flags.writeable = False
     return array
+
+
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """The different values, rising, none of them NaN; ``np.unique`` would load NumPy's masked arrays."""
+    ordered = np.sort(values, axis=None)
+    return np.concatenate([ordered[:1], ordered[1:][ordered[1:] != ordered[:-1]]])
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from vibrident.naming import amount, in_words
 from vibrident.problem import Coordinates
 from vibrident.records import BoolArray, FloatArray
+from vibrident.records.basis import distinct
 from vibrident.result import ResultWarning
 from vibrident.uncertainty.identifiability import WEAK
 from vibrident.uncertainty.linearised import Linearised
@@ -50,7 +51,7 @@ def band_sensitive(
         common: systematic effects of unknown amount in the rows, in their standard deviations, shape (m, K).
         freedom: degrees of freedom of each row's standard deviation, shape (m,); None: known.
     """
-    frequencies = np.unique(linear.frequency_hz)
+    frequencies = distinct(linear.frequency_hz)
     if len(frequencies) < 6:
         return []
     whole_covariance = linear.solve()[1]

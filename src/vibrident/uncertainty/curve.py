@@ -10,6 +10,7 @@ from vibrident.models.base import Rational
 from vibrident.nominal import SAME, reference, series
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
+from vibrident.records.basis import distinct
 from vibrident.result import Curve
 from vibrident.uncertainty.identifiability import NOTHING
 from vibrident.uncertainty.linearised import fitted_sensor
@@ -68,7 +69,7 @@ def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
                 wide = np.geomspace(2.0, reach, 8 + int(12 * np.log10(reach)))
                 steps = half_width * np.concatenate([np.arange(0.0, 2.0, 0.2), wide])
                 more += [centre + steps, centre - steps]
-    every = np.unique(np.concatenate(more))
+    every = distinct(np.concatenate(more))
     return every[(every >= grid_hz[0]) & (every <= grid_hz[-1])]
 
 

@@ -21,6 +21,7 @@ from vibrident.measure.lines import hann, line_frequencies
 from vibrident.measure.response import ComplexArray
 from vibrident.measure.rounding import DITHERED, FEW, TRIALS, converter_step, repeated_errors, rounding_errors
 from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
+from vibrident.records.basis import distinct
 from vibrident.uncertainty.adequacy import Adequacy
 
 #: An effect counts from so many standard deviations of all points together.
@@ -75,7 +76,7 @@ def effects_of_steps(
         patterns[:, places] = found / np.sqrt(TRIALS)
     return [
         effect
-        for each in np.unique(motion[motion >= 0])
+        for each in distinct(motion[motion >= 0])
         for effect in _as_effects(np.where(motion == each, patterns, 0.0), points)
     ]
 

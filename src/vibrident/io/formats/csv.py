@@ -157,13 +157,13 @@ class CsvFile(ColumnFile):
         blanks = b" \t" if layout.delimiter == BLANKS else b""
         if data.translate(None, PLAIN + signs + blanks):
             return None
-        # Delimiters become blanks, which no cell contains; an empty cell shows in the count.
-        text = data.translate(bytes.maketrans(signs, b" ."))
+        # An empty cell shows in the count.
         with contextlib.suppress(ValueError, OverflowError):  # most are JSON's numbers, which are read in half the time
-            listed = text.strip().translate(bytes.maketrans(b" \n", b",,"))
+            listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
             return np.array(from_json(b"[%b]" % listed), dtype=float)  # each is the nearest float, as in pandas
         try:
-            return np.fromstring(text, sep=" ")  # so here
+            # Delimiters become blanks, which no cell contains.
+            return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")  # so here
         except (ValueError, DeprecationWarning):  # not a number: the parser locates it
             return None
 
