@@ -182,15 +182,20 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         kept = _told_apart(number, terms, record, float(mask.sum()))
         terms = terms.only(np.concatenate([kept, np.arange(number, len(terms.gram))]))
         number = len(kept)
-    own = terms.only(np.arange(number))
-    fits = (_Fit.of(own, "reference", record, raw, frequency), _Fit.of(terms, "response", record, raw, frequency))
-    harmonics = (number - 2) // 2
-    left = [fit.left for fit in fits]
+    own, place = terms.only(np.arange(number)), _span(mask)
+    harmonics, count = (number - 2) // 2, float(mask.sum())
+    left = [_noise_left(one, mask) for one in (own, terms)]
     chosen = _noise_lines(mask.size, frequency, rate, harmonics, left)
-    count = float(mask.sum())
+    response = _Fit.of(terms, "response", record, raw, frequency, chosen)
+    # The reference's fit stays, however often something is subtracted from the response.
+    stays = isinstance(own, Exponentials) and record.reference is raw.reference
+    known, key = _REFERENCES.setdefault(raw, {}) if stays else {}, (frequency, place.start, place.stop, number)
+    if key not in known:
+        known[key] = _Fit.of(own, "reference", record, raw, frequency, chosen)
+    fits = known[key], response
     # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
     scale = np.sqrt(2.0 / (np.sum(_window(mask) ** 2) * max(count, 1.0)) * _cost(terms.gram, count))
-    lines = [scale * fit.spectrum[chosen] / np.sqrt(fit.left[chosen]) for fit in fits]
+    lines = [scale * fit.lines / np.sqrt(part[chosen]) for fit, part in zip(fits, left, strict=True)]
     amplitude = [fit.amplitudes[:harmonics] for fit in fits]
     overtones = [np.sqrt(np.sum(np.abs(a[1:]) ** 2)) / max(float(np.abs(a[0])), 1e-300) for a in amplitude]
     free = max(count - len(terms.gram), 1.0)
@@ -215,34 +220,34 @@ class _Fit:
 
     Attributes:
         amplitudes: of the harmonics first, complex, shape (terms // 2,).
-        spectrum: of what is left, windowed, shape (lines,).
-        left: part of white noise that the fit leaves of each line, shape (lines,).
+        lines: of what is left, windowed, at the lines beside the tone, shape (K,).
         rounding: variance of the tone's real part by a converter's errors that return each period.
     """
 
     amplitudes: ComplexArray
-    spectrum: ComplexArray
-    left: FloatArray
+    lines: ComplexArray
     rounding: float
 
     @classmethod
-    def of(cls, terms: Terms, channel: str, record: Record, raw: Record, frequency: float) -> _Fit:
-        """By these terms; ``raw``: the record as it was measured."""
+    def of(
+        cls, terms: Terms, channel: str, record: Record, raw: Record, frequency: float, chosen: NDArray[np.int_]
+    ) -> _Fit:
+        """By these terms, with the lines ``chosen``; ``raw``: the record as it was measured."""
         mask = record.mask
         place, values = _span(mask), np.asarray(getattr(record, channel))
         found, rest = fitted(terms, values[place] * mask[place])
-        residual, rows = np.zeros(mask.size), np.zeros((0, mask.size))
+        residual = np.zeros(mask.size)
         residual[place] = rest
-        if isinstance(terms, WrittenOut) and mask.size <= SHORT:
-            rows = np.zeros((len(found), mask.size))
-            rows[:, place] = terms.rows
         # a cos ωt + b sin ωt = Re[(a − j b) e^{jωt}]
         pairs = len(found) // 2
         amplitudes = found[0 : 2 * pairs : 2] - 1j * found[1 : 2 * pairs : 2]
         turns = frequency / record.sampling_rate_hz
         rounding = returning_error(np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask])
-        spectrum = np.asarray(fft.rfft(residual * _window(mask)))
-        return cls(amplitudes, spectrum, _noise_left(rows, len(found), mask), rounding)
+        return cls(amplitudes, np.asarray(fft.rfft(residual * _window(mask)))[chosen], rounding)
+
+
+#: Fits of the references of records as they were measured, by frequency, span and number of terms.
+_REFERENCES: WeakKeyDictionary[Record, dict[tuple[float, int, int, int], _Fit]] = WeakKeyDictionary()
 
 
 def _window(mask: BoolArray) -> FloatArray:
@@ -335,16 +340,17 @@ def _cost(gram: FloatArray, count: float) -> float:
     return max(largest * count / 2.0, 1.0)
 
 
-def _noise_left(design: FloatArray, rows: int, mask: BoolArray) -> FloatArray:
-    """Part of white noise that the fit of so many rows leaves of each windowed line, shape (lines,).
+def _noise_left(terms: Terms, mask: BoolArray) -> FloatArray:
+    """Part of white noise that the fit of these terms leaves of each windowed line, shape (lines,).
 
     Few periods: harmonics, offset and free response take nearly all of the lines beside the tone. In a long record they
     take the same of all.
     """
     count = float(mask.sum())
-    if mask.size > SHORT:
-        return np.broadcast_to(max(count - rows, 1.0) / count, mask.size // 2 + 1)
-    window = hann(mask.size) * mask
+    if mask.size > SHORT or not isinstance(terms, WrittenOut):
+        return np.broadcast_to(max(count - len(terms.gram), 1.0) / count, mask.size // 2 + 1)
+    design, window = np.zeros((len(terms.gram), mask.size)), hann(mask.size) * mask
+    design[:, _span(mask)] = terms.rows
     left, size, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left[:, size > 1e-5 * size[0]].T
     taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(window**2)
