@@ -32,6 +32,8 @@ LEAST_SLOPE = 2.0
 STEEPEST = 200.0
 #: Octaves below the last bin with motion that determine the exponent.
 SHOWN_OCTAVES = 1.5
+#: A pulse's spectrum rises again so many octaves beyond a zero.
+LOBE_OCTAVES = 0.5
 #: Fewest bins with motion in them.
 FEWEST_SHOWN = 6
 #: End of the low-pass over half the sampling rate, at most.
@@ -163,19 +165,20 @@ def content(
     heard = mean(power) > level * (1.0 + HEARD * np.sqrt(spread))
     acceleration = np.maximum(mean((power - noise) * inverse), 0.0)
     limit = level * mean(inverse) * (1.0 + HEARD * np.sqrt(spread))
-    acceleration, slope = _with_envelope(centre, acceleration, heard, limit)
+    acceleration, slope = _with_envelope(centre, acceleration, heard, limit, LOBE_OCTAVES if transient else 0.0)
     lines = 2.0 * size / count
     return Content(centre, lines, acceleration, mean(noise * inverse), count, event, heard, slope)
 
 
 def _with_envelope(
-    frequency: FloatArray, acceleration: FloatArray, heard: BoolArray, limit: FloatArray
+    frequency: FloatArray, acceleration: FloatArray, heard: BoolArray, limit: FloatArray, lobe_octaves: float
 ) -> tuple[FloatArray, float]:
     """The power with an envelope beyond the last bin with motion: the slope of the octave before, or steeper by
     ``limit``.
 
     A shock's spectrum falls below the noise, and its envelope continues there. A tone, or random motion with an edge,
-    ends: with a flatter envelope the bins beyond would show motion (``limit``).
+    ends: with a flatter envelope the bins beyond would show motion (``limit``). A pulse's spectrum has zeros, though,
+    and rises again within ``lobe_octaves``: silence counts from there.
     """
     if not heard.any():
         return np.zeros_like(acceleration), STEEPEST
@@ -187,7 +190,7 @@ def _with_envelope(
         slope = max(slope, float(-np.polyfit(x[shown], np.log(acceleration[shown]), 1)[0]))
     level = float(np.mean(acceleration[shown] * np.exp(slope * x[shown])))
     beyond = x > 0
-    silent = np.flatnonzero(beyond)[1:]
+    silent = np.flatnonzero(x > lobe_octaves * np.log(2.0))[1:]
     if silent.size and level > 0:
         slope = float(np.clip(np.max(np.log(level / limit[silent]) / x[silent]), slope, STEEPEST))
     envelope = np.exp(np.maximum(np.log(max(level, 1e-300)) - slope * np.maximum(x, 0.0), -690.0))
