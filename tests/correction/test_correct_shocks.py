@@ -53,7 +53,7 @@ def test_coverage_of_each_kind_of_shock(sensor: str, pulse: float, rate: float, 
 
 
 def test_a_zero_of_a_pulses_spectrum_is_not_its_end() -> None:
-    """Half-sines whose band ends beside a zero of their spectrum: the lobe beyond was left out, and errors exceeded u."""
+    """Half-sines whose band ends beside a zero of their spectrum: the lobe beyond was left out of u."""
     sensor = ("accelerometer", {"sensitivity": 0.25, "natural_frequency": 300.0, "damping_ratio": 1.8})
     result, noise, off = known_result(*sensor, DECENT), ChannelNoise(white=0.02), []
     for seed, pulse in enumerate(np.geomspace(1.35e-3, 1.75e-3, 12)):
