@@ -32,6 +32,12 @@ def here(monkeypatch) -> None:
     monkeypatch.setattr(Identifier, "identify", lambda self, tasks: worker.identified(tasks, self.orders)[0])
 
 
+@pytest.fixture
+def pageless(monkeypatch) -> None:
+    """No page is drawn at the end of a run: for what looks at the rows alone."""
+    monkeypatch.setattr("vibrident.fleet.coordinator.write_page", lambda path, *_: path)
+
+
 @pytest.fixture(scope="session")
 def rows() -> Callable[[Path], list[dict]]:
     """Rows of a fleet's table."""

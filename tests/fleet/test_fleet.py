@@ -129,7 +129,7 @@ def test_the_same_command_again_computes_nothing(data, outcome, run_fleet, rows)
     assert again.tally.statuses == outcome.tally.statuses
 
 
-def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows, here):
+def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows, here, pageless):
     fleet(tmp_path / "data", 4)
     first = run_fleet([tmp_path / "data"], tmp_path / "out")
     assert first.computed == 4
@@ -151,7 +151,7 @@ def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows, here):
     assert len(list((tmp_path / "out/results").iterdir())) == 3
 
 
-def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly_site, run_fleet):
+def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly_site, run_fleet, pageless):
     deadly(tmp_path / "data", "slow")
     first = run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01)
     assert first.tally.statuses == {"failed": 1}
@@ -161,7 +161,7 @@ def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly
     assert run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01).computed == 0
 
 
-def test_the_coordinator_hashes_nothing_itself_while_its_workers_live(tmp_path, run_fleet, monkeypatch):
+def test_the_coordinator_hashes_nothing_itself_while_its_workers_live(tmp_path, run_fleet, monkeypatch, pageless):
     fleet(tmp_path / "data", 2)
     done: list[str] = []
     whole = key.fingerprint
@@ -177,7 +177,7 @@ def died(*_: object) -> None:
     raise Died("crash", "a process that somebody killed")
 
 
-def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch):
+def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch, pageless):
     fleet(tmp_path / "data", 4)
     victims, answer = ["s001", "s003"], _Child.answer
 
@@ -206,7 +206,7 @@ def test_a_process_that_is_ended_while_it_starts_is_given_no_calibration(tmp_pat
     assert not process._process.alive
 
 
-def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, here, monkeypatch):
+def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path, run_fleet, here, monkeypatch, pageless):
     fleet(tmp_path / "data", 3)
     whole = parts.write_part
 
@@ -230,7 +230,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, run_fleet):
         run_fleet([tmp_path / "data"], tmp_path / "out")
 
 
-def test_patterns_are_files_folders_and_globs_and_each_file_counts_once(tmp_path, run_fleet, here):
+def test_patterns_are_files_folders_and_globs_and_each_file_counts_once(tmp_path, run_fleet, here, pageless):
     folder = fleet(tmp_path / "data", 3)
     patterns = [folder / "s001/c.toml", folder, folder / "s*/c.toml", Path(f"{folder}/../data/s002/c.toml")]
     assert run_fleet(patterns, tmp_path / "out", results=False).tally.rows == 3

@@ -57,7 +57,7 @@ def cluster(tmp_path) -> Iterator[Cluster]:
 
 @needs_dask
 @pytest.mark.filterwarnings("default")  # Dask's own, of what it uses
-def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows, here):
+def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows, here, pageless):
     """Scheduler and worker are threads here."""
     import distributed
 
@@ -76,7 +76,7 @@ def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows, he
 @needs_dask
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_that_loses_and_gains_a_worker_gives_the_same_table(
-    tmp_path, cluster, deadly_site, run_fleet, rows, monkeypatch
+    tmp_path, cluster, deadly_site, run_fleet, rows, monkeypatch, pageless
 ):
     data = fleet(tmp_path / "data/good", 12)
     broken(tmp_path / "data/broken")
@@ -105,7 +105,9 @@ def test_a_cluster_that_loses_and_gains_a_worker_gives_the_same_table(
 @pytest.mark.slow
 @needs_dask
 @pytest.mark.filterwarnings("default")
-def test_a_scheduler_that_is_killed_is_said_and_nothing_is_lost(tmp_path, cluster, deadly_site, run_fleet, monkeypatch):
+def test_a_scheduler_that_is_killed_is_said_and_nothing_is_lost(
+    tmp_path, cluster, deadly_site, run_fleet, monkeypatch, pageless
+):
     deadly(tmp_path / "data", "segfault", *(f"{number}-slow" for number in range(10)))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([deadly_site, os.environ.get("PYTHONPATH", "")]))
     cluster.add()

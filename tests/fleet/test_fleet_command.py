@@ -96,7 +96,7 @@ def test_an_interrupt_ends_with_130_and_leaves_no_process(tmp_path, deadly_site)
     assert all_end(beside)
 
 
-def test_strict_and_store_and_bad_options(tmp_path, here):
+def test_strict_and_store_and_bad_options(tmp_path, here, pageless):
     good(tmp_path / "data/a", 1)
     nameless = good(tmp_path / "data/b", 2)
     nameless.write_text(
