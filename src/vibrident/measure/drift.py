@@ -68,7 +68,7 @@ def without_drift(
         size = float(np.std(record.response[used]))
         if bend.strength > least:
             bent = bend.range
-            kept.append(beside_slow_motion(record))
+            kept.append(beside_slow_motion(record, bend.amounts))
             if bent > LEAST * size:
                 text = (
                     f"{record.name}: the response drifts by {amount(bent, unit or '1', 3)} over the record, "
@@ -97,11 +97,22 @@ def without_drift(
     return tuple(kept), tuple(findings)
 
 
-def beside_slow_motion(record: Record) -> Record:
-    """The record with a bent drift as an unknown of its fit."""
+def beside_slow_motion(record: Record, amounts: FloatArray | None = None) -> Record:
+    """The record with a bent drift as an unknown of its fit.
+
+    Args:
+        record: the record.
+        amounts: of line and functions, shape (5,), where they are seen. They are taken out for all that looks at the
+            residual; the fit finds the same with them and without.
+    """
     if record.excitation == "decay" or slow_tones(record):
         return record
-    slow = record.with_response(record.response, "slow motion of the zero left to the fit")
+    response = record.response
+    if amounts is not None:
+        places = (np.arange(record.samples) + 0.5) / record.samples - 0.5
+        response = response - amounts[0] * places - amounts[1:] @ _bends(places)
+        response += float(np.mean(record.response) - np.mean(response))
+    slow = record.with_response(response, "slow motion of the zero left to the fit")
     tones = (TURNS / record.duration_s, *record.hum_hz)
     return replace(slow, hum_hz=tones, response_step=step_of_response(record))
 
@@ -113,10 +124,17 @@ def slow_tones(record: Record) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class _Bend:
-    """A drift that is no straight line: power of its functions over that of noise, and its range over the record."""
+    """A drift that is no straight line.
+
+    Attributes:
+        strength: power of its functions over that of noise.
+        range: over the record.
+        amounts: of line and functions, shape (5,).
+    """
 
     strength: float = 0.0
     range: float = 0.0
+    amounts: FloatArray | None = None
 
 
 def _bend(record: Record, predicted: FloatArray) -> _Bend:
@@ -142,7 +160,7 @@ def _bend(record: Record, predicted: FloatArray) -> _Bend:
     level = float(np.mean(np.abs(np.asarray(fft.rfft(left))[slice(*BEYOND)]) ** 2) / np.sum(window**2))
     noise = max(level * float(np.sum((basis * window[:, None]) ** 2)), np.finfo(float).tiny)
     amounts, *_ = np.linalg.lstsq(columns.T, residual, rcond=1e-9)
-    return _Bend(float(bent @ bent) / noise, float(np.ptp(amounts[1:] @ columns[1:])))
+    return _Bend(float(bent @ bent) / noise, float(np.ptp(amounts[1:] @ columns[1:])), amounts[1:])
 
 
 def _bends(places: FloatArray) -> FloatArray:
