@@ -160,7 +160,9 @@ def _bend(record: Record, predicted: FloatArray) -> _Bend:
     level = float(np.mean(np.abs(np.asarray(fft.rfft(left))[slice(*BEYOND)]) ** 2) / np.sum(window**2))
     noise = max(level * float(np.sum((basis * window[:, None]) ** 2)), np.finfo(float).tiny)
     amounts, *_ = np.linalg.lstsq(columns.T, residual, rcond=1e-9)
-    return _Bend(float(bent @ bent) / noise, float(np.ptp(amounts[1:] @ columns[1:])), amounts[1:])
+    return _Bend(
+        float(bent @ bent) / noise, float(np.ptp(amounts[1:] @ columns[1:])), np.asarray(amounts[1:], dtype=float)
+    )
 
 
 def _bends(places: FloatArray) -> FloatArray:
