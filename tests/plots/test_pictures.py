@@ -1,7 +1,11 @@
+import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as MatplotlibFigure
+from matplotlib.image import imread
 from tests.support.sample_results import CALIBRATIONS, SAMPLES, table2, table_only, troubled
 
 import vibrident
@@ -156,3 +160,17 @@ def test_times_of_a_clock_that_counts_from_an_epoch_are_shown_from_the_start():
 
 def test_a_correction_shows_every_origin_of_its_uncertainty():
     assert tuple(use_figures._ORIGINS) == ORIGINS
+
+
+@pytest.mark.parametrize("face", ["white", (1.0, 1.0, 1.0, 0.5)])
+def test_a_png_shows_what_matplotlib_saves_and_leaves_the_figure_as_it_was(face):
+    figure = MatplotlibFigure(figsize=(2.0, 1.0), dpi=77, facecolor=face)
+    canvas = FigureCanvasAgg(figure)
+    figure.add_axes((0.2, 0.2, 0.7, 0.7)).plot([0.0, 1.0], [0.0, 1.0])
+    saved, ours = io.BytesIO(), io.BytesIO(drawing.content(figure, "png"))
+    with drawing.styled():
+        figure.savefig(saved, format="png")
+    saved.seek(0)
+    expected, found = imread(saved), imread(ours)
+    assert np.array_equal(found[..., :3], expected[..., :3])
+    assert (figure.canvas, figure.get_dpi()) == (canvas, 77)

@@ -101,17 +101,23 @@ def content(figure: Figure | Picture, kind: str) -> bytes:
     stream = io.BytesIO()
     with styled():
         drawn = picture(figure) if isinstance(figure, Figure) else figure
-        if kind == "png":
+        if kind == "png" and _opaque(drawn):
             return _png(drawn)
         drawn.savefig(stream, format=kind, metadata=_UNDATED.get(kind))
     return stream.getvalue()
+
+
+def _opaque(drawn: Picture) -> bool:
+    from matplotlib.colors import to_rgba
+
+    return to_rgba(drawn.get_facecolor())[3] == 1.0
 
 
 def _png(drawn: Picture) -> bytes:
     """An opaque picture as PNG, in a third of the time that matplotlib's way through another library takes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    before = drawn.get_dpi()
+    before, shown = drawn.get_dpi(), drawn.canvas
     try:
         drawn.set_dpi(_SETTINGS["savefig.dpi"])
         canvas = FigureCanvasAgg(drawn)
@@ -119,6 +125,7 @@ def _png(drawn: Picture) -> bytes:
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]
     finally:
         drawn.set_dpi(before)
+        drawn.set_canvas(shown)
     height, width = pixels.shape[:2]
     rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each row begins with its filter: none
     rows[:, 1:] = pixels.reshape(height, -1)
