@@ -112,6 +112,11 @@ def drift(size: float) -> Callable[[Real, np.random.Generator], Real]:
     return lambda values, rng: values + size * rms(values) * np.linspace(-1.0, 1.0, values.size) ** 3
 
 
+def settling(size: float) -> Callable[[Real, np.random.Generator], Real]:
+    """A zero that settles by this much of the rms, as while an amplifier warms up."""
+    return lambda values, rng: values + size * rms(values) * np.exp(-np.linspace(0.0, 1.0, values.size) / 0.6)
+
+
 def spikes(count: int, size: float) -> Callable[[Real, np.random.Generator], Real]:
     """Single samples off by this many rms."""
 
@@ -309,6 +314,7 @@ def recordings() -> tuple[Defect, ...]:
         Defect("dead response", respond_once(lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
         Defect("dead reference", one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size)))),
         Defect("constant response", respond_once(lambda v, g: np.full(v.size, v[0]))),
+        *_sizes("settling zero", (0.02,), lambda s: respond(settling(s))),
     ]
     return tuple(found)
 
