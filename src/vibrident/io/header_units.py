@@ -57,6 +57,8 @@ _TIMES = frozenset(
      "时间", "時間", "时刻", "время", "temps", "tiempo", "tempo"}
 )  # fmt: skip
 _BASES = ("V", "A", "C", "m/s^2", "m/s", "m")
+#: Of a response; metres in a name may be of what it is per, "S in V/(m/s²)".
+_ELECTRIC = ("V", "A", "C", "counts")
 #: Numbers of an analogue-to-digital converter.
 _CODES = frozenset({"count", "counts", "cts", "lsb", "lsbs", "digit", "digits"})
 #: A coverage factor, and words for an expanded uncertainty.
@@ -217,7 +219,7 @@ def require_response_unit(source: ColumnFile, position: int, key: str, unit: str
     """
     found = unit_in_name(header(source, position)).partition("/")[0].strip()
     own, stated = _base(found), _base(unit)
-    if own and stated and own != stated and abs(scale) == 1.0:
+    if own in _ELECTRIC and stated and own != stated and abs(scale) == 1.0:
         remedy = f'set unit = "{found}"; or set scale to {unit} per {found}; or correct the header'
         raise _contradiction(source, position, f"{key} unit", f'{stated}, for unit = "{unit}"', found, remedy)
 
