@@ -14,7 +14,7 @@ from vibrident.estimators import Estimate, MaximumLikelihood
 from vibrident.estimators.search import Sought
 from vibrident.estimators.start import find_start, sought_response
 from vibrident.judge.adequacy import Judgement
-from vibrident.measure.nonlinearity import SQUARE, distortion
+from vibrident.measure.nonlinearity import LEANING, SPRING, SQUARE, distortion
 from vibrident.measure.odd_records import odd_record
 from vibrident.measure.overtones import audible, of_light
 from vibrident.measure.regimes import changes, findings
@@ -149,13 +149,14 @@ def _distorted(
         judgement.predicted,
         [tones.get(index) for index in range(len(evidence.records))],
         over_gain if model.core.output == "displacement" else None,
+        springs=(SPRING,) if model.is_linear else (SPRING, LEANING),
     )
     index = model.parameter_names.index(gain)
     u = float(np.sqrt(max(covariance[index, index], 0.0)) / max(abs(float(estimate.z[index])), np.finfo(float).tiny))
     if found is None or max(abs(found.peak), abs(found.gain)) < u:
         return None
     text = found.sentence(in_words(gain))
-    if found.kind == SQUARE and not model.is_linear:
+    if found.kind in (SQUARE, LEANING) and not model.is_linear:
         text += (
             " The model has a spring that is bent alike on both sides of its rest; one that rests beside its middle, "
             "as under a static load, is not, and the parameters are off by more than their uncertainty says."

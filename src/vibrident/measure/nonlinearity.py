@@ -38,6 +38,8 @@ LONGEST, MANY_PERIODS = 1 << 16, 50.0
 #: T that noise alone exceeds less often than once in 10⁵ times, for a shape and a record; the noise of a line is read
 #: from a few tens of others, so it is more than ln 10⁵ = 11.5.
 CERTAIN = 20.0
+#: The same for a spring's rest point beside its middle, which is one question to a fit with a bent spring.
+CERTAIN_OF_REST = 14.0
 #: Lines on either side of one that tell its noise.
 MEAN_LINES = 4
 #: What is left of a shape in a band must be this part of it, or the parameters can imitate it.
@@ -58,7 +60,9 @@ TINY = float(np.finfo(float).tiny)
 #: The first lines of a transform hold drift and what a record's ends leave.
 LOWEST = 8
 
-SQUARE, CUBE, DEAD, SPRING = "square", "cube", "dead band", "spring"
+SQUARE, CUBE, DEAD, SPRING, LEANING = "square", "cube", "dead band", "spring", "leaning spring"
+#: What a kind behind the spring is made of.
+BEHIND = {SPRING: CUBE, LEANING: SQUARE}
 
 
 @dataclass(frozen=True)
@@ -66,10 +70,10 @@ class Distortion:
     """A nonlinearity found.
 
     Attributes:
-        kind: ``square``, ``cube``, ``dead band`` or ``spring``.
+        kind: ``square``, ``cube``, ``dead band``, ``spring`` or ``leaning spring``.
         record: name of the record that tells its size most.
         peak: what it adds at the largest response, over that response; negative: the response is compressed; without
-            sign for ``spring``.
+            sign for springs.
         gain: what it adds to a linear gain fitted to that record, relative.
         sigma: its size in standard deviations.
     """
@@ -88,6 +92,7 @@ class Distortion:
             CUBE: f"The response {bent} with the size of the motion",
             DEAD: "The response has a dead band, or a step, around its zero",
             SPRING: "The response is bent as by a spring that is not linear",
+            LEANING: "The response is bent as by a spring that is stiffer on one side of its rest point",
         }[self.kind]
         return (
             f"{seen}, {100 * abs(self.peak):.2g} % at the peak of {self.record} (about {100 * abs(self.gain):.2g} % in "
@@ -126,6 +131,8 @@ def distortion(
     predicted: Sequence[FloatArray],
     tones_hz: Sequence[float | None],
     over_gain: Callable[[FloatArray], ComplexArray] | None = None,
+    *,
+    springs: Sequence[str] = (SPRING,),
 ) -> Distortion | None:
     """The strongest significant nonlinearity; None if none is significant.
 
@@ -134,9 +141,10 @@ def distortion(
         predicted: response of each by the linear model, NaN where there is none.
         tones_hz: frequency of each record's sine; None for other motion.
         over_gain: function from frequencies (Hz) to the sensor's response over its gain, where it has a spring.
+        springs: kinds that are looked for where there is one.
     """
     series = _series(*_in_parts(records, predicted, tones_hz))
-    kinds = (CUBE, SQUARE, DEAD) if over_gain is None else (CUBE, SQUARE, DEAD, SPRING)
+    kinds = (CUBE, SQUARE, DEAD) if over_gain is None else (CUBE, SQUARE, DEAD, *springs)
     least = CERTAIN + np.log(max(len(series), 1) * len(kinds))
     through = None if over_gain is None else _on_grids(over_gain)
     predictions = [_sums(one, one.motion, kinds, through) for one in series]
@@ -144,13 +152,14 @@ def distortion(
     best: Distortion | None = None
     for kind in kinds:
         # A harmonic of one sine does not distinguish a spring from another nonlinearity: that needs several.
-        alone = [[place] for place in range(len(series))] if kind != SPRING and len(series) > 1 else []
+        alone = [[place] for place in range(len(series))] if kind not in BEHIND and len(series) > 1 else []
+        enough = CERTAIN_OF_REST if kind == LEANING else least
         for places in [list(range(len(series))), *alone]:
             by_prediction = [predictions[place][kind] for place in places]
-            if _strength(by_prediction) < least:
+            if _strength(by_prediction) < enough:
                 continue  # the measured response need not be asked
             own = [series[place] for place in places]
-            found = _judged(kind, own, (by_prediction, [measured(place)[kind] for place in places]), least)
+            found = _judged(kind, own, (by_prediction, [measured(place)[kind] for place in places]), enough)
             if found is not None and (best is None or found.sigma > PREFERRED * best.sigma):
                 best = found
     return best
@@ -303,8 +312,8 @@ def _sums(
     edges = band_edges(one.record.samples, one.record.sampling_rate_hz).astype(int)
     lines = {}
     for kind in kinds:
-        if kind == SPRING and through is not None:
-            lines[kind] = lines[CUBE] * through(one.record)
+        if kind in BEHIND and through is not None:
+            lines[kind] = lines[BEHIND[kind]] * through(one.record)
             continue
         lines[kind] = np.asarray(fft.rfft(about_mean(_shape(kind, motion), one.used)), dtype=complex)
     spectra = np.stack([one.error, np.asarray(fft.rfft(motion), dtype=complex), *lines.values()])
@@ -328,9 +337,12 @@ def _judged(
     size = float(np.copysign(abs(amount), amount.real))
     size_of_rest = abs(amount) * worst.left
     largest = float(np.max(np.abs(motion)))
-    shape = np.where(one.used, _shape(kind, motion), 0.0)
+    shape = np.where(one.used, _shape(BEHIND.get(kind, kind), motion), 0.0)
     peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
-    peak = {DEAD: -abs(peak), SPRING: abs(peak)}.get(kind, peak)  # beyond the resonance a spring's bend changes sign
+    if kind in BEHIND:
+        peak = abs(peak)  # beyond the resonance a spring's bend changes sign
+    elif kind == DEAD:
+        peak = -abs(peak)
     gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
     if size_of_rest < STEPS * step_in_response(one.record, motion, one.used):
         return None
