@@ -61,7 +61,6 @@ TINY = float(np.finfo(float).tiny)
 LOWEST = 8
 
 SQUARE, CUBE, DEAD, SPRING, LEANING = "square", "cube", "dead band", "spring", "leaning spring"
-#: What a kind behind the spring is made of.
 BEHIND = {SPRING: CUBE, LEANING: SQUARE}
 
 
@@ -131,7 +130,6 @@ def distortion(
     predicted: Sequence[FloatArray],
     tones_hz: Sequence[float | None],
     over_gain: Callable[[FloatArray], ComplexArray] | None = None,
-    *,
     springs: Sequence[str] = (SPRING,),
 ) -> Distortion | None:
     """The strongest significant nonlinearity; None if none is significant.
@@ -145,7 +143,7 @@ def distortion(
     """
     series = _series(*_in_parts(records, predicted, tones_hz))
     kinds = (CUBE, SQUARE, DEAD) if over_gain is None else (CUBE, SQUARE, DEAD, *springs)
-    least = CERTAIN + np.log(max(len(series), 1) * len(kinds))
+    several = CERTAIN + float(np.log(max(len(series), 1) * len(kinds)))
     through = None if over_gain is None else _on_grids(over_gain)
     predictions = [_sums(one, one.motion, kinds, through) for one in series]
     measured = functools.cache(lambda place: _sums(series[place], series[place].measured, kinds, through))
@@ -153,13 +151,12 @@ def distortion(
     for kind in kinds:
         # A harmonic of one sine does not distinguish a spring from another nonlinearity: that needs several.
         alone = [[place] for place in range(len(series))] if kind not in BEHIND and len(series) > 1 else []
-        enough = CERTAIN_OF_REST if kind == LEANING else least
         for places in [list(range(len(series))), *alone]:
             by_prediction = [predictions[place][kind] for place in places]
-            if _strength(by_prediction) < enough:
+            if _strength(by_prediction) < (certain := CERTAIN_OF_REST if kind == LEANING else several):
                 continue  # the measured response need not be asked
             own = [series[place] for place in places]
-            found = _judged(kind, own, (by_prediction, [measured(place)[kind] for place in places]), enough)
+            found = _judged(kind, own, (by_prediction, [measured(place)[kind] for place in places]), certain)
             if found is not None and (best is None or found.sigma > PREFERRED * best.sigma):
                 best = found
     return best
@@ -339,10 +336,8 @@ def _judged(
     largest = float(np.max(np.abs(motion)))
     shape = np.where(one.used, _shape(BEHIND.get(kind, kind), motion), 0.0)
     peak = size * float(np.abs(shape[int(np.argmax(np.abs(motion)))])) / largest
-    if kind in BEHIND:
-        peak = abs(peak)  # beyond the resonance a spring's bend changes sign
-    elif kind == DEAD:
-        peak = -abs(peak)
+    if kind in (DEAD, *BEHIND):  # beyond the resonance a spring's bend changes sign
+        peak = -abs(peak) if kind == DEAD else abs(peak)
     gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
     if size_of_rest < STEPS * step_in_response(one.record, motion, one.used):
         return None
