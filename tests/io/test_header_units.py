@@ -164,7 +164,8 @@ def test_a_table_that_contradicts_is_refused(tmp_path, header, more, words):
     "header", ["f (Hz),mag (V/(m/s²)),phase (°)", "f,S in V/(m/s²),phi", "freqs,mag,phase_deg", "f,S / (V s²/m),phi"]
 )
 def test_a_table_that_agrees_passes(tmp_path, header):
-    assert read(table(tmp_path, header)).table is not None
+    for stated in ("", '[response]\nunit = "V"\n'):
+        assert read(table(tmp_path, header, stated)).table is not None
 
 
 @pytest.mark.parametrize(
