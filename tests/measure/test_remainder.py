@@ -1,10 +1,14 @@
 """What of a residual is coherent with the prediction, by bands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import vibrident
 from vibrident.measure.remainder import coherent_remainder
 from vibrident.records import Record
+from vibrident.simulation import simulate
 
 
 def records(rng, error=0.0, samples=4000):
@@ -110,3 +114,13 @@ def test_an_error_is_found_in_full_where_a_resonance_leaks_over_the_band(rng):
         squares.append(np.mean(np.abs(rho - 0.05) ** 2 / (2 * deviation**2) * (1 - 2 / freedom), where=there))
     assert np.mean(errors) == pytest.approx(0.05, abs=0.003)
     assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_wrong_prediction_loses_no_band_that_the_response_passes():
+    """A displacement taken for an acceleration: nothing was left to judge the fit by."""
+    sensor = ("accelerometer", {"sensitivity": 0.104, "natural_frequency": 300.0, "damping_ratio": 0.7})
+    shape = {"frequencies_hz": [20.0, 1500.0], "samples": 4000, "sampling_rate_hz": 12800.0, "quantity": "displacement"}
+    made = simulate(sensor, "sweep", response_noise=1e-3, seed=5, **shape)
+    result = vibrident.identify(replace(made, quantity="acceleration"))
+    assert "lack_of_fit" in result.warning_codes
+    assert result.fit.degrees_of_freedom > 20

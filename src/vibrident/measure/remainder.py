@@ -18,6 +18,8 @@ from vibrident.records.basis import distinct
 
 #: Stretches of time, half of each the next one's too, that tell how noise changes.
 STRETCHES = 15
+#: A band moves steadily where its power is spread over this part of them; that of a sweep is in one or two.
+STEADY = 0.25
 #: Groups of the lines of a stretch.
 GROUPS = 16
 #: A group is without motion below this part of the residual's power.
@@ -75,15 +77,16 @@ def coherent_remainder(
     motion = predicted - np.mean(predicted[used])
     spectrum = _line_spectrum(motion, used)
     edges = band_edges(n, rate).astype(int)
-    there, even = noise_where_bands_move(left, np.where(used, predicted, 0.0), used, edges)
+    there, even, steady = noise_where_bands_move(left, np.where(used, motion, 0.0), used, edges)
     totals = np.add.reduceat(power_of(spectrum)[: edges[-1]], edges[:-1])
     strongest = float(np.max(totals / np.diff(edges)))
-    leaking = _leaking(motion, used, totals, edges)
+    leaking = steady & _leaking(motion, used, totals, edges)
     if np.any(leaking):
         faded = _faded(motion, used), _faded(left, used)
         stays = np.add.reduceat(power_of(faded[0])[: edges[-1]], edges[:-1])
-        leaking &= stays < OWN_POWER * totals
-        totals = np.where(leaking, np.where(_in_common(*faded, edges), stays, 0.0), totals)
+        common = _in_common(*faded, edges)
+        leaking &= (stays < OWN_POWER * totals) & (common | _leaves_little(record.response, used, edges))
+        totals = np.where(leaking, np.where(common, stays, 0.0), totals)
     rows, count, whole = [], float(used.sum()), float(np.mean(used))
     for band in np.flatnonzero(totals > LEAST_POWER * strongest * np.diff(edges)).tolist():
         a, b, total, factor = int(edges[band]), int(edges[band + 1]), float(totals[band]), float(there[band])
@@ -112,8 +115,8 @@ def coherent_remainder(
 
 def noise_where_bands_move(
     left: FloatArray, motion: FloatArray, used: BoolArray, edges: NDArray[np.int_]
-) -> tuple[FloatArray, float]:
-    """Noise power while each band moves, over its mean over the record, and how even the noise is.
+) -> tuple[FloatArray, float, BoolArray]:
+    """Noise power while each band moves, over its mean over the record, how even the noise is, and which move steadily.
 
     A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
     The noise of a stretch of time is read where there is no motion, so that no misfit counts; one where all moves.
@@ -125,8 +128,8 @@ def noise_where_bands_move(
         edges: first line of each band and the end of the last, shape (bands + 1,).
 
     Returns:
-        The ratio, shape (bands,); and the independent lines among those of a band, as a part: lines of noise that
-        changes with time are alike.
+        The ratio, shape (bands,); the independent lines among those of a band, as a part: lines of noise that changes
+        with time are alike; and the bands that move all along the record, shape (bands,), not in passing as in a sweep.
     """
     places = np.flatnonzero(used)
     samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
@@ -145,9 +148,10 @@ def noise_where_bands_move(
         still[row] = np.add.reduceat(moving[:last], groups[:-1]) < STILL * noise[row]
         total = np.concatenate([[0.0], np.cumsum(moving)])
         moves[row] = total[end] - total[first]
+    steady = np.sum(moves, axis=0) ** 2 > STEADY * STRETCHES * np.sum(moves**2, axis=0)
     kept = still.all(axis=0)
     if kept.sum() < FEWEST_STILL:
-        return np.ones(len(first)), 1.0
+        return np.ones(len(first)), 1.0, steady
     level = np.median(noise[:, kept] / np.maximum(np.mean(noise[:, kept], axis=0), 1e-300), axis=1)
     # A stretch alone tells its noise to a quarter: over five it changes smoothly.
     level = np.convolve(np.pad(level, 2, mode="reflect", reflect_type="odd"), np.full(5, 0.2), mode="valid")
@@ -155,7 +159,7 @@ def noise_where_bands_move(
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
     found = level @ shares / max(float(np.mean(level)), 1e-300)
     even = float(np.mean(level)) ** 2 / float(np.mean(level**2))
-    return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0), even
+    return np.where(found > 0.0, np.clip(found, 1.0 / STRETCHES, STRETCHES), 1.0), even, steady
 
 
 def _leaking(motion: FloatArray, used: BoolArray, totals: FloatArray, edges: NDArray[np.int_]) -> BoolArray:
@@ -186,6 +190,17 @@ def _faded(series: FloatArray, used: BoolArray) -> ComplexArray:
     span, faded = _span(used), np.zeros(series.size)
     faded[span] = np.sqrt(8.0 / 3.0) * hann(span.stop - span.start) * series[span]
     return np.asarray(fft.rfft(faded), dtype=complex)
+
+
+def _leaves_little(response: FloatArray, used: BoolArray, edges: NDArray[np.int_]) -> BoolArray:
+    """Bands of which the window leaves little of the response, too, shape (bands,).
+
+    A wrong prediction may have nothing of its own where the response moves.
+    """
+    centred = np.where(used, response - np.mean(response[used]), 0.0)
+    spectra = _faded(centred, used), _line_spectrum(centred, used)
+    stays, whole = (np.add.reduceat(power_of(part)[: edges[-1]], edges[:-1]) for part in spectra)
+    return np.asarray(stays < OWN_POWER * whole)
 
 
 def _in_common(motion: ComplexArray, error: ComplexArray, edges: NDArray[np.int_]) -> BoolArray:
