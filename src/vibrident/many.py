@@ -12,6 +12,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from vibrident.errors import VibridentError
+from vibrident.memory import ONE_THREAD
 from vibrident.records import Calibration
 from vibrident.result import Result
 
@@ -27,8 +28,6 @@ WINDOW = 2
 TOGETHER = 64
 #: Seconds that a process takes to start.
 _START_S = 1.0
-#: Environment variables that keep a worker's arithmetic on one core.
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @overload
@@ -167,7 +166,7 @@ def _started(processes: int) -> ProcessPoolExecutor:
     from concurrent.futures import ProcessPoolExecutor
 
     before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    os.environ.update(ONE_THREAD)
     try:
         pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
         for _ in range(processes + 1):  # a pool takes one call more than it can work on, and does not give it back

@@ -1,4 +1,4 @@
-"""How much memory reading a file may take; freed memory kept for the next array, or returned to the system."""
+"""How much memory reading a file may take; freed memory kept for the next array, or returned; threads of arithmetic."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import functools
 import math
 import os
 
+#: Surroundings of a process with one thread of arithmetic, read when NumPy is loaded.
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
 #: Environment variable with the most megabytes for the numbers of a file; it replaces all rules below.
 VARIABLE = "VIBRIDENT_MEMORY_MB"
 #: Allowed for any file: 16 million samples.
@@ -28,6 +30,16 @@ _LARGEST_KEPT = 4 << 20
 _M_TRIM_THRESHOLD = -1
 #: glibc's mallopt: bytes above which an array has pages of its own.
 _M_MMAP_THRESHOLD = -3
+
+
+def use_one_thread() -> None:
+    """Compute on one core, unless the user's environment says otherwise; before NumPy is loaded.
+
+    The matrices of an identification are small: more threads wait for each other, which takes a busy machine twice
+    to eight times the time.
+    """
+    for name, number in ONE_THREAD.items():
+        os.environ.setdefault(name, number)
 
 
 @functools.cache

@@ -24,12 +24,12 @@ from typing import IO, Any, Literal, TypeVar
 
 from vibrident import parcel
 from vibrident.errors import InputError, NotConverged, VibridentError
-from vibrident.memory import keep_freed
+from vibrident.memory import ONE_THREAD, keep_freed
 
 _WORK = "from vibrident.process import work; work()"
 #: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they are foreign code.
 _SURROUNDINGS = {
-    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"),
+    **ONE_THREAD,
     "HDF5_PLUGIN_PRELOAD": "::",
     "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # processes share a GPU
 }

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+
+import pytest
 
 RANDOM = ("--rate", "12800", "--samples", "2000", "--response-noise", "0.01", "--seed", "8")
 #: Run in a process of its own: every command in turn; what one of them loads is named.
@@ -73,3 +76,18 @@ def test_what_is_done_with_a_linear_sensors_result_loads_no_compiler(made, ident
         ),
     ]
     assert loaded(commands) == ""
+
+
+@pytest.mark.parametrize(("stated", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_the_command_line_computes_in_one_thread_unless_told_otherwise(stated, expected):
+    """Said before NumPy is loaded, which reads it: threads of small matrices wait for each other."""
+    code = """
+import os, sys
+from vibrident import cli
+cli.app = lambda **_: print(os.environ["OPENBLAS_NUM_THREADS"], "numpy" in sys.modules)
+cli.main()
+"""
+    others = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=others | stated, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.split() == [expected, "False"]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from vibrident.cli.application import app
 from vibrident.cli.console import forgiving_streams
-from vibrident.memory import keep_freed
+from vibrident.memory import keep_freed, use_one_thread
 from vibrident.workflow.interruption import end_on_signals
 
 __all__ = ["app", "main"]
@@ -23,6 +23,7 @@ def main(page: Callable[..., None] | None = None) -> None:
         page: what ``vibrident serve`` calls; None: there is no page.
     """
     gc.set_threshold(SELDOM)
+    use_one_thread()
     keep_freed()
     end_on_signals()
     forgiving_streams()
