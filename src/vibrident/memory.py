@@ -9,7 +9,9 @@ import math
 import os
 
 #: Surroundings of a process with one thread of arithmetic, read when NumPy is loaded.
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
+ONE_THREAD: dict[str, str] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
+)
 #: Environment variable with the most megabytes for the numbers of a file; it replaces all rules below.
 VARIABLE = "VIBRIDENT_MEMORY_MB"
 #: Allowed for any file: 16 million samples.
