@@ -7,7 +7,8 @@ import vibrident
 from vibrident.errors import ModelError
 from vibrident.estimators import MaximumLikelihood
 from vibrident.estimators.optimise import levenberg_marquardt
-from vibrident.estimators.start import find_start, start_values
+from vibrident.estimators.search import Front
+from vibrident.estimators.start import _shortest_delay_first, find_start, start_values
 from vibrident.information import inverse_normal
 from vibrident.models import parse
 from vibrident.problem import Coordinates, Evidence, FrequencyProblem
@@ -236,3 +237,11 @@ def test_a_resonance_far_outside_the_range_searched_leaves_no_damping_behind():
         data = frequency, np.abs(h) * (1.0 + u), np.angle(h) + turn, 1e-3 * np.abs(h), np.full(20, 1e-3)
         problem = FrequencyProblem(model, "acceleration", True, True, data)
         assert cost_from(problem, model, start_values(problem, model)) < cost_from(problem, model, p) + 0.1
+
+
+@pytest.mark.parametrize("cost", [1.0, 1e20, np.inf])
+def test_the_shortest_delay_comes_first_whatever_the_size_of_the_cost(cost):
+    """Of channels in other units than stated the costs are so large that nothing added to them changes them."""
+    u, sign, costs = np.array([[0.0, 0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0]]), np.ones(2), np.array([cost, cost])
+    front = Front(u, sign, costs, (u[None], costs[None]))
+    assert _shortest_delay_first(np.array([0, 1]), front, parse("accelerometer+delay")) == [1, 0]

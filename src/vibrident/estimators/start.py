@@ -150,7 +150,7 @@ def _shortest_delay_first(rows: np.ndarray, front: Front, model: SensorModel) ->
     if not model.has_delay:
         return rows.tolist()
     index = [spec.kind for spec in model.parameters].index("time")
-    alike = [row for row in rows.tolist() if front.cost[row] < front.cost[rows[0]] + ALIKE]
+    alike = [row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + ALIKE]
     first = min(alike, key=lambda row: round(abs(float(front.u[row, index])), 1))
     return [first, *(row for row in rows.tolist() if row != first)]
 
