@@ -111,9 +111,8 @@ def fit(
     found = Attempt.at(evidence, chosen, progress)
     for step in (without_dead_records, with_phase_scatter, without_drifts, without_hum, with_remedy):
         found = step(found)
-    evidence, estimate, judgement = found.evidence, found.estimate, found.judgement
-    linear = linearised(evidence, estimate, judgement)
-    return Fitted(evidence, estimate, judgement, linear, chosen, reason, found.drifts)
+    data = found.evidence, found.estimate, found.judgement
+    return Fitted(*data, linearised(*data), chosen, reason, found.drifts, found.phase_by_scatter)
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

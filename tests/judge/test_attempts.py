@@ -39,7 +39,7 @@ class Promising:
     def __init__(self, promising):
         self.promising = promising
 
-    def promises(self, evidence, estimate, progress):
+    def may_improve(self, evidence, estimate, progress):
         return self.promising
 
 
@@ -62,7 +62,7 @@ def test_a_fit_of_equal_weights_gives_way_to_one_that_reached_its_optimum_in_the
 
 
 @pytest.mark.parametrize("promising", [True, False])
-def test_another_start_is_fitted_to_the_end_only_where_it_promises_something(monkeypatch, promising):
+def test_another_start_is_fitted_to_the_end_only_where_it_may_improve_the_fit(monkeypatch, promising):
     """A shock that no model fits took four times as long: every start led back to the same misfit."""
     starts = []
 
@@ -78,15 +78,15 @@ def test_another_start_is_fitted_to_the_end_only_where_it_promises_something(mon
     assert starts == ([None, SECOND] if promising else [None])
 
 
-def test_a_start_promises_something_where_training_leaves_less():
+def test_a_start_may_improve_the_fit_where_training_leaves_less():
     """Not where it leads back to the optimum that is known, whatever the way there."""
     made = simulate(("accelerometer", FIRST), "random", samples=1500, response_noise=1e-3, seed=1)
     evidence = Evidence.gather(made, parse("accelerometer"))
     known = IPNN.fit(evidence)
     values = known.coordinates.values(known.z)
     elsewhere = replace(evidence, start={**values, "natural_frequency": 1.1 * values["natural_frequency"]})
-    assert not IPNN.promises(elsewhere, known)
+    assert not IPNN.may_improve(elsewhere, known)
     network = known.findings.network
     assert network is not None
     worse = replace(known, findings=replace(known.findings, network=replace(network, noise=1.01 * network.noise)))
-    assert IPNN.promises(elsewhere, worse)
+    assert IPNN.may_improve(elsewhere, worse)

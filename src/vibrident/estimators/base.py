@@ -125,7 +125,7 @@ class Estimator(ABC):
         """
         return None
 
-    def promises(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
+    def may_improve(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
         """Whether the start stated in the evidence may lead to a better fit than a rejected estimate, as far as that
         can be told for a part of the work."""
         return True

@@ -29,9 +29,10 @@ QUIET = 0.05
 MARGIN = 1.6
 #: Least band, on either side, over the response's sampling rate: samples enough to show a cyclic error of fast sines …
 LEAST = 0.8
-#: … but over that of the signal at most this, for a steady motion and for a shock, whose pulse short filters keep apart
-#: from the ends of a record.
-MOST_OF_ALL, MOST_OF_SHOCK = 1.0 / 32.0, 1.0 / 8.0
+#: … but over that of the signal at most this …
+MOST_OF_ALL = 1.0 / 32.0
+#: … and for a shock, whose pulse short filters keep apart from the ends of a record, this.
+MOST_OF_SHOCK = 1.0 / 8.0
 #: Usable part of the room beside the carrier.
 ROOM = 0.8
 

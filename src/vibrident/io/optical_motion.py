@@ -10,10 +10,14 @@ from vibrident.interferometer.setting import Signals
 from vibrident.interferometer.summary import OpticalFinding
 from vibrident.interferometer.survey import BLOCK
 
-#: Largest part of a response's power that may fall into stretches that are left out; of a shock, whose pulse is all.
-MOST_LOST, MOST_LOST_OF_SHOCK = 0.5, 0.1
-#: A channel that lasts 2 to so many times as long as the other, to this part, has another clock.
-MOST_TIMES, SAME_TIME = 10, 5e-3
+#: Largest part of a response's power that may fall into stretches that are left out.
+MOST_LOST = 0.5
+#: The same of a shock, of which the pulse is all.
+MOST_LOST_OF_SHOCK = 0.1
+#: A channel that lasts 2 to so many times as long as the other has another clock …
+MOST_TIMES = 10
+#: … if the ratio is a whole number to this part.
+SAME_TIME = 5e-3
 #: Least mean square of a shock's acceleration over that of its noise, less one.
 LEAST_ABOVE = 1.5
 #: A response is the shock's above this multiple of its median power: 3 standard deviations of noise.

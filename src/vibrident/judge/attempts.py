@@ -39,7 +39,7 @@ OUTSIDE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """Data, the estimate from them, what it says of them, and how it was made."""
+    """Data, the estimate from them, what it says of them, and how it was made; as :class:`Fitted` has them."""
 
     evidence: Evidence
     estimate: Estimate
@@ -47,6 +47,7 @@ class Attempt:
     estimator: Estimator
     progress: Progress
     drifts: tuple[Finding, ...] = ()
+    phase_by_scatter: bool = False
 
     @classmethod
     def at(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Attempt:
@@ -76,6 +77,7 @@ class Fitted:
         estimator: that made it.
         reason: why that one.
         drifts: what was taken out.
+        phase_by_scatter: whether the uncertainty of a table's phase was read from its deviations.
     """
 
     evidence: Evidence
@@ -85,6 +87,7 @@ class Fitted:
     estimator: Estimator
     reason: str
     drifts: tuple[Finding, ...] = ()
+    phase_by_scatter: bool = False
 
     def at(self, estimate: Estimate) -> Fitted:
         """The same data judged at another estimate."""
@@ -167,7 +170,7 @@ def _tried(
     """
     begun = replace(evidence, start=dict(start))
     try:
-        if not estimator.promises(begun, best[0], progress):
+        if not estimator.may_improve(begun, best[0], progress):
             return best
         other = _once(begun, estimator, progress)
     except (NotConverged, InputError):

@@ -44,7 +44,7 @@ MOST_TRACE = 400
 def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
     """The budget of a calibration by itself: its data, then each systematic effect."""
     evidence, estimate = fitted.evidence, fitted.estimate
-    covariance, freedom, scope = _scaled(evidence, estimate, fitted.judgement, uncertainty)
+    covariance, freedom, scope = _scaled(fitted, uncertainty)
     effects = all_effects(evidence, fitted.judgement)
     rows = rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, fitted.linear)
     return [BudgetRow(scope, DATA, None, "", freedom, covariance), *rows]
@@ -124,10 +124,9 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
     )
 
 
-def _scaled(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, choice: Uncertainty
-) -> tuple[np.ndarray, float, str]:
+def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
     """Covariance of z, its degrees of freedom, and in words what it covers."""
+    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
     adequacy, freedom = judgement.adequacy, estimate.degrees_of_freedom
     if judgement.scatter is not None:
         scatter = "the scatter of the points (no uncertainty was stated)"
@@ -143,8 +142,7 @@ def _scaled(
     if (choice == "inflated" or unasked) and judgement.birge > 1.0:
         text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
         return estimate.covariance * judgement.birge**2, float(max(adequacy.degrees_of_freedom, 1)), text
-    table = evidence.calibration.table
-    if table is not None and PHASE_BY_SCATTER in table.provenance.history:
+    if fitted.phase_by_scatter:
         return estimate.covariance, freedom, f"stated uncertainties; {PHASE_BY_SCATTER}"
     return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"
 

@@ -21,8 +21,11 @@ from vibrident.uncertainty.adequacy import looks_random
 
 #: Records that seem dead are left out where the model explains the others so many times better.
 MUCH_BETTER = 4.0
-#: Rounds in which the scatter of a table's phase settles to this part of it, and what its record says then.
-PHASE_ROUNDS, PHASE_SETTLED = 20, 0.01
+#: Rounds in which the scatter of a table's phase settles, at most.
+PHASE_ROUNDS = 20
+#: It is settled when it changes by less than this part.
+PHASE_SETTLED = 0.01
+#: What a table's record and the result say of it.
 PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
 #: Free motion of fewer turns over a record than this may be taken for a drift.
 AS_SLOW = 5.0
@@ -79,7 +82,8 @@ def with_phase_scatter(first: Attempt) -> Attempt:
             return now if looks_random(turn) else first
         known, stated = scatter, scatter * problem.relative_deviation
         told = replace(table, phase_uncertainty_rad=stated, provenance=provenance)
-        now = first.anew(Evidence.gather(replace(calibration, table=told), first.evidence.model))
+        again = first.anew(Evidence.gather(replace(calibration, table=told), first.evidence.model))
+        now = replace(again, phase_by_scatter=True)
     return first
 
 

@@ -11,14 +11,20 @@ from numpy.typing import NDArray
 from vibrident.measure.lines import median
 from vibrident.records import BoolArray, FloatArray
 
-#: Neighbours on either side, and the most rows of a fit.
-REACH, MOST_ROWS = 8, 4_000
+#: Neighbours on either side.
+REACH = 8
+#: Rows of a fit, at most.
+MOST_ROWS = 4_000
 #: Scaled normal equations with eigenvalues above this are solved to six digits.
 WELL_POSED = 1e-10
 #: Squares left by a fit, as a part of the whole, that are told from products without losing digits that count.
 SMALL = 1e-8
-#: Normal errors have this median of their size; 98 % are within so many standard deviations.
-MEDIAN, QUANTILE, DEVIATES = 0.6745, 0.98, 2.326
+#: Median of the size of normal errors, in standard deviations.
+MEDIAN = 0.6745
+#: This part of normal errors …
+QUANTILE = 0.98
+#: … is within so many standard deviations.
+DEVIATES = 2.326
 
 
 @dataclass(frozen=True)

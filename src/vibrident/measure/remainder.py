@@ -29,8 +29,10 @@ FEWEST_STILL = 3
 #: A band of which less than this part stays under a window holds what leaks over from others, residual and
 #: prediction alike: both begin and end in the middle of a motion.
 OWN_POWER = 0.8
-#: Squares of the correlation of lines under the window, with the next and with the one after, both sides (Hann).
-NEXT, AFTER = 2.0 * (2.0 / 3.0) ** 2, 2.0 * (1.0 / 6.0) ** 2
+#: Square of the correlation of a line under the window (Hann) with the next on either side, both together.
+NEXT = 2.0 * (2.0 / 3.0) ** 2
+#: The same with the one after the next.
+AFTER = 2.0 * (1.0 / 6.0) ** 2
 #: Chance that such a band has nothing in common with the response.
 IN_COMMON = 1e-4
 #: Part of the record at either end whose power says how much leaks …

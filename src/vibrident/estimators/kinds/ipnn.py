@@ -76,7 +76,7 @@ class Ipnn(NetworkSettings, Estimator):
 
         return training.fit(self, evidence, progress)
 
-    def promises(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
+    def may_improve(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
         """Whether training with equal weights leads to less residual."""
         from vibrident.estimators import training
 
