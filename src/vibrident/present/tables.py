@@ -237,7 +237,7 @@ def training(result: Result) -> str:
     run = result.training
     if run is None:
         return ""
-    last = run.weighting_changes[-1] if run.weighting_changes else 0  # losses of other weights are not alike
+    last = run.weighting_changes[-1] if run.weighting_changes else 0  # losses of other weights cannot be compared
     losses = [loss for loss in run.loss[last:] if loss is not None]
     ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
     ran += f" with the last weights, from iteration {last + 1} on" if losses and last else ""

@@ -180,7 +180,7 @@ class Training:
     """Course of the optimisation: mean squared weighted residual and parameters at each iteration of its optimiser.
 
     ``weighting_changes`` are the iterations from which on the residual has other weights: losses on both sides of one
-    are not alike.
+    cannot be compared.
     """
 
     optimiser: str
