@@ -59,6 +59,11 @@ class Attempt:
         estimate, judgement = fitted_and_judged(evidence, self.estimator, self.progress)
         return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
 
+    def once(self, evidence: Evidence) -> Attempt:
+        """The same estimator's of other data, by a single fit from their start values."""
+        estimate, judgement = _once(evidence, self.estimator, self.progress)
+        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
+
     @property
     def adequate(self) -> bool:
         """Whether the model explains the data."""

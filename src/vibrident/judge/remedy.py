@@ -31,15 +31,15 @@ ROUGH = 0.02
 def with_remedy(found: Attempt) -> Attempt:
     """The attempt, its judgement with the model that explains what the present one does not, if there is one.
 
-    Models are tried at the excited frequencies, the likely ones then by a whole fit.
+    Models are tried at the excited frequencies, the likely ones then by one fit from the values found there.
     """
     evidence, judgement = found.evidence, found.judgement
     declared = judgement.adequacy.chi2_reduced or 0.0
     if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
         return found
-    for other in _tried(evidence, judgement):
+    for other, values in _tried(evidence, judgement):
         try:
-            better = found.anew(Evidence.gather(evidence.calibration, other))
+            better = found.once(replace(Evidence.gather(evidence.calibration, other), start=values))
         except VibridentError:
             continue
         if better.adequate:
@@ -61,14 +61,14 @@ def _may_be_the_model(found: Attempt) -> bool:
     return found.evidence.model.is_linear and plain_fit and not few and not found.judgement.overtones
 
 
-def _tried(evidence: Evidence, judgement: Judgement) -> list[SensorModel]:
-    """The models worth a whole fit, those of fewest parameters first."""
-    likely: dict[str, SensorModel] = {}
+def _tried(evidence: Evidence, judgement: Judgement) -> list[tuple[SensorModel, dict[str, float]]]:
+    """The models worth a fit of the records, with their values at the points; those of fewest parameters first."""
+    likely: dict[str, tuple[SensorModel, dict[str, float]]] = {}
     for problem in _problems(evidence, judgement):
-        likely |= {model.name: model for model in _likely(problem, _others(evidence))}
-        if any(model.name.count("+") <= evidence.model.name.count("+") + 1 for model in likely.values()):
+        likely |= {model.name: (model, values) for model, values in _likely(problem, _others(evidence))}
+        if any(name.count("+") <= evidence.model.name.count("+") + 1 for name in likely):
             break
-    return sorted(likely.values(), key=lambda model: len(model.parameter_names))[:MOST_TRIED]
+    return sorted(likely.values(), key=lambda found: len(found[1]))[:MOST_TRIED]
 
 
 def _problems(evidence: Evidence, judgement: Judgement) -> Iterator[FrequencyProblem]:
@@ -86,26 +86,30 @@ def _problems(evidence: Evidence, judgement: Judgement) -> Iterator[FrequencyPro
         yield replace(first, data=data)
 
 
-def _likely(problem: FrequencyProblem, others: Sequence[SensorModel]) -> list[SensorModel]:
+def _likely(
+    problem: FrequencyProblem, others: Sequence[SensorModel]
+) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """Those models that leave least of the response."""
-    own = _left(problem, problem.model)
-    found = [(_left(problem, other), other) for other in others]
-    least = min([own / BETTER, *(cost * ALIKE for cost, _ in found)])
-    return [other for cost, other in found if cost < min(max(least, WELL), 0.5 * own)]
+    own, _ = _left(problem, problem.model)
+    found = [(other, *_left(problem, other)) for other in others]
+    least = min([own / BETTER, *(cost * ALIKE for _, cost, _ in found)])
+    for other, cost, values in found:
+        if cost < min(max(least, WELL), 0.5 * own):
+            yield other, values
 
 
-def _left(problem: FrequencyProblem, model: SensorModel) -> float:
-    """χ²/ν of a model at the points; infinite where too few degrees of freedom are left."""
+def _left(problem: FrequencyProblem, model: SensorModel) -> tuple[float, dict[str, float]]:
+    """χ²/ν of a model at the points, with its values; infinite where too few degrees of freedom are left."""
     free = problem.equations - len(model.parameter_names)
     if free < LEAST_FREE:
-        return np.inf
+        return np.inf, {}
     try:
         start = find_start(replace(problem, model=model), model)
         coordinates = Coordinates.at(model, start.values, problem.band_hz)
         trace = levenberg_marquardt(problem.normal, coordinates.first, coordinates, progress=silent)
     except VibridentError:
-        return np.inf
-    return float(trace.costs[-1]) / free
+        return np.inf, {}
+    return float(trace.costs[-1]) / free, coordinates.values(trace.last)
 
 
 def _others(evidence: Evidence) -> list[SensorModel]:
