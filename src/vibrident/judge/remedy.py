@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -37,7 +38,7 @@ def with_remedy(found: Attempt) -> Attempt:
     declared = judgement.adequacy.chi2_reduced or 0.0
     if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
         return found
-    for other, values in _tried(evidence, judgement):
+    for other, values in itertools.islice(_tried(evidence, judgement), MOST_TRIED):
         try:
             better = found.once(replace(Evidence.gather(evidence.calibration, other), start=values))
         except VibridentError:
@@ -61,14 +62,15 @@ def _may_be_the_model(found: Attempt) -> bool:
     return found.evidence.model.is_linear and plain_fit and not few and not found.judgement.overtones
 
 
-def _tried(evidence: Evidence, judgement: Judgement) -> list[tuple[SensorModel, dict[str, float]]]:
-    """The models worth a fit of the records, with their values at the points; those of fewest parameters first."""
-    likely: dict[str, tuple[SensorModel, dict[str, float]]] = {}
-    for problem in _problems(evidence, judgement):
-        likely |= {model.name: (model, values) for model, values in _likely(problem, _others(evidence))}
-        if any(name.count("+") <= evidence.model.name.count("+") + 1 for name in likely):
-            break
-    return sorted(likely.values(), key=lambda found: len(found[1]))[:MOST_TRIED]
+def _tried(evidence: Evidence, judgement: Judgement) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+    """The models worth a fit of the records, with their values at the points: those of one thing more come first."""
+    problems = list(_problems(evidence, judgement))
+    for others in _others(evidence):
+        for problem in problems:
+            likely = sorted(_likely(problem, others), key=lambda found: len(found[1]))
+            yield from likely
+            if likely:
+                break
 
 
 def _problems(evidence: Evidence, judgement: Judgement) -> Iterator[FrequencyProblem]:
@@ -86,9 +88,7 @@ def _problems(evidence: Evidence, judgement: Judgement) -> Iterator[FrequencyPro
         yield replace(first, data=data)
 
 
-def _likely(
-    problem: FrequencyProblem, others: Sequence[SensorModel]
-) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+def _likely(problem: FrequencyProblem, others: Sequence[SensorModel]) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """Those models that leave least of the response."""
     own, _ = _left(problem, problem.model)
     found = [(other, *_left(problem, other)) for other in others]
@@ -112,14 +112,15 @@ def _left(problem: FrequencyProblem, model: SensorModel) -> tuple[float, dict[st
     return float(trace.costs[-1]) / free, coordinates.values(trace.last)
 
 
-def _others(evidence: Evidence) -> list[SensorModel]:
-    """Linear models beside the present one: of another core, and with one more add-on, with and without a delay."""
+def _others(evidence: Evidence) -> Iterator[list[SensorModel]]:
+    """Linear models of another core or with one more add-on; then those with one more and a delay."""
     own, possible = evidence.model.name.split("+"), [addon for addon in ADD_ONS.values() if addon.force is None]
     if evidence.bands is not None:  # broadband motion needs a network
         possible = [addon for addon in possible if addon.factor is None]
-    delays = [[], *([addon.name] for addon in possible if addon.is_delay)]
-    more = [[addon.name, *later] for later in delays for addon in possible if not (later and addon.is_delay)]
-    names = [[core, *own[1:]] for core in CORES if core != own[0]]
-    names += [[*own, *added] for added in more if not set(added) & set(own)]
-    models = (installed("+".join(parts)) for parts in names)
-    return [model for model in models if model is not None and model.is_linear]
+    more = [addon.name for addon in possible if addon.name not in own]
+    delays = [addon.name for addon in possible if addon.is_delay and addon.name in more]
+    one = [[core, *own[1:]] for core in CORES if core != own[0]] + [[*own, name] for name in more]
+    two = [[*own, name, delay] for delay in delays for name in more if not ADD_ONS[name].is_delay]
+    for names in (one, two):
+        models = (installed("+".join(parts)) for parts in names)
+        yield [model for model in models if model is not None and model.is_linear]
