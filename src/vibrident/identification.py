@@ -25,6 +25,7 @@ from vibrident.judge import (
     without_drifts,
     without_hum,
 )
+from vibrident.memory import in_one_thread
 from vibrident.models import model_of
 from vibrident.problem import Evidence
 from vibrident.records import Calibration
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from vibrident.uncertainty.posterior import Sampling
 
 
+@in_one_thread
 def identify(
     calibration: Calibration | str | os.PathLike[str],
     model: str | None = None,

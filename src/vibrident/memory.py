@@ -7,6 +7,9 @@ import ctypes
 import functools
 import math
 import os
+import threading
+from collections.abc import Callable, Iterator
+from typing import ParamSpec, TypeVar
 
 #: Surroundings of a process with one thread of arithmetic, read when NumPy is loaded.
 ONE_THREAD: dict[str, str] = dict.fromkeys(
@@ -42,6 +45,47 @@ def use_one_thread() -> None:
     """
     for name, number in ONE_THREAD.items():
         os.environ.setdefault(name, number)
+
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_limited = threading.Lock()
+_inside, _limit = 0, contextlib.ExitStack()
+
+
+def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The function with its matrices on one core, unless the user's environment says otherwise.
+
+    For scripts, which have loaded NumPy before. What the limit was returns with the end of the last such call.
+    """
+
+    @functools.wraps(function)
+    def limited(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        if any(name in os.environ for name in ONE_THREAD):
+            return function(*args, **kwargs)
+        with _one_thread():
+            return function(*args, **kwargs)
+
+    return limited
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """The limit belongs to the process: the first caller sets it, and the last one takes it back."""
+    global _inside
+    from threadpoolctl import threadpool_limits
+
+    with _limited:
+        if _inside == 0:
+            _limit.enter_context(threadpool_limits(1, "blas"))
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _limited:
+            _inside -= 1
+            if _inside == 0:
+                _limit.close()
 
 
 @functools.cache

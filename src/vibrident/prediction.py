@@ -17,6 +17,7 @@ from vibrident.brief import brief
 from vibrident.discretize import method
 from vibrident.errors import InputError
 from vibrident.measure import Finding, screen
+from vibrident.memory import in_one_thread
 from vibrident.problem import Coordinates, network_of
 from vibrident.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.result import Result
@@ -85,6 +86,7 @@ class Predictions:
         return root_mean_square(np.concatenate([p.residual for p in self.predictions]))
 
 
+@in_one_thread
 def predict(result: Result, calibration: Calibration) -> Predictions:
     """Predict the response of a calibration's records.
 

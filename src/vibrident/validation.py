@@ -15,6 +15,7 @@ from vibrident.estimators import AUTO, Estimator
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import identify
 from vibrident.measure.response import ComplexArray
+from vibrident.memory import in_one_thread
 from vibrident.models import parse
 from vibrident.records import BoolArray, Calibration, FloatArray, ResponseTable
 from vibrident.result import MeasuredCurve, Result
@@ -40,6 +41,7 @@ class CrossValidation:
     folds: int
 
 
+@in_one_thread
 def cross_validate(
     calibration: Calibration,
     result: Result,

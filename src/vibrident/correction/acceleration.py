@@ -41,6 +41,7 @@ from vibrident.correction.peak import Peak, find_peak
 from vibrident.correction.quiet import Surroundings, filled, rest_to_borrow, surroundings
 from vibrident.errors import InputError
 from vibrident.measure.quality import Finding, screen
+from vibrident.memory import in_one_thread
 from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
@@ -114,6 +115,7 @@ class Corrections:
     __repr__ = brief
 
 
+@in_one_thread
 def correct(
     result: Result,
     records: Calibration | Sequence[Record],

@@ -22,6 +22,7 @@ from vibrident.joint.descent import Descent, descend
 from vibrident.joint.sharing import joined
 from vibrident.judge import Fitted, Uncertainty, document, own_rows
 from vibrident.judge.effects import all_effects
+from vibrident.memory import in_one_thread
 from vibrident.naming import amount, in_words
 from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.result import Parameter, Result, ResultWarning
@@ -32,6 +33,7 @@ from vibrident.uncertainty.parameters import parameter_table, parameter_units, u
 RESIDUAL = "its residual at the joint fit, noise and misfit (its own fit is not used)"
 
 
+@in_one_thread
 def identify_together(
     calibrations: Sequence[Calibration],
     model: str | Sequence[str | None] | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 from vibrident.brief import brief
 from vibrident.errors import InputError, unknown
 from vibrident.information import inverse_normal
+from vibrident.memory import in_one_thread
 from vibrident.models import parse
 from vibrident.models.base import SensorModel
 from vibrident.planning.design import CRITERIA, Criterion, best_points, efficiency
@@ -69,6 +70,7 @@ class Plan:
     __repr__ = brief
 
 
+@in_one_thread
 def plan(
     sensor: str | Result,
     parameters: Mapping[str, float] | None = None,
