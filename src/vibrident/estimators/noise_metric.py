@@ -6,13 +6,14 @@ Formulas and their source: :mod:`vibrident.estimators.reweighting`.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.estimators.noise_motion import NEAREST, Motion
-from vibrident.estimators.noise_spectrum import TONES, NoiseSpectrum, noise_spectrum
+from vibrident.estimators.noise_spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.estimators.optimise import Bent
 from vibrident.information import SMALLEST, inverse_where_shown
 from vibrident.lines import LinesAt, RecordLines
@@ -26,6 +27,8 @@ LONG_STEP = 1.0
 LEAST_LEVEL = 0.1
 #: Information of a coordinate that is not identifiable.
 NOTHING_KNOWN = 1e-12
+#: Records of so many samples together are read side by side.
+SIDE_BY_SIDE = 1 << 17
 #: Rounds of spectrum and step at one evaluation of the network.
 ROUNDS = 2
 #: Lines averaged for the covariance on either side of each: this part of the spectrum …
@@ -116,32 +119,59 @@ class Place:
 
 
 def place_at(
-    lines: Sequence[RecordLines], motions: Sequence[MotionOf], spectra: list[NoiseSpectrum], z: FloatArray
+    lines: Sequence[RecordLines],
+    motions: Sequence[MotionOf],
+    spectra: list[NoiseSpectrum],
+    z: FloatArray,
+    settled: float | None = None,
 ) -> Place | None:
     """Information and gradient at ``z``, shape (p,); None where a direction is not known.
 
-    ``spectra`` are as read before; the list is emptied, because of long records each copy counts.
+    Args:
+        lines: of the records, at ``z``.
+        motions: what the model says of them.
+        spectra: as read before; the list is emptied, because of long records each copy counts.
+        z: where.
+        settled: where the step is no longer, in standard deviations, the noise is not read again behind it; None: it
+            is, as ``spectra`` are of another place.
     """
-    step, variances = np.zeros(len(z)), []
+    step = np.zeros(len(z))
     for last in range(ROUNDS):
-        shares, read = [], list[NoiseSpectrum]()
-        for record, motion in zip(lines, motions, strict=True):
-            weighed = _Weighed.at(record, motion, step, spectra.pop(0))
-            read.append(weighed.spectrum)
-            shares.append(weighed.share())
-            if last == ROUNDS - 1:
-                variances.append(weighed.variance(shares[-1].imitated))
-            del weighed
+        shares, variances, read = [], [], list[NoiseSpectrum]()
+        final = settled is not None or last == ROUNDS - 1
+        for some in together(lines):
+            before = [spectra.pop(0) for _ in lines[some]]
+            weighed = _Weighed.at(lines[some], motions[some], step, before)
+            while weighed:
+                own = weighed.pop(0)
+                read.append(own.spectrum)
+                shares.append(own.share())
+                if final:
+                    variances.append(own.variance(shares[-1].imitated))
         spectra = read
         whole = np.sum([share.information for share in shares], axis=0)
         if not _known(whole):
             return None
         inverse = _inverse(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
         gradient = np.sum([share.gradient for share in shares], axis=0)
-        if last < ROUNDS - 1:
-            step = inverse @ gradient
-    covariance = inverse @ np.sum(variances, axis=0) @ inverse
-    return Place(z, tuple(spectra), inverse, gradient, covariance, sum(share.cost for share in shares))
+        step = inverse @ gradient
+        if final:
+            covariance = inverse @ np.sum(variances, axis=0) @ inverse
+            place = Place(z, tuple(spectra), inverse, gradient, covariance, sum(share.cost for share in shares))
+            if settled is None or last == ROUNDS - 1 or place.far <= settled:
+                return place
+    return None
+
+
+def together(lines: Sequence[RecordLines]) -> list[slice]:
+    """Records one after the other whose noise is read side by side: many short ones, or one long one."""
+    ends, begin, samples = list[int](), 0, 0
+    for number, record in enumerate(lines):
+        if number > begin and samples + record.samples > SIDE_BY_SIDE:
+            ends.append(number)
+            begin, samples = number, 0
+        samples += record.samples
+    return [slice(*pair) for pair in itertools.pairwise([0, *ends, len(lines)])]
 
 
 def equal_cost(lines: Sequence[RecordLines]) -> float:
@@ -172,17 +202,38 @@ class _Weighed:
     weight: FloatArray
 
     @classmethod
-    def at(cls, record: RecordLines, motion: MotionOf, step: FloatArray, spectrum: NoiseSpectrum) -> _Weighed:
-        """After a step, shape (p,), from the noise as read before it."""
-        n = max(record.samples, 1)
-        unknowns = _unknowns(record, spectrum)
-        rest = _left(record, step, unknowns, record.twice / (n * spectrum.level))
-        tones = spectrum.tones
-        del spectrum  # of a long record each copy counts
-        found = _spectrum_of(record, motion, record.where_used(rest))
+    def at(
+        cls,
+        lines: Sequence[RecordLines],
+        motions: Sequence[MotionOf],
+        step: FloatArray,
+        before: list[NoiseSpectrum],
+    ) -> list[_Weighed]:
+        """Of records, after a step, shape (p,), from the noise as read before it; the list of which is emptied."""
+        tones, unknowns, rests = [], [], []
+        for record in lines:
+            spectrum = before.pop(0)
+            n = max(record.samples, 1)
+            tones.append(spectrum.tones)
+            unknowns.append(_unknowns(record, spectrum))
+            rests.append(_left(record, step, unknowns[-1], record.twice / (n * spectrum.level)))
+            del spectrum  # of a long record each copy counts
+        found = spectra_of(lines, motions, [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)])
+        return [cls._weighed(*each) for each in zip(lines, tones, unknowns, rests, found, strict=True)]
+
+    @classmethod
+    def _weighed(
+        cls,
+        record: RecordLines,
+        tones: tuple[float, ...],
+        unknowns: LinesAt,
+        rest: ComplexArray,
+        found: NoiseSpectrum,
+    ) -> _Weighed:
+        p = len(record.slopes)
         spectrum = replace(found, tones=(tones + found.tones)[:TONES])
-        weight = record.twice * spectrum.excited / (n * spectrum.level)
-        slopes, of_noise = record.slopes, np.zeros((len(step), len(step)))
+        weight = record.twice * spectrum.excited / (max(record.samples, 1) * spectrum.level)
+        slopes, of_noise = record.slopes, np.zeros((p, p))
         if spectrum.passed > 0 and record.model is not None:
             d_through = np.stack(list(record.model.slopes()))
             slopes = slopes + d_through * (spectrum.passed_at * np.conj(record.model.through()) * rest / spectrum.level)
@@ -245,10 +296,14 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
     return record.unknowns(edges=edges, tones=spectrum.tones)
 
 
-def beside_hum(record: RecordLines, motion: MotionOf) -> NoiseSpectrum:
-    """The spectrum of a record's residual, with the tones that are known beside those that were found."""
-    spectrum = _spectrum_of(record, motion, record.residual)
-    return replace(spectrum, tones=(record.hum + spectrum.tones)[:TONES])
+def beside_hum(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
+    """The spectra of the records' residuals, with the tones that are known beside those that were found."""
+    found = [each for some in together(lines) for each in _residuals_of(lines[some], motions[some])]
+    return [replace(own, tones=(record.hum + own.tones)[:TONES]) for record, own in zip(lines, found, strict=True)]
+
+
+def _residuals_of(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
+    return spectra_of(lines, motions, [record.residual for record in lines])
 
 
 def motion_of(record: RecordLines) -> MotionOf:
@@ -273,11 +328,24 @@ def _through(record: RecordLines) -> FloatArray | None:
     return squares if isinstance(record.colour, float) else squares * record.colour
 
 
-def _spectrum_of(record: RecordLines, motion_of: MotionOf, residual: ComplexArray) -> NoiseSpectrum:
-    """The spectrum of a residual."""
-    motion = motion_of()
-    if motion is not None:
-        return noise_spectrum(residual, motion, record.floor)
+def spectra_of(
+    lines: Sequence[RecordLines], motions_of: Sequence[MotionOf], residuals: Sequence[ComplexArray]
+) -> list[NoiseSpectrum]:
+    """The spectra of residuals."""
+    motions = [motion() for motion in motions_of]
+    read = iter(
+        noise_spectra(
+            [rest for rest, motion in zip(residuals, motions, strict=True) if motion is not None],
+            [motion for motion in motions if motion is not None],
+            [record.floor for record, motion in zip(lines, motions, strict=True) if motion is not None],
+        )
+    )
+    every = zip(lines, residuals, motions, strict=True)
+    return [_of_few(record, rest) if motion is None else next(read) for record, rest, motion in every]
+
+
+def _of_few(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
+    """The spectrum of a residual of too few lines: all of one level."""
     power = float(np.sum(record.twice * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
     through = _through(record)

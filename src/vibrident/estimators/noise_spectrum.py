@@ -12,7 +12,7 @@ comes on top as the mean of the residual's periodogram over the lines around, re
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -83,16 +83,35 @@ class NoiseSpectrum:
 
 
 def noise_spectrum(lines: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
-    """Read the spectrum of a residual.
+    """Read the spectrum of a residual; see :func:`noise_spectra`."""
+    return noise_spectra([lines], [motion], [floor])[0]
+
+
+def noise_spectra(
+    lines: Sequence[ComplexArray], motions: Sequence[Motion], floors: Sequence[float]
+) -> list[NoiseSpectrum]:
+    """Read the spectra of residuals.
 
     Args:
-        lines: the residual's real transform, shape (samples // 2 + 1,).
-        motion: what the model says of the same record.
-        floor: lower limit of the residual's level.
+        lines: the residuals' real transforms, each of shape (samples // 2 + 1,).
+        motions: what the model says of the same records.
+        floors: lower limits of the residuals' levels.
     """
-    power = power_of(lines)
-    power /= motion.count
-    parts = _parts(lines, power, motion)
+    powers = [power_of(rest) for rest in lines]
+    for power, motion in zip(powers, motions, strict=True):
+        power /= motion.count
+    levels = _binned_levels(powers, motions)
+    found = []
+    for rest, motion, floor, level in zip(lines, motions, floors, levels, strict=True):
+        found.append(_read(rest, powers.pop(0), motion, floor, level))  # of a long record each copy counts
+    return found
+
+
+def _read(
+    lines: ComplexArray, power: FloatArray, motion: Motion, floor: float, binned: _Levels | None
+) -> NoiseSpectrum:
+    """The spectrum of a residual, of its power at each line and the levels in bins."""
+    parts = _parts(lines, power, motion, binned)
     shape = parts.shape
     relative = np.divide(power, shape, out=power)
     smooth = _surroundings(relative)
@@ -134,15 +153,45 @@ class _Parts(NamedTuple):
     free: bool
 
 
-def _parts(lines: ComplexArray, power: FloatArray, motion: Motion) -> _Parts:
+class _Levels(NamedTuple):
+    """White and 1/f noise of the response, and that of the reference behind the sensor, in bins.
+
+    Attributes:
+        level: of the residual, shape (bins,).
+        shapes: of the three, shape (3, bins).
+        amounts: of these, shape (3,).
+        spread: standard deviation of the last.
+    """
+
+    level: FloatArray
+    shapes: FloatArray
+    amounts: FloatArray
+    spread: float
+
+
+def _binned_levels(powers: Sequence[FloatArray], motions: Sequence[Motion]) -> list[_Levels | None]:
+    """Of each residual; records whose bins see the same of the reference are fitted side by side."""
+    found: list[_Levels | None] = [None] * len(powers)
+    alike: dict[tuple[int, bytes], list[int]] = {}
+    for number, (power, motion) in enumerate(zip(powers, motions, strict=True)):
+        if motion.through is not None:
+            alike.setdefault((len(power), motion.seen.tobytes()), []).append(number)
+    for (lines, _), numbers in alike.items():
+        edges, wide, order, geometric = bins_of(lines)
+        level, seen = np.stack([means(powers[i], edges) for i in numbers]) * geometric, motions[numbers[0]].seen
+        shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
+        for number, own, amounts, spread in zip(numbers, level, *_levels(shapes, level, wide), strict=True):
+            found[number] = _Levels(own, shapes, amounts, float(spread))
+    return found
+
+
+def _parts(lines: ComplexArray, power: FloatArray, motion: Motion, binned: _Levels | None) -> _Parts:
     through = motion.through
-    if through is None:
+    if through is None or binned is None:
         return _Parts(np.ones_like(power), 0.0, 0.0, functools.partial(np.broadcast_to, 0.0, power.shape), False)
-    edges, wide, order, geometric = bins_of(len(power))
-    level, seen = means(power, edges) * geometric, motion.seen
-    shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
-    amounts, spread = _levels(shapes, level, wide)
-    scale = float(np.max(seen))
+    edges, wide, order, _ = bins_of(len(power))
+    level, shapes, amounts, spread = binned
+    seen, scale = motion.seen, float(np.max(motion.seen))
     variance, spread = amounts[2] / scale, spread / scale
     sure = variance > SIGNIFICANT * spread
     # All of the level at most; a bin of a few lines is low by chance.
@@ -260,17 +309,17 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
 
     The first two amounts are not negative; the second is left out if it is not significant.
     """
-    scale, number = np.sqrt(np.maximum(np.diag(normal), 1e-300)), np.arange(len(right))
-    normal, right = normal / np.outer(scale, scale), right / scale
-    amounts, covariance = np.zeros(len(right)), np.zeros_like(normal)
-    for free in (number, np.delete(number, 1)):
-        inverse = inverse_normal(normal[np.ix_(free, free)])
-        amounts[:], covariance[:] = 0.0, 0.0
-        amounts[free], covariance[np.ix_(free, free)] = inverse @ right[free], inverse
-        if amounts[0] >= 0.0 and amounts[1] > SIGNIFICANT * np.sqrt(covariance[1, 1]):
-            break
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    size = scale[:, None] * scale
+    normal, right = normal / size, right / scale
+    covariance = inverse_normal(normal)
+    amounts = covariance @ right
+    if not (amounts[0] >= 0.0 and amounts[1] > SIGNIFICANT * np.sqrt(covariance[1, 1])):
+        kept = np.array([0, *range(2, len(right))])
+        inverse = inverse_normal(normal[kept][:, kept])
+        amounts, covariance = np.zeros_like(right), np.zeros_like(normal)
+        amounts[kept], covariance[kept[:, None], kept] = inverse @ right[kept], inverse
     amounts[:2] = np.maximum(amounts[:2], 0.0)
-    size = np.outer(scale, scale)
     return amounts / scale, covariance / size, normal * size
 
 
@@ -293,29 +342,39 @@ def _tones(lines: ComplexArray, least: Callable[[slice], FloatArray], alone: Boo
     return tuple((places + np.where(high > low, offset, -offset)).tolist())
 
 
-def _levels(shapes: FloatArray, level: FloatArray, count: FloatArray) -> tuple[FloatArray, float]:
-    """Amounts of three shapes, and the standard deviation of the last, by likelihood.
+def _levels(shapes: FloatArray, level: FloatArray, count: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Amounts of three shapes in R series, shape (R, 3), and the standard deviation of the last, by likelihood.
 
     Means of exponentially distributed lines; multiplicative updates keep the three levels positive (Févotte, Bertin &
     Durrieu 2009); the deviation is from Fisher's information.
+
+    Args:
+        shapes: shape (3, bins).
+        level: shape (R, bins).
+        count: lines of each bin, shape (bins,).
     """
-    size = float(np.average(level, weights=count))
-    level = np.maximum(level / size, LEAST_LEVEL)
-    amounts = np.full(3, 1.0 / 3.0)
-    fitted, (up, down), across = amounts @ shapes, (both := np.empty((2, len(level)))), np.ascontiguousarray(shapes.T)
+    size = np.average(level, axis=1, weights=count)
+    level = np.maximum(level / size[:, None], LEAST_LEVEL)
+    runs, bins = level.shape
+    amounts, across = np.full((runs, 3), 1.0 / 3.0), np.ascontiguousarray(shapes.T)
+    fitted, both, sums = amounts @ shapes, np.empty((2 * runs, bins)), np.empty((2 * runs, 3))
+    up, down = both[:runs], both[runs:]
     for _ in range(ROUNDS):
         np.divide(count, fitted, out=down)
         np.multiply(down, level, out=up)
         up /= fitted
-        more, less = both.dot(across)
-        amounts *= more / less
+        np.dot(both, across, out=sums)
+        amounts *= sums[:runs]
+        amounts /= sums[runs:]
         np.dot(amounts, shapes, out=fitted)
-    information = (shapes * (count / fitted**2)) @ shapes.T
+    information = (shapes * (count / fitted**2)[:, None]) @ shapes.T
     # 1/f noise at its bound is no unknown: it cannot hide the others. White noise of the response can.
-    free = amounts > 1e-6 * np.max(amounts)
-    free[[0, 2]] = True
-    spread = float(np.sqrt(inverse_normal(information[np.ix_(free, free)])[-1, -1]))
-    return size * amounts, size * spread
+    hidden = amounts[:, 1] <= 1e-6 * np.max(amounts, axis=1)
+    spread = [
+        np.sqrt(inverse_normal(own[::2, ::2] if bound else own)[-1, -1])
+        for own, bound in zip(information, hidden, strict=True)
+    ]
+    return size[:, None] * amounts, size * np.array(spread)
 
 
 def _beside(shapes: FloatArray, level: FloatArray, count: FloatArray, known: FloatArray) -> FloatArray:

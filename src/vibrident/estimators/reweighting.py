@@ -100,14 +100,14 @@ def reweighted(
     """
     lines = problem.lines(z, coordinates, noise)
     cost, motions = equal_cost(lines), [motion_of(record) for record in lines]
-    spectra = [beside_hum(*pair) for pair in zip(lines, motions, strict=True)]
+    spectra = beside_hum(lines, motions)
     spread, information = _spread(lines, spectra), _equal_information(lines)
     if start is not None:
         lines = problem.lines(start, coordinates, noise)
         if not equal_cost(lines) <= FARTHEST_START * cost:
             return None
         motions = [motion_of(record) for record in lines]
-        spectra = [beside_hum(*pair) for pair in zip(lines, motions, strict=True)]
+        spectra = beside_hum(lines, motions)
     here = place_at(lines, motions, spectra, z if start is None else start)
     del motions, spectra  # of a long record each copy counts
     if here is None:
@@ -159,7 +159,7 @@ def _down(
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
             if here.leads_to(lines, most):
-                there = place_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial)
+                there = place_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial, SETTLED)
         if there is None:
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
             rejected += 1
