@@ -356,17 +356,20 @@ def _of_few(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
 
 def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray) -> FloatArray:
     """Re Σ weight v* v over the lines for all pairs of rows; ``rows``: groups of these at some lines."""
-    root, total = np.sqrt(weight), np.zeros((1, 1))
+    count, total = 0, np.zeros((1, 1))
+    root = np.sqrt(weight[: len(weight) - int(np.argmax(weight[::-1] != 0.0))])  # up to the last line that counts
     for part in in_blocks(len(root)):
         groups = rows(part)
-        block = np.empty((sum(len(group) for group in groups), part.stop - part.start), dtype=complex)
+        count = sum(len(group) for group in groups)
+        block = np.empty((count + (count % 4 == 3), part.stop - part.start), dtype=complex)  # BLAS is slow at 3 and 7
+        block[count:] = 0.0
         at = 0
         for group in groups:
             np.multiply(group, root[part], out=block[at : at + len(group)])
             at += len(group)
         flat = block.view(float)
         total = total + flat @ flat.T
-    return total
+    return total[:count, :count]
 
 
 def _known(information: FloatArray) -> bool:

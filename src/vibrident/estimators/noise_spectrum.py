@@ -265,16 +265,26 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
         common[part] = -(moved.real * kept.real + moved.imag * kept.imag) / motion.count
         left[part] = power_of(kept) / motion.count
     left = typical(left, lines_around(through))
+
+    def columns(part: slice) -> FloatArray:
+        order = np.arange(part.start + 1, part.stop + 1) / last
+        return np.stack([share[part], share[part] / (last * order), own[part], own[part] * order**2])
+
+    blocks = in_blocks(last - 1)
+    kept = [columns(part) for part in blocks[:1]]
     for _ in range(2):
-        sums = np.zeros((4, 5))
-        for part in in_blocks(last - 1):
-            order = np.arange(part.start + 1, part.stop + 1) / last
-            bent = (1.0 / last) / order
-            rows = np.stack([share[part], share[part] * bent, own[part], own[part] * order**2, common[part]])
-            variance = 0.5 * (own[part] * left[part] + (found[:2] @ rows[:2]) ** 2)
-            sums += (rows[:4] * (ordinary[part] / np.maximum(variance, 1e-300) / ALIKE)) @ rows.T
-        found, covariance, normal = _amounts(sums[:, :4], sums[:, 4])
-    del common
+        gram, right = np.zeros((4, 4)), np.zeros(4)
+        for part in blocks:
+            rows = kept[0] if part.start == 0 else columns(part)
+            weight = (found[:2] @ rows[:2]) ** 2
+            weight += own[part] * left[part]
+            weight = ordinary[part] / np.maximum(weight, 1e-300)
+            weight *= 2.0 / ALIKE
+            weighted = rows * weight
+            gram += weighted @ rows.T
+            right += weighted @ common[part]
+        found, covariance, normal = _amounts(gram, right)
+    del common, kept
     bent = _flicker(last, last)[1:]
     noise, mean = share * (found[0] + found[1] * bent), np.array([1.0, float(np.mean(bent))])
     del bent

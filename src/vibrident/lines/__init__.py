@@ -12,7 +12,7 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 
 from __future__ import annotations
 
-from vibrident.lines.normal import Batch, LineNormal, RunNormals, add_batch, columns_of
+from vibrident.lines.normal import Batch, LineNormal, RunNormals, Step, add_batch, columns_of
 from vibrident.lines.record import LinesAt, RecordLines
 from vibrident.lines.runs import Run, hum_of, run_of, seen_by_network, transformable, unbroken
 from vibrident.lines.series import RunSeries, add_series, series_of
@@ -26,6 +26,7 @@ __all__ = [
     "Run",
     "RunNormals",
     "RunSeries",
+    "Step",
     "StepTransfer",
     "Trained",
     "add_batch",

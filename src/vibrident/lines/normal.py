@@ -121,94 +121,121 @@ def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:
     return arrays[0][None]
 
 
-def add_batch(
-    normals: RunNormals, batch: Batch, transfer: StepTransfer, slope: StepTransfer, counts: FloatArray
-) -> None:
-    """Write the normal equations of a batch's runs into those of all.
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What runs of one sampling interval, length and hum have in common: one step of the network at their lines.
 
-    Args:
-        normals: of all runs.
-        batch: the runs.
+    Attributes:
+        samples: N.
         transfer: transfer function of a step.
         slope: its derivatives with each parameter, in a leading axis of P.
-        counts: how each line counts, shape (1, L).
+        hum: c of the denominator of each tone, as of a batch.
+        counts: how each line counts, shape (L,).
     """
-    runs = batch.runs
-    normals.matrix[runs], normals.gradient[runs], normals.squares[runs] = _of_batch(
-        batch, transfer, slope, np.broadcast_to(np.sqrt(counts), batch.response.shape)
-    )
+
+    samples: int
+    transfer: StepTransfer
+    slope: StepTransfer
+    hum: FloatArray
+    counts: FloatArray
+
+    @property
+    def unknown(self) -> int:
+        """Number of initial states, and of what the tones of hum add."""
+        return len(self.transfer.denominator) - 1 + TONE_COLUMNS * len(self.hum)
+
+    def blocks(self, first: int, last: int) -> Iterator[_Block]:
+        """The lines from ``first`` up to ``last``; of many each block is made again when it is asked for.
+
+        Together the blocks of a long run would need much memory.
+        """
+        for begin in range(first, last, AT_ONCE):
+            lines = slice(begin, min(begin + AT_ONCE, last))
+            yield self._kept(lines) if last - first <= AT_ONCE else self._block(lines)
+
+    @functools.cached_property
+    def counted(self) -> tuple[int, int]:
+        """First of the lines that count, and the line behind the last."""
+        those = np.flatnonzero(self.counts)
+        return (int(those[0]), int(those[-1]) + 1) if those.size else (0, 0)
+
+    @functools.cached_property
+    def inverse(self) -> FloatArray:
+        """Inverse of the products of the free responses with each other, over the lines that count, shape (n, n)."""
+        gram = np.zeros((self.unknown, self.unknown))
+        for block in self.blocks(*self.counted):
+            gram += _products(block.weighted, block.free)
+        return inverse_where_shown(gram)
+
+    @functools.cached_property
+    def _only(self) -> dict[tuple[int, int], _Block]:
+        return {}
+
+    def _kept(self, lines: slice) -> _Block:
+        key = lines.start, lines.stop
+        if key not in self._only:
+            self._only[key] = self._block(lines)
+        return self._only[key]
+
+    def _block(self, lines: slice) -> _Block:
+        w, order = shifted_lines(self.samples, lines), len(self.transfer.denominator) - 1
+        over = 1.0 / horner(self.transfer.denominator, w)
+        free = np.empty((self.unknown, len(w)), dtype=complex)
+        np.multiply(1.0 + w, over, out=free[0])
+        for k in range(1, order):
+            np.multiply(free[k - 1], w, out=free[k])
+        for tone, c in enumerate(self.hum):  # z w^k / q and z w^k / q², k = 0, 1
+            own = free[order + TONE_COLUMNS * tone :]
+            tone_over = c / (w * w + c * w + c)
+            np.multiply(1.0 + w, tone_over, out=own[0])
+            np.multiply(own[0], tone_over, out=own[2])
+            np.multiply(own[0:4:2], w, out=own[1:4:2])
+        weight = self.counts[lines]
+        same = bool(np.all(weight == weight[0]))
+        return _Block(lines, w, over, free, free * weight, float(weight[0]) if same else weight)
 
 
 class _Block(NamedTuple):
-    """Some lines of a batch, weighted.
+    """Some lines of a step.
 
     Attributes:
         lines: which.
-        over: 1/a, shape (1 or R, l).
-        free: free responses T, then those of hum, shape (R, n, l).
-        residual: shape (R, l).
+        w: z − 1, shape (l,).
+        over: 1/a, shape (l,).
+        free: free responses T, then those of hum, shape (n, l).
+        weighted: these as they count, shape (n, l).
+        weight: how the lines count, one number or shape (l,).
     """
 
     lines: slice
+    w: ComplexArray
     over: ComplexArray
     free: ComplexArray
-    residual: ComplexArray
+    weighted: ComplexArray
+    weight: FloatArray | float
 
 
-@dataclass(frozen=True, eq=False)
-class _Blocks:
-    """The lines of a batch, block by block; of more than one block each is made again when it is asked for.
-
-    Together the blocks of a long run would need much memory.
-    """
-
-    batch: Batch
-    transfer: StepTransfer
-    root: FloatArray
-
-    def __iter__(self) -> Iterator[_Block]:
-        lines = self.batch.response.shape[1]
-        if lines <= AT_ONCE:
-            yield self._only
-            return
-        for begin in range(0, lines, AT_ONCE):
-            yield _forced(self.batch, self.transfer, self.root, slice(begin, begin + AT_ONCE))
-
-    @functools.cached_property
-    def _only(self) -> _Block:
-        return _forced(self.batch, self.transfer, self.root, slice(0, AT_ONCE))
-
-
-def _columns_beside(batch: Batch, transfer: StepTransfer) -> int:
-    """Number of initial states, and of what the tones of hum add."""
-    return len(transfer.denominator) - 1 + TONE_COLUMNS * len(batch.hum)
-
-
-def _of_batch(
-    batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """JᵀJ, Jᵀr and rᵀr of every run; ``root``: of how the lines count, shape (R, L)."""
-    n, p, runs = _columns_beside(batch, transfer), len(slope.denominator), len(batch.response)
-    blocks = _Blocks(batch, transfer, root)
-    gram, right = np.zeros((runs, n, n)), np.zeros((runs, n, 1))
-    for block in blocks:
-        gram += _products(block.free, block.free)
-        right += _products(block.free, block.residual[:, None])
-    inverse = inverse_where_shown(gram)
-    states = inverse @ right
-    sums = np.zeros((runs, p + n + 1, p + 1))
-    for block in blocks:
-        block.residual[:] -= np.einsum("rn,rnl->rl", states[..., 0], block.free)
-        columns = _slopes(batch, slope, block, root, _hum_in(block, states[..., 0], batch))
-        sums += _products(np.concatenate([columns, block.free], axis=1), columns[:, : p + 1])
+def add_batch(normals: RunNormals, batch: Batch, step: Step) -> None:
+    """Write the normal equations of a batch's runs into those of all."""
+    p, runs = len(step.slope.denominator), len(batch.response)
+    residuals, states = _residuals(batch, step, *step.counted)
+    sums, shared = np.zeros((runs, p + 1, p + 1)), np.zeros((runs, step.unknown, p + 1))
+    for block, residual in residuals:
+        residual -= _of_states(states, block.free)
+        columns = np.empty((runs, p + 1, residual.shape[-1]), dtype=complex)
+        columns[:, p] = residual
+        columns[:, :p] = _slopes(batch, step, block, residual, _hum_in(block, states, step))
+        shared += _products(block.weighted, columns)
+        one = columns if isinstance(block.weight, float) else columns * block.weight
+        sums += _products(one, columns) * (block.weight if isinstance(block.weight, float) else 1.0)
     # The part that initial states could imitate is removed from the slopes; the residual holds only rounding of it.
-    shared = sums[:, p + 1 :]
-    freed = sums[:, : p + 1] - np.swapaxes(shared, -1, -2) @ inverse @ shared
-    return freed[:, :p, :p], freed[:, :p, p], freed[:, p, p]
+    freed = sums - np.swapaxes(shared, -1, -2) @ step.inverse @ shared
+    normals.matrix[batch.runs], normals.gradient[batch.runs] = freed[:, :p, :p], freed[:, :p, p]
+    normals.squares[batch.runs] = freed[:, p, p]
 
 
 class Columns(NamedTuple):
-    """Lines of runs, not weighted.
+    """Lines of runs.
 
     Attributes:
         residual: shape (R, L).
@@ -221,88 +248,78 @@ class Columns(NamedTuple):
     hum: ComplexArray
 
 
-def columns_of(batch: Batch, transfer: StepTransfer, slope: StepTransfer, root: FloatArray) -> Columns:
-    """Residual, slopes and hum of runs, with the best states by ``root``."""
+def columns_of(batch: Batch, step: Step) -> Columns:
+    """Residual, slopes and hum of runs at all their lines, with the best states by those that count."""
     runs, lines = batch.response.shape
-    p, one = len(slope.denominator), np.broadcast_to(1.0, root.shape)
-    n = _columns_beside(batch, transfer)
-    blocks = _Blocks(batch, transfer, one)
-    gram, right, shared = np.zeros((runs, n, n)), np.zeros((runs, n, 1)), np.zeros((runs, n, p))
-    for block in blocks:
-        free = block.free * root[:, None, block.lines] ** 2
-        gram += _products(free, block.free)
-        right += _products(free, block.residual[:, None])
-    inverse = inverse_where_shown(gram)
-    states = (inverse @ right)[..., 0]
+    p = len(step.slope.denominator)
+    residuals, states = _residuals(batch, step, 0, lines)
     residual, slopes = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex)
-    hum = np.zeros((runs, lines if len(batch.hum) else 0), complex)
-    for block in blocks:
+    hum, shared = np.zeros((runs, lines if len(batch.hum) else 0), complex), np.zeros((runs, step.unknown, p))
+    for block, left in residuals:
         part = block.lines
-        block.residual[:] -= np.einsum("rn,rnl->rl", states, block.free)
-        residual[:, part], own = block.residual, _hum_in(block, states, batch)
+        left -= _of_states(states, block.free)
+        residual[:, part], own = left, _hum_in(block, states, step)
         if len(batch.hum):
             hum[:, part] = own
         if p:
-            slopes[:, :, part] = _slopes(batch, slope, block, one, own)[:, :-1]
-            shared += _products(block.free * root[:, None, part] ** 2, slopes[:, :, part])
-    share = inverse @ shared
-    for block in blocks if p else ():
-        slopes[:, :, block.lines] -= np.einsum("rnp,rnl->rpl", share, block.free)
+            slopes[:, :, part] = _slopes(batch, step, block, left, own)
+            shared += _products(block.weighted, slopes[:, :, part])
+    share = np.swapaxes(step.inverse @ shared, -1, -2)
+    for block in step.blocks(0, lines) if p else ():
+        slopes[:, :, block.lines] -= _of_states(share, block.free)
     return Columns(residual, slopes, hum)
 
 
-def _forced(batch: Batch, transfer: StepTransfer, root: FloatArray, lines: slice) -> _Block:
-    """Residual of the forced response, and the free responses."""
-    w, root = batch.shifted(lines), root[:, lines]
-    over = 1.0 / horner(transfer.denominator, w)
-    residual = _horner_of_inputs(transfer.numerator[None], batch.inputs[..., lines], w)[:, 0]
-    residual *= -over
-    residual += batch.response[:, lines]
-    residual *= root
-    order = len(transfer.denominator) - 1
-    free = np.empty((len(root), order + TONE_COLUMNS * len(batch.hum), w.shape[-1]), dtype=complex)
-    np.multiply((1.0 + w) * over, root, out=free[:, 0])
-    for k in range(1, order):
-        np.multiply(free[:, k - 1], w, out=free[:, k])
-    for tone, c in enumerate(batch.hum):  # z w^k / q and z w^k / q², k = 0, 1
-        own = free[:, order + TONE_COLUMNS * tone :]
-        tone_over = c / (w * w + c * w + c)
-        np.multiply((1.0 + w) * tone_over, root, out=own[:, 0])
-        np.multiply(own[:, 0], tone_over, out=own[:, 2])
-        np.multiply(own[:, 0:4:2], w[:, None], out=own[:, 1:4:2])
-    return _Block(lines, over, free, residual)
+def _residuals(
+    batch: Batch, step: Step, first: int, last: int
+) -> tuple[Iterator[tuple[_Block, ComplexArray]], FloatArray]:
+    """Lines with the residual of the forced response, shape (R, l), and the states that fit it best, shape (R, n)."""
+    right, kept = np.zeros((len(batch.response), step.unknown)), []
+    for block in step.blocks(first, last):
+        residual = _forced(batch, step, block)
+        right += _products(block.weighted, residual[:, None])[..., 0]
+        if last - first <= AT_ONCE:
+            kept.append((block, residual))
+    again = ((block, _forced(batch, step, block)) for block in step.blocks(first, last))
+    return iter(kept) if kept else again, right @ step.inverse
 
 
-def _hum_in(block: _Block, states: FloatArray, batch: Batch) -> ComplexArray | float:
+def _forced(batch: Batch, step: Step, block: _Block) -> ComplexArray:
+    """Residual of the forced response, shape (R, l)."""
+    residual = _horner_of_inputs(step.transfer.numerator[None], batch.inputs[..., block.lines], block.w)[:, 0]
+    residual *= -block.over
+    residual += batch.response[:, block.lines]
+    return residual
+
+
+def _of_states(states: FloatArray, free: ComplexArray) -> ComplexArray:
+    """Σ_n states[…, n] free[n], shape (…, l)."""
+    return (states @ free.view(float)).view(complex)
+
+
+def _hum_in(block: _Block, states: FloatArray, step: Step) -> ComplexArray | float:
     """What of a block's response is hum, by the coefficients ``states`` of its free responses; zero without hum."""
-    if not len(batch.hum):
-        return 0.0
-    count = TONE_COLUMNS * len(batch.hum)
-    return np.einsum("rn,rnl->rl", states[:, -count:], block.free[:, -count:])
+    count = TONE_COLUMNS * len(step.hum)
+    return _of_states(states[:, -count:], block.free[-count:]) if count else 0.0
 
 
-def _slopes(
-    batch: Batch, slope: StepTransfer, block: _Block, root: FloatArray, hum: ComplexArray | float
-) -> ComplexArray:
-    """Weighted slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ, then the residual; shape (R, P + 1, l)."""
-    w, root = batch.shifted(block.lines), root[:, block.lines]
-    columns = np.empty((len(root), len(slope.denominator) + 1, w.shape[-1]), dtype=complex)
-    columns[:, -1] = block.residual
-    modelled = (root * batch.response[:, block.lines] - block.residual - hum) * block.over
-    driven = _horner_of_inputs(slope.numerator, batch.inputs[..., block.lines], w)
-    driven *= (root * block.over)[:, None]
-    columns[:, :-1] = driven
-    for number, denominator in enumerate(slope.denominator):
+def _slopes(batch: Batch, step: Step, block: _Block, residual: ComplexArray, hum: ComplexArray | float) -> ComplexArray:
+    """Slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ; shape (R, P, l)."""
+    modelled = batch.response[:, block.lines] - residual
+    modelled -= hum
+    driven = _horner_of_inputs(step.slope.numerator, batch.inputs[..., block.lines], block.w)
+    for number, denominator in enumerate(step.slope.denominator):
         if np.any(denominator):
-            columns[:, number] -= modelled * horner(denominator, w)
-    return columns
+            driven[:, number] -= modelled * horner(denominator, block.w)
+    driven *= block.over
+    return driven
 
 
 def modelled_slopes(
     slope: StepTransfer, inputs: ComplexArray, modelled: ComplexArray, w: ComplexArray, over: ComplexArray
 ) -> ComplexArray:
     """Slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ of one run, initial state held; shape (P, L)."""
-    driven = _horner_of_inputs(slope.numerator, inputs[None], w[None])[0]
+    driven = _horner_of_inputs(slope.numerator, inputs[None], w)[0]
     aside = [modelled * horner(denominator, w) for denominator in slope.denominator]
     return np.asarray((driven - np.reshape(aside, driven.shape)) * over)
 
@@ -319,15 +336,17 @@ def horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:
 def _horner_of_inputs(numerators: FloatArray, inputs: ComplexArray, w: ComplexArray) -> ComplexArray:
     """Σ_k w^k Σ_j b[p, k, j] U_j; (P, n + 1, q) and (R, q, l) → (R, P, l)."""
     p, powers, terms = numerators.shape
-    flat = np.swapaxes(numerators, 0, 1).reshape(powers * p, terms)
+    while powers > 1 and not np.any(numerators[:, powers - 1]):  # without the input itself in the response
+        powers -= 1
+    flat = np.swapaxes(numerators[:, :powers], 0, 1).reshape(powers * p, terms)
     parts = (flat @ np.ascontiguousarray(inputs).view(float)).view(complex)  # real times complex, by real BLAS
     value = parts[:, -p:]
     for k in range(powers - 2, -1, -1):
-        value *= w[:, None]
+        value *= w
         value += parts[:, k * p : (k + 1) * p]
     return value
 
 
 def _products(one: ComplexArray, other: ComplexArray) -> FloatArray:
-    """Re Σ one* other over lines: (R, i, L) and (R, j, L) → (R, i, j)."""
+    """Re Σ one* other over lines: (…, i, L) and (…, j, L) → (…, i, j)."""
     return one.view(float) @ np.swapaxes(np.ascontiguousarray(other).view(float), -1, -2)

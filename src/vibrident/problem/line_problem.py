@@ -24,6 +24,7 @@ from vibrident.lines import (
     Run,
     RunNormals,
     RunSeries,
+    Step,
     StepTransfer,
     Trained,
     add_batch,
@@ -221,8 +222,9 @@ class LineProblem:
         if not self._stable(values):
             return RunNormals.of(len(self.runs), len(values), np.inf)
         steps, normals = self._all_steps(values), RunNormals.of(len(self.runs), len(values))
-        for batch, *step in self.batches:
-            add_batch(normals, batch, *steps[step[0], step[1]], self.counts(batch.samples))
+        made: dict[Any, Step] = {}
+        for batch, *key in self.batches:
+            add_batch(normals, batch, _step(made, batch, steps[key[0], key[1]], self.counts(batch.samples)[0]))
         for number, run in enumerate(self.runs):
             if run.used is not None:
                 add_series(normals, number, series_of(run, *steps[self._step_of(run)]))
@@ -254,14 +256,15 @@ class LineProblem:
         values = coordinates.values(z)
         found = [np.full(record.samples, np.nan) for record in self.records]
         made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
+        kept: dict[Any, Step] = {}
         for run in self.runs:
             transfer = made[self._step_of(run)]
             nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
             if run.used is not None:
                 found[run.record][run.span] = series_of(run, transfer, nothing).predicted
                 continue
-            every = counted(run.samples, 0.5)  # all lines: line 0 holds the offset
-            left, _, hum = columns_of(Batch.of([run], [0]), transfer, nothing, np.sqrt(every)[None, :])
+            batch, every = Batch.of([run], [0]), counted(run.samples, 0.5)  # all lines: line 0 holds the offset
+            left, _, hum = columns_of(batch, _step(kept, batch, (transfer, nothing), every))
             left[:, 0] = 0.0
             left[:, : hum.shape[1]] += hum  # no columns where there is none
             own = self.records[run.record].response[run.span]
@@ -276,13 +279,14 @@ class LineProblem:
         found: list[RecordLines] = []
         models: dict[tuple[int, float], ModelLines] = {}
         states: dict[tuple[int, float, float], FreeLines] = {}
+        kept: dict[Any, Step] = {}
         for number, record in enumerate(self.records):
             runs = [run for run in self.runs if run.record == number]
             floor = float((self.noise_floor[number] / noise[number]) ** 2)
             if len(runs) == 1 and runs[0].used is None:
                 key = runs[0].samples, *self._step_of(runs[0])
                 step = steps[self._step_of(runs[0])]
-                own: dict[str, Any] = self._whole(runs[0], step, turn, noise[number])
+                own: dict[str, Any] = self._whole(runs[0], step, turn, noise[number], kept)
                 own["free"] = states.setdefault(key, free_of_run(key[0], step[0].denominator))
             else:
                 pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
@@ -312,11 +316,16 @@ class LineProblem:
         return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0
 
     def _whole(
-        self, run: Run, step: tuple[StepTransfer, StepTransfer], turn: FloatArray, noise: float
+        self,
+        run: Run,
+        step: tuple[StepTransfer, StepTransfer],
+        turn: FloatArray,
+        noise: float,
+        kept: dict[Any, Step],
     ) -> dict[str, Any]:
         """What the lines of a record say that is one whole run."""
-        twice = counted(run.samples, self.highest)
-        found = columns_of(Batch.of([run], [0]), *step, np.sqrt(twice)[None, :])
+        twice, batch = counted(run.samples, self.highest), Batch.of([run], [0])
+        found = columns_of(batch, _step(kept, batch, step, twice))
         run.transforms.forget_inputs()
         left, own = found.residual[0], found.slopes[0]
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
@@ -346,6 +355,14 @@ class LineProblem:
             return found
 
         return ModelLines(at, z, lines)
+
+
+def _step(made: dict[Any, Step], batch: Batch, transfer: tuple[StepTransfer, StepTransfer], counts: FloatArray) -> Step:
+    """What a batch has in common with others; made once."""
+    key = batch.samples, batch.hum.tobytes(), id(transfer[0])
+    if key not in made:
+        made[key] = Step(batch.samples, *transfer, batch.hum, counts)
+    return made[key]
 
 
 def _in_pieces(
