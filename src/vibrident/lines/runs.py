@@ -172,7 +172,7 @@ def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> Comple
     jump = _part(reference, behind, reach) - _part(reference, ahead, reach)
     edges = _edges(step.filters, before, jump)
     if samples <= MOST_KEPT:
-        found = _transformed(edges.shape, edges.tobytes(), -before, samples)
+        found = _polynomial(edges, -before, samples)
         found += own * _kept(step.filters.shape, step.filters.tobytes(), -before, samples)
         return found
     found = np.empty((len(edges), len(own)), dtype=complex)
@@ -210,17 +210,15 @@ def _edge_places(taps: int, before: int) -> tuple[NDArray[np.int_], FloatArray]:
 
 
 def _polynomial(coefficients: FloatArray, first: int, samples: int) -> ComplexArray:
-    """Σ_i c[i] z^{first + i} at the lines of N samples, shape (L,)."""
-    placed = np.zeros(samples)
-    places = np.arange(first, first + len(coefficients)) % samples  # z^N = 1: of a short run several coefficients meet
-    np.add.at(placed, places, coefficients)
+    """Σ_i c[…, i] z^{first + i} at the lines of N samples, shape (…, L)."""
+    placed = np.zeros((*coefficients.shape[:-1], samples))
+    places = np.arange(first, first + coefficients.shape[-1]) % samples
+    np.add.at(placed, (..., places), coefficients)  # z^N = 1: of a short run several coefficients meet
     lines = np.asarray(fft.rfft(placed))
     return np.conj(lines, out=lines)  # z^p, where a transform has z^{−p}
 
 
-def _transformed(shape: tuple[int, ...], known: bytes, first: int, samples: int) -> ComplexArray:
-    """The same for rows of coefficients, given as bytes; shape (q, L)."""
-    return np.stack([_polynomial(row, first, samples) for row in np.frombuffer(known).reshape(shape)])
-
-
-_kept = functools.lru_cache(maxsize=8)(_transformed)
+@functools.lru_cache(maxsize=8)
+def _kept(shape: tuple[int, ...], known: bytes, first: int, samples: int) -> ComplexArray:
+    """The same of coefficients given as bytes."""
+    return _polynomial(np.frombuffer(known).reshape(shape), first, samples)

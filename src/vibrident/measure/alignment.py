@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy import fft
 
-from vibrident.measure.lines import about_mean, fast_below, power_of
+from vibrident.measure.lines import about_mean, fast_below, power_of, transforms
 from vibrident.records import FloatArray, Record
 
 #: Samples that predict the next: two for each mode of a sensor with two, one for a high-pass, the rest for the motion.
@@ -59,8 +59,12 @@ def prediction_error(values: FloatArray) -> FloatArray:
         values: of zero mean, zero where they are not known, shape (samples,).
     """
     n = values.size
-    shifted = [values[ORDER - lag : n - lag] for lag in range(ORDER + 1)]
-    moments = np.array([[float(one @ other) for other in shifted] for one in shifted])
+    moments, last = np.empty((ORDER + 1, ORDER + 1)), values[ORDER:]
+    moments[0] = [float(last @ values[ORDER - lag : n - lag]) for lag in range(ORDER + 1)]
+    moments[:, 0] = moments[0]
+    for lag in range(ORDER):  # one sample earlier: one more at the beginning, one less at the end
+        first, end = values[ORDER - 1 :: -1], values[: n - ORDER - 1 : -1]
+        moments[lag + 1, 1:] = moments[lag, :-1] + first[lag] * first - end[lag] * end
     least = LEAST_NOISE**2 * max(float(moments[0, 0]), TINY)
     return np.concatenate([[1.0], -np.linalg.solve(moments[1:, 1:] + least * np.eye(ORDER), moments[1:, 0])])
 
@@ -86,7 +90,10 @@ def bulk_delay(records: Iterable[Record | None], samples: int) -> int:
         scale = [1.0 / max(float(np.std(v)), TINY) for v in series]
         for begin in range(0, record.samples, LONGEST):
             part = slice(begin, begin + LONGEST)
-            x, y = (fft.rfft(v[part] * factor, size) for v, factor in zip(series, scale, strict=True))
+            padded = np.zeros((2, size))
+            for row, values, factor in zip(padded, series, scale, strict=True):
+                np.multiply(values[part], factor, out=row[: values[part].size])
+            x, y = transforms(padded)
             power += power_of(x)
             np.conj(x, out=x)
             x *= y

@@ -6,16 +6,16 @@ that hold enough of the excitation. Start values and pictures come from it, neve
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.measure.alignment import TINY, aligned, bulk_delay, whitened
-from vibrident.measure.lines import MOST_KEPT, hann, power_of
+from vibrident.measure.lines import MOST_KEPT, about_mean, hann, power_of, transforms
 from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.records.basis import distinct
@@ -116,6 +116,7 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     return found
 
 
+@functools.lru_cache(maxsize=16)
 def band_edges(samples: int, rate: float) -> FloatArray:
     """First bin of each band and the end of the last: log-spaced, at least LINES_IN_BAND lines wide; ints as floats."""
     edges, last = [1], int(0.45 * samples)
@@ -209,7 +210,7 @@ def _spectra(record: Record) -> tuple[ComplexArray, ComplexArray]:
     assert record.reference is not None
     window = hann(record.samples)
     window = record.mask.astype(float) if record.excitation == "shock" else window * record.mask
-    reference, response = (windowed_spectrum(v, record.mask, window) for v in (record.reference, record.response))
+    reference, response = windowed_spectra((record.reference, record.response), record.mask, window)
     return reference, response
 
 
@@ -225,14 +226,14 @@ def _differenced(record: Record, times: int) -> Record:
     return replace(record, reference=reference, response=response, valid=used, reference_valid=None)
 
 
-def windowed_spectrum(values: FloatArray, mask: BoolArray, window: FloatArray) -> ComplexArray:
-    """Amplitudes of a windowed channel without its mean, shape (samples // 2 + 1,)."""
-    series = values - values[mask].mean()
-    series *= window
-    spectrum = np.asarray(fft.rfft(series), dtype=complex)
-    spectrum *= 2.0
-    spectrum /= np.sum(window)
-    return spectrum
+def windowed_spectra(channels: Sequence[FloatArray], mask: BoolArray, window: FloatArray) -> ComplexArray:
+    """Amplitudes of windowed channels without their means, shape (channels, samples // 2 + 1)."""
+    series = [about_mean(values, mask) for values in channels]
+    for values in series:
+        values *= window
+    spectra = transforms(series)
+    spectra *= 2.0 / np.sum(window)
+    return spectra
 
 
 def _sums(

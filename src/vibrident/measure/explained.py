@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.measure.alignment import aligned, bulk_delay, whitened
-from vibrident.measure.bands import FEWEST_LINES, INDEPENDENT, LEAST_POWER, band_edges, windowed_spectrum
+from vibrident.measure.bands import FEWEST_LINES, INDEPENDENT, LEAST_POWER, band_edges, windowed_spectra
 from vibrident.measure.lines import hann, power_of
 from vibrident.records import FloatArray, Record
 from vibrident.tails import f_tail
@@ -100,7 +100,7 @@ def _bands(record: Record, left: FloatArray) -> FloatArray:
     assert moved.reference is not None
     mask = moved.mask
     window = mask * (np.ones(moved.samples) if record.excitation == "shock" else hann(moved.samples))
-    x, y, e = (windowed_spectrum(v, mask, window) for v in (moved.reference, moved.response, rest.response))
+    x, y, e = windowed_spectra((moved.reference, moved.response, rest.response), mask, window)
     edges = band_edges(moved.samples, moved.sampling_rate_hz).astype(int)
     lines = np.diff(edges)
     xx, yy, ee = (np.add.reduceat(power_of(v[: edges[-1]]), edges[:-1]) for v in (x, y, e))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
@@ -41,6 +42,26 @@ def reference_colour(record: Record, samples: int) -> FloatArray | float:
     if order == 0:
         return 1.0
     return (order + 1.0) * (2.0 * np.maximum(np.arange(samples // 2 + 1), 1) / max(samples, 1)) ** order
+
+
+def transforms(signals: Sequence[FloatArray] | FloatArray) -> NDArray[np.complex128]:
+    """Real transforms of signals of one length; of two or more side by side each takes half the time, but memory."""
+    if len(signals[0]) <= MOST_KEPT:
+        return np.asarray(fft.rfft(np.asarray(signals)), dtype=complex)
+    found = np.empty((len(signals), len(signals[0]) // 2 + 1), dtype=complex)
+    for row, signal in zip(found, signals, strict=True):
+        row[:] = fft.rfft(signal)
+    return found
+
+
+def signals_of(spectra: NDArray[np.complex128], samples: int) -> FloatArray:
+    """Signals of so many samples with these real transforms, shape (signals, samples)."""
+    if samples <= MOST_KEPT:
+        return np.asarray(fft.irfft(spectra, samples))
+    found = np.empty((len(spectra), samples))
+    for row, lines in zip(found, spectra, strict=True):
+        row[:] = fft.irfft(lines, samples)
+    return found
 
 
 def power_of(lines: NDArray[np.complex128]) -> FloatArray:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.bands import band_edges
-from vibrident.measure.lines import about_mean, fast_below, hann, line_frequencies, median_level, power_of
+from vibrident.measure.lines import about_mean, fast_below, hann, line_frequencies, median_level, power_of, transforms
 from vibrident.measure.overtones import OWN
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.measure.rounding import step_in_response
@@ -307,13 +307,13 @@ def _sums(
 ) -> dict[str, _Sum]:
     """What one record says of each kind, made of its motion by the prediction or as measured."""
     edges = band_edges(one.record.samples, one.record.sampling_rate_hz).astype(int)
-    lines = {}
+    bent = [kind for kind in kinds if through is None or kind not in BEHIND]
+    own, *made = transforms([motion, *(about_mean(_shape(kind, motion), one.used) for kind in bent)])
+    lines = dict(zip(bent, made, strict=True))
     for kind in kinds:
-        if kind in BEHIND and through is not None:
+        if kind not in lines and through is not None:
             lines[kind] = lines[BEHIND[kind]] * through(one.record)
-            continue
-        lines[kind] = np.asarray(fft.rfft(about_mean(_shape(kind, motion), one.used)), dtype=complex)
-    spectra = np.stack([one.error, np.asarray(fft.rfft(motion), dtype=complex), *lines.values()])
+    spectra = np.stack([one.error, own, *(lines[kind] for kind in kinds)])
     return dict(zip(kinds, _fitted(spectra, edges, one), strict=True))
 
 

@@ -16,7 +16,7 @@ from numpy import fft
 
 from vibrident.measure.alignment import prediction_error
 from vibrident.measure.blocks import Blocks, Fit, best, least_left, sums_of
-from vibrident.measure.lines import about_mean, line_frequencies, median_level, power_of
+from vibrident.measure.lines import about_mean, line_frequencies, median_level, power_of, signals_of, transforms
 from vibrident.measure.nonlinearity import heard_motion
 from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
@@ -151,8 +151,10 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     # Beside a tone a change appears in a few lines, which do not give the noise.
     white = _whitening(power if record.excitation == "random" else level, float(np.mean(power)))
     del power, level
-    for row in columns:
-        row[:] = fft.irfft(white * np.asarray(fft.rfft(row)), used.size)
+    spectra = transforms(columns)
+    spectra *= white
+    columns[:] = signals_of(spectra, used.size)
+    del spectra
     lines *= white
     del white
     found = best(Blocks.of(columns, np.asarray(fft.irfft(lines, used.size)), parts, rate))

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.measure.alignment import MOST_CUT
 from vibrident.measure.bands import LEAST_POWER, LINES_IN_BAND, band_edges, power_and_coherence
-from vibrident.measure.lines import fast_below, hann, power_of
+from vibrident.measure.lines import fast_below, hann, power_of, transforms
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.records.basis import distinct
@@ -75,44 +75,51 @@ def coherent_remainder(
     n, rate = record.samples, record.sampling_rate_hz
     left = _without(record.response - predicted, used, hum_hz, rate)
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    error = _line_spectrum(left, used)
-    motion = predicted - np.mean(predicted[used])
-    spectrum = _line_spectrum(motion, used)
+    left[~used], motion = 0.0, np.where(used, predicted - np.mean(predicted[used]), 0.0)
+    spectrum, error = transforms((motion, left))
     edges = band_edges(n, rate).astype(int)
-    there, even, steady = noise_where_bands_move(left, np.where(used, motion, 0.0), used, edges)
+    there, even, steady = noise_where_bands_move(left, motion, used, edges)
     totals = np.add.reduceat(power_of(spectrum)[: edges[-1]], edges[:-1])
     strongest = float(np.max(totals / np.diff(edges)))
     leaking = steady & _leaking(motion, used, totals, edges)
     if np.any(leaking):
-        faded = _faded(motion, used), _faded(left, used)
+        faded = transforms((_faded(motion, used), _faded(left, used)))
         stays = np.add.reduceat(power_of(faded[0])[: edges[-1]], edges[:-1])
         common = _in_common(*faded, edges)
         leaking &= (stays < OWN_POWER * totals) & (common | _leaves_little(record.response, used, edges))
         totals = np.where(leaking, np.where(common, stays, 0.0), totals)
-    rows, count, whole = [], float(used.sum()), float(np.mean(used))
-    for band in np.flatnonzero(totals > LEAST_POWER * strongest * np.diff(edges)).tolist():
-        a, b, total, factor = int(edges[band]), int(edges[band + 1]), float(totals[band]), float(there[band])
-        moved, off = (part[a:b] for part in (faded if leaking[band] else (spectrum, error)))
-        alike = _alike(b - a) if leaking[band] else 1.0
-        shared = 0.0 if through is None else float(count * np.sum(through[a:b]))
-        if shared > MOST_SHARED * total:
-            continue
-        rho = (np.vdot(moved, off) + shared) / total
-        rest = float(np.sum(power_of(off - (rho if shared == 0.0 else 0.0) * moved)))
-        freedom = 2.0 * max((b - a) * whole * even - (2.0 if leaking[band] else 1.0), 1.0)
-        floor = LEAST_DEVIATION**2 * strongest * (b - a) / total  # relative to the record's strongest band
-        if least is not None:
-            floor = max(floor, float(count * np.mean(least[a:b])) / total / 2.0)
-        # Of the band's noise so much is what ρ took: as much as there is while the band moves.
-        variance = max(factor * alike * rest / max(b - a - alike * factor, 1.0) / total / 2.0, floor)
-        if variance > 0.25:
-            continue
-        centre = float(np.arange(a, b) @ power_of(moved)) / total * rate / n
-        rows.append((centre, rho, np.sqrt(variance), freedom))
-    if not rows:
+        by_window = _each_line(leaking, edges)
+        spectrum, error = np.where(by_window, faded[:, : edges[-1]], (spectrum[: edges[-1]], error[: edges[-1]]))
+    lines, count, whole = np.diff(edges), float(used.sum()), float(np.mean(used))
+
+    def sums(values: Any) -> Any:
+        return np.add.reduceat(values[: edges[-1]], edges[:-1])
+
+    shared = np.zeros(len(lines)) if through is None else count * sums(through)
+    kept = (totals > LEAST_POWER * strongest * lines) & (shared <= MOST_SHARED * totals)
+    total = np.where(kept, totals, 1.0)
+    rho = (sums(np.conj(spectrum) * error) + shared) / total
+    explained = _each_line(np.where(kept & (shared == 0.0), rho, 0.0), edges)
+    rest = sums(power_of(error[: edges[-1]] - explained * spectrum[: edges[-1]]))
+    alike = np.where(leaking, _alike(lines), 1.0)
+    freedom = 2.0 * np.maximum(lines * whole * even - np.where(leaking, 2.0, 1.0), 1.0)
+    floor = LEAST_DEVIATION**2 * strongest * lines / total  # relative to the record's strongest band
+    if least is not None:
+        floor = np.maximum(floor, count * sums(least) / lines / total / 2.0)
+    # Of the band's noise so much is what ρ took: as much as there is while the band moves.
+    variance = there * alike * rest / np.maximum(lines - alike * there, 1.0) / total / 2.0
+    variance = np.maximum(variance, floor)
+    kept &= variance <= 0.25
+    if not kept.any():
         return None
-    frequency, rho, deviation, freedom = zip(*rows, strict=True)
-    return np.array(frequency), np.array(rho), np.array(deviation), np.array(freedom)
+    moved = power_of(spectrum[: edges[-1]])
+    centre = sums(np.arange(moved.size) * moved) / total * rate / n
+    return centre[kept], rho[kept], np.sqrt(variance[kept]), freedom[kept]
+
+
+def _each_line(bands: NDArray[Any], edges: NDArray[np.int_]) -> NDArray[Any]:
+    """What bands hold, at each of the lines up to the last band's end; zero before the first band."""
+    return np.concatenate([np.zeros(edges[0], bands.dtype), np.repeat(bands, np.diff(edges))])
 
 
 def noise_where_bands_move(
@@ -145,7 +152,7 @@ def noise_where_bands_move(
     for row in range(STRETCHES):
         begin = origin + row * length // 2
         part = slice(begin, begin + length)
-        own, moving = (power_of(np.asarray(fft.rfft(window * v[part]))) for v in (left, motion))
+        own, moving = (power_of(lines) for lines in transforms((window * left[part], window * motion[part])))
         noise[row] = np.add.reduceat(own[:last], groups[:-1]) / max(float(np.mean(used[part])), 1e-9)
         still[row] = np.add.reduceat(moving[:last], groups[:-1]) < STILL * noise[row]
         total = np.concatenate([[0.0], np.cumsum(moving)])
@@ -178,7 +185,7 @@ def _leaking(motion: FloatArray, used: BoolArray, totals: FloatArray, edges: NDA
     """
     own, width = motion[_span(used)], max(int(ENDS * motion.size), 1)
     cut = 0.5 * float(np.mean(own[:width] ** 2) + np.mean(own[-width:] ** 2)) / max(float(np.mean(own**2)), TINY)
-    leaked = 0.5 * cut * _passed_on(edges) @ (totals / np.diff(edges)) / np.pi**2
+    leaked = 0.5 * cut * _passed_on(tuple(edges.tolist())) @ (totals / np.diff(edges)) / np.pi**2
     return leaked > LEAKED * totals
 
 
@@ -187,11 +194,11 @@ def _span(used: BoolArray) -> slice:
     return slice(first, last + 1)
 
 
-def _faded(series: FloatArray, used: BoolArray) -> ComplexArray:
-    """Transform under a window by which nothing leaks far, of the same power where the series is steady."""
+def _faded(series: FloatArray, used: BoolArray) -> FloatArray:
+    """A series under a window by which nothing leaks far, of the same power where it is steady."""
     span, faded = _span(used), np.zeros(series.size)
     faded[span] = np.sqrt(8.0 / 3.0) * hann(span.stop - span.start) * series[span]
-    return np.asarray(fft.rfft(faded), dtype=complex)
+    return faded
 
 
 def _leaves_little(response: FloatArray, used: BoolArray, edges: NDArray[np.int_]) -> BoolArray:
@@ -200,7 +207,7 @@ def _leaves_little(response: FloatArray, used: BoolArray, edges: NDArray[np.int_
     A wrong prediction may have nothing of its own where the response moves.
     """
     centred = np.where(used, response - np.mean(response[used]), 0.0)
-    spectra = _faded(centred, used), _line_spectrum(centred, used)
+    spectra = transforms((_faded(centred, used), centred))
     stays, whole = (np.add.reduceat(power_of(part)[: edges[-1]], edges[:-1]) for part in spectra)
     return np.asarray(stays < OWN_POWER * whole)
 
@@ -220,9 +227,10 @@ def _alike(lines: Any) -> Any:
     return 1.0 + NEXT * (1.0 - 1.0 / lines) + AFTER * (1.0 - 2.0 / lines)
 
 
-def _passed_on(edges: NDArray[np.int_]) -> FloatArray:
+@functools.lru_cache(maxsize=8)
+def _passed_on(edges: tuple[int, ...]) -> FloatArray:
     """∫∫ dk dl/(k − l)² over the lines of each band and each other, those next to each other a line apart."""
-    low, high = edges[:-1, None].astype(float), edges[1:, None].astype(float)
+    low, high = np.array(edges[:-1], dtype=float)[:, None], np.array(edges[1:], dtype=float)[:, None]
     above = low >= high.T  # the one is above the other
     gap = np.where(above, low - high.T, low.T - high) + 1.0
     far = np.where(above, high - low.T, high.T - low) + 1.0
@@ -242,9 +250,3 @@ def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rat
     left = residual.copy()
     left[used] -= columns @ amounts
     return left
-
-
-def _line_spectrum(series: FloatArray, used: BoolArray) -> ComplexArray:
-    """Transform of the samples that are used, shape (samples // 2 + 1,); the others of ``series`` are set to zero."""
-    series[~used] = 0.0
-    return np.asarray(fft.rfft(series), dtype=complex)
