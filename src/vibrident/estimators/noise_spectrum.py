@@ -130,9 +130,8 @@ def _read(
     if parts.passed > 0.0:
         passed_at = parts.unfelt * smooth
         passed_at *= motion.colour
-    return NoiseSpectrum(
-        level, parts.passed, passed_at, lambda: parts.doubt() * motion.colour, excited, tones, parts.free
-    )
+    colour, doubt = motion.colour, parts.doubt  # of a long record each copy counts, also one that a closure keeps
+    return NoiseSpectrum(level, parts.passed, passed_at, lambda: doubt() * colour, excited, tones, parts.free)
 
 
 class _Parts(NamedTuple):

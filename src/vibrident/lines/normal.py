@@ -192,7 +192,8 @@ class Step:
             np.multiply(own[0:4:2], w, out=own[1:4:2])
         weight = self.counts[lines]
         same = bool(np.all(weight == weight[0]))
-        return _Block(lines, w, over, free, free * weight, float(weight[0]) if same else weight)
+        weighted = np.multiply(free, weight, dtype=complex)
+        return _Block(lines, w, over, free, weighted, float(weight[0]) if same else weight)
 
 
 class _Block(NamedTuple):
@@ -226,8 +227,10 @@ def add_batch(normals: RunNormals, batch: Batch, step: Step) -> None:
         columns[:, p] = residual
         columns[:, :p] = _slopes(batch, step, block, residual, _hum_in(block, states, step))
         shared += _products(block.weighted, columns)
-        one = columns if isinstance(block.weight, float) else columns * block.weight
-        sums += _products(one, columns) * (block.weight if isinstance(block.weight, float) else 1.0)
+        if isinstance(block.weight, float):
+            sums += _products(columns, columns) * block.weight
+        else:
+            sums += _products(np.multiply(columns, block.weight, dtype=complex), columns)
     # The part that initial states could imitate is removed from the slopes; the residual holds only rounding of it.
     freed = sums - np.swapaxes(shared, -1, -2) @ step.inverse @ shared
     normals.matrix[batch.runs], normals.gradient[batch.runs] = freed[:, :p, :p], freed[:, :p, p]

@@ -213,7 +213,7 @@ def _polynomial(coefficients: FloatArray, first: int, samples: int) -> ComplexAr
     """Σ_i c[…, i] z^{first + i} at the lines of N samples, shape (…, L)."""
     placed = np.zeros((*coefficients.shape[:-1], samples))
     places = np.arange(first, first + coefficients.shape[-1]) % samples
-    np.add.at(placed, (..., places), coefficients)  # z^N = 1: of a short run several coefficients meet
+    np.add.at(placed.T, places, coefficients.T)  # z^N = 1: of a short run several coefficients meet
     lines = np.asarray(fft.rfft(placed))
     return np.conj(lines, out=lines)  # z^p, where a transform has z^{−p}
 

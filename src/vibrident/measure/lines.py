@@ -54,16 +54,6 @@ def transforms(signals: Sequence[FloatArray] | FloatArray) -> NDArray[np.complex
     return found
 
 
-def signals_of(spectra: NDArray[np.complex128], samples: int) -> FloatArray:
-    """Signals of so many samples with these real transforms, shape (signals, samples)."""
-    if samples <= MOST_KEPT:
-        return np.asarray(fft.irfft(spectra, samples))
-    found = np.empty((len(spectra), samples))
-    for row, lines in zip(found, spectra, strict=True):
-        row[:] = fft.irfft(lines, samples)
-    return found
-
-
 def power_of(lines: NDArray[np.complex128]) -> FloatArray:
     """Squares of the magnitudes, without the roots that ``abs`` takes for them."""
     found = lines.real**2

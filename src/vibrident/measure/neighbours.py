@@ -92,7 +92,8 @@ class Rows:
         if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
             return np.asarray(np.linalg.solve(scaled, moments / size) / size, dtype=float)
         # The triangle of a QR decomposition has the singular values of all rows, in a third of the time.
-        triangle = np.linalg.qr(np.concatenate([sums @ self.samples, self.samples[wanted, None]]).T, mode="r")
+        columns = np.concatenate([sums @ self.samples, self.samples[wanted, None]]).T
+        triangle = np.asarray(np.linalg.qr(columns, mode="r"))
         return np.asarray(np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-12)[0], dtype=float)
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from numpy import fft
 
 from vibrident.measure.alignment import prediction_error
 from vibrident.measure.blocks import Blocks, Fit, best, least_left, sums_of
-from vibrident.measure.lines import about_mean, line_frequencies, median_level, power_of, signals_of, transforms
+from vibrident.measure.lines import MOST_KEPT, about_mean, line_frequencies, median_level, power_of, transforms
 from vibrident.measure.nonlinearity import heard_motion
 from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
@@ -151,10 +151,10 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
     # Beside a tone a change appears in a few lines, which do not give the noise.
     white = _whitening(power if record.excitation == "random" else level, float(np.mean(power)))
     del power, level
-    spectra = transforms(columns)
-    spectra *= white
-    columns[:] = signals_of(spectra, used.size)
-    del spectra
+    together = len(columns) if used.size <= MOST_KEPT else 1  # of a long record each copy counts
+    for begin in range(0, len(columns), together):
+        some = columns[begin : begin + together]
+        some[:] = fft.irfft(white * transforms(some), used.size)
     lines *= white
     del white
     found = best(Blocks.of(columns, np.asarray(fft.irfft(lines, used.size)), parts, rate))

@@ -76,20 +76,22 @@ def coherent_remainder(
     left = _without(record.response - predicted, used, hum_hz, rate)
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
     left[~used], motion = 0.0, np.where(used, predicted - np.mean(predicted[used]), 0.0)
-    spectrum, error = transforms((motion, left))
+    spectra = transforms((motion, left))
     edges = band_edges(n, rate).astype(int)
     there, even, steady = noise_where_bands_move(left, motion, used, edges)
-    totals = np.add.reduceat(power_of(spectrum)[: edges[-1]], edges[:-1])
+    totals = np.add.reduceat(power_of(spectra[0])[: edges[-1]], edges[:-1])
     strongest = float(np.max(totals / np.diff(edges)))
     leaking = steady & _leaking(motion, used, totals, edges)
     if np.any(leaking):
         faded = transforms((_faded(motion, used), _faded(left, used)))
+        del motion, left  # of a long record each copy counts
         stays = np.add.reduceat(power_of(faded[0])[: edges[-1]], edges[:-1])
-        common = _in_common(*faded, edges)
+        common = _in_common(faded[0], faded[1], edges)
         leaking &= (stays < OWN_POWER * totals) & (common | _leaves_little(record.response, used, edges))
         totals = np.where(leaking, np.where(common, stays, 0.0), totals)
-        by_window = _each_line(leaking, edges)
-        spectrum, error = np.where(by_window, faded[:, : edges[-1]], (spectrum[: edges[-1]], error[: edges[-1]]))
+        np.copyto(spectra[:, : edges[-1]], faded[:, : edges[-1]], where=_each_line(leaking, edges))
+        del faded
+    spectrum, error = spectra[:, : edges[-1]]
     lines, count, whole = np.diff(edges), float(used.sum()), float(np.mean(used))
 
     def sums(values: Any) -> Any:
@@ -99,8 +101,8 @@ def coherent_remainder(
     kept = (totals > LEAST_POWER * strongest * lines) & (shared <= MOST_SHARED * totals)
     total = np.where(kept, totals, 1.0)
     rho = (sums(np.conj(spectrum) * error) + shared) / total
-    explained = _each_line(np.where(kept & (shared == 0.0), rho, 0.0), edges)
-    rest = sums(power_of(error[: edges[-1]] - explained * spectrum[: edges[-1]]))
+    error -= _each_line(np.where(kept & (shared == 0.0), rho, 0.0), edges) * spectrum
+    rest = sums(power_of(error))
     alike = np.where(leaking, _alike(lines), 1.0)
     freedom = 2.0 * np.maximum(lines * whole * even - np.where(leaking, 2.0, 1.0), 1.0)
     floor = LEAST_DEVIATION**2 * strongest * lines / total  # relative to the record's strongest band
@@ -112,7 +114,7 @@ def coherent_remainder(
     kept &= variance <= 0.25
     if not kept.any():
         return None
-    moved = power_of(spectrum[: edges[-1]])
+    moved = power_of(spectrum)
     centre = sums(np.arange(moved.size) * moved) / total * rate / n
     return centre[kept], rho[kept], np.sqrt(variance[kept]), freedom[kept]
 
