@@ -161,6 +161,27 @@ def swept_or_struck(kind: str, rng: np.random.Generator) -> FloatArray:
     return sum(np.exp(-0.5 * ((T - at * N) / rng.uniform(3.0, 6.0)) ** 2) for at in (0.1, 0.45, 0.8))
 
 
+@pytest.mark.parametrize("kind", ["multisine", "random"])
+@pytest.mark.parametrize("step", [0.0, 0.01])
+def test_a_resonance_that_moves_is_told_from_a_gain(kind: str, step: float, rng: np.random.Generator) -> None:
+    """1 % of the natural frequency under motion that never rests; none is found where nothing moved."""
+    lines = np.fft.rfftfreq(N, 1.0 / RATE)
+    for _ in range(5):
+        motion, _ = prediction(kind, rng)
+        before, behind, series = (
+            np.fft.irfft(oscillator(60.0 * (1.0 + k * step), 0.05)(lines) * np.fft.rfft(motion), N)
+            for k in (-0.5, 0.5, 0.0)
+        )
+        response = np.where(T < 2200, before, behind) + 1e-3 * np.std(series) * rng.standard_normal(N)
+        record = Record("r", motion, response, RATE, kind)  # type: ignore[arg-type]
+        found = changes([record], [series], [None], slopes(60.0, 0.05))
+        assert len(found) == bool(step)
+        for one in found:
+            assert abs(one.natural_frequency - step) < 0.2 * step
+            assert one.gain == 0.0
+            assert abs(one.time_s - 2.2) < 0.5
+
+
 @pytest.mark.parametrize(
     ("kind", "changed"),
     [

@@ -138,7 +138,7 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
         return None
     parts = np.array_split(np.flatnonzero(used), count)
     steady = record.excitation in STEADY
-    columns = _columns(motion, rate, None if steady else sensor)
+    columns = _columns(motion, rate, sensor if frequency is None else None)
     del motion
     steep = float(np.std(columns[1]) / np.std(columns[0]))
     sums = sums_of(columns, residual, parts)
