@@ -44,9 +44,6 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 
 # Python writes its bytecode, whatever the surroundings say: without it each test process compiles all modules again.
 test nightly: export PYTHONDONTWRITEBYTECODE :=
-# A thread of arithmetic each: those of two processes would wait for each other.
-test nightly: export OMP_NUM_THREADS := 1
-test nightly: export OPENBLAS_NUM_THREADS := 1
 
 test: $(DEV)  ## every law once
 	$(COMPILE)

@@ -8,15 +8,22 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-import pytest
-from hypothesis import settings
+from vibrident.memory import keep_freed, use_one_thread
+
+use_one_thread()  # those of two test processes would wait for each other
+keep_freed()
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 # One cache for all workers: what one has compiled the others need not. JAX compiles again what it finds half written,
 # with a warning that pyproject.toml lets pass.
 os.environ["VIBRIDENT_CACHE"] = str(Path(__file__).resolve().parents[1] / ".jax_cache")
-# Compiling is most of what a test of a network costs: half of that is the optimiser's. `make nightly` lets it work.
-os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
+# Compiling is most of what a test of a network costs: three quarters of that are the optimiser's and those of the newer
+# of two ways to fuse loops. `make nightly` compiles as for users.
+if os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true") == "true":
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["COLUMNS"] = "160"  # what a table wraps must not depend on who runs the tests
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as the package sets it, for tests that load JAX first
@@ -46,6 +53,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         mark = item.get_closest_marker("quick")
         if mark and item.callspec.id not in mark.args:
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests stay until the end: looking for garbage among them again and again took seconds."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="module", autouse=True)
