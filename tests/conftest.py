@@ -10,7 +10,9 @@ from pathlib import Path
 
 from vibrident.memory import keep_freed, use_one_thread
 
-use_one_thread()  # those of two test processes would wait for each other
+# The threads of two test processes would wait for each other. NumPy reads it when it is loaded.
+assert "numpy" not in sys.modules or "OPENBLAS_NUM_THREADS" in os.environ, "a plug-in of pytest has loaded NumPy"
+use_one_thread()
 keep_freed()
 
 import numpy as np  # noqa: E402

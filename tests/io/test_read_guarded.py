@@ -37,9 +37,11 @@ def test_the_numbers_are_the_same(calibration):
     assert here.provenance == there.provenance
 
 
-@pytest.mark.parametrize(("reader", "words"), [(crash, "crashed"), (turn_in_a_circle, "takes longer")])
-def test_what_brings_a_reader_down_is_bad_input(calibration, monkeypatch, reader, words):
-    monkeypatch.setattr(reading, "_SECONDS", 3.0)
+@pytest.mark.parametrize(
+    ("reader", "seconds", "words"), [(crash, 20.0, "crashed"), (turn_in_a_circle, 0.5, "takes longer")]
+)
+def test_what_brings_a_reader_down_is_bad_input(calibration, monkeypatch, reader, seconds, words):
+    monkeypatch.setattr(reading, "_SECONDS", seconds)
     monkeypatch.setattr(reading, "read", reader)
     with pytest.raises(InputError, match=words) as caught:
         read_guarded(calibration)

@@ -57,7 +57,7 @@ def noisy() -> int:
     ("function", "seconds", "words"),
     [
         pytest.param(greedy, SECONDS, "400 MB of memory", marks=LIMITED),
-        (slow, 2.0, "takes longer"),
+        (slow, 0.5, "takes longer"),
         (crash, SECONDS, "crashed"),
     ],
 )
