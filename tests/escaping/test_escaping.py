@@ -212,7 +212,7 @@ TEMPLATES = ("%{text}", "%{customdata}", "%{x}", "%{y:+.3g}", "%{x:.6g}", "%{x:.
 
 
 def test_certificate_and_comparison_are_set_whatever_the_text():
-    for text in (ALL, *TEXTS[::5]):
+    for text in (ALL, *TEXTS[::10]):
         assert content(made_of(text), "pdf").startswith(b"%PDF")
     other = replace(made_of(ALL), certificate={"date_of_calibration": "2024-01-01"})
     assert content([made_of(ALL), other], "pdf", [ALL, TEXTS[0]]).startswith(b"%PDF")

@@ -129,6 +129,7 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
 
 
 @pytest.mark.parametrize("excitation", ["random", "shock"])
+@pytest.mark.quick("shock")
 def test_a_misfit_is_not_weighed_away(excitation: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second mode that the model has not: the fit stays the best overall, and the result says what is wrong."""
     shape = {"sampling_rate_hz": 40e3, "samples": 4000, "repeats": 2, "seed": 3}

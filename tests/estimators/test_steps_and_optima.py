@@ -100,7 +100,7 @@ def test_plain_least_squares_is_the_linear_fit_of_the_paper() -> None:
 @pytest.mark.parametrize("discretisation", ["bandlimited", "foh"])
 @pytest.mark.quick("foh")
 def test_free_weights_find_the_sensor(discretisation: str) -> None:
-    calibration = simulate("paper", "sine", response_noise=0.01, samples=6000, seed=2)
+    calibration = simulate("paper", "sine", response_noise=0.01, samples=3000, seed=2)
     free = vibrident.identify(calibration, estimator=Ipnn(discretisation=discretisation, weights="free"))
     for name, value in PAPER.items():
         parameter = free.parameters[name]
@@ -110,13 +110,13 @@ def test_free_weights_find_the_sensor(discretisation: str) -> None:
 
 def test_a_model_error_joins_where_the_model_is_wrong_and_only_there() -> None:
     second = {**PAPER, "mode2_frequency": 300.0, "mode2_damping": 0.1, "mode2_gain": 0.02}
-    frequencies = 10.0 ** (np.arange(10, 31) / 10)
+    frequencies = 10.0 ** (np.arange(12, 31, 2) / 10)
     wrong = simulate(
         ("accelerometer+mode2", second),
         "sine",
         frequencies_hz=frequencies,
         sampling_rate_hz=51200.0,
-        samples=4000,
+        samples=2000,
         amplitude=9.8,
         response_noise=1e-3,
         seed=1,

@@ -54,12 +54,12 @@ def test_a_process_that_has_not_started_yet_holds_nothing_up(monkeypatch):
     monkeypatch.setattr("vibrident.many._START_S", 0.0)
     monkeypatch.setattr("concurrent.futures.ProcessPoolExecutor", Starting)
     taken = []
-    found = vibrident.identify_many(calibrations(9, taken), estimator="ipnn", workers=2)
+    found = vibrident.identify_many(calibrations(6, taken), estimator="ipnn", workers=2)
     first = plain(next(found))
     second = plain(next(found))
     assert len(taken) <= 5  # a few ahead
     assert [first, second, *map(plain, found)] == [
-        plain(vibrident.identify(one, estimator="ipnn")) for one in calibrations(9)
+        plain(vibrident.identify(one, estimator="ipnn")) for one in calibrations(6)
     ]
 
 

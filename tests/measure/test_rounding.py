@@ -59,7 +59,7 @@ def test_steps_repeat_with_a_sweep_and_their_uncertainty_holds(bits, draws):
 @pytest.mark.parametrize("bits", [8, 12])
 def test_a_shock_of_few_steps_is_clean_and_its_uncertainty_holds(bits):
     """Most of the record is still: what rounding does there is neither noise nor misfit, and is in u."""
-    for seed in range(4):
+    for seed in range(2):
         clean = vibrident.simulate("paper", "shock", response_noise=1e-5, seed=seed, **SHOCK)
         records = [r.with_response(rounded(r.response, bits), "") for r in clean.records]
         result = vibrident.identify(vibrident.Calibration(records=tuple(records), model="accelerometer"))
@@ -88,6 +88,7 @@ IN_STEP = (20, 40, 80, 160, 200, 320, 400, 640, 800, 1280, 1600)
 
 
 @pytest.mark.parametrize(("bits", "noise"), [(8, 1e-6), (12, 1e-6), (8, 6e-3)])
+@pytest.mark.quick("8-1e-06", "8-0.006")
 def test_sines_in_step_with_the_sampling_are_rounded_alike_in_every_period(bits, noise):
     """A few samples a period have a few errors, which no longer record averages: they passed for a bent sensor."""
     distances = []

@@ -211,11 +211,12 @@ def scores(result, truth=TRUTH):
     return np.array([(p.value - truth[name]) / p.standard_uncertainty for name, p in parameters.items()])
 
 
-def test_monte_carlo_deviations_are_of_the_size_of_their_uncertainty():
-    """Six seeded runs of four parameters: Σ z² of about 24 ± 7, were they independent; and no single one far out."""
-    z = np.array([scores(identified(seed)) for seed in range(6)])
+@pytest.mark.draws(3, 6)
+def test_monte_carlo_deviations_are_of_the_size_of_their_uncertainty(draws):
+    """Runs of four parameters: mean z² of 1 ± 0.4 or 0.3, were they independent; and no single one far out."""
+    z = np.array([scores(identified(seed)) for seed in range(draws)])
     assert np.max(np.abs(z)) < 4.0
-    assert 8.0 < np.sum(z**2) < 50.0
+    assert 0.33 < np.mean(z**2) < 2.1
 
 
 def test_the_stiffness_is_detected_and_only_where_it_is():
@@ -255,6 +256,7 @@ def test_units_do_not_matter():
 
 
 @pytest.mark.parametrize("offset", [0.2, -20.0])
+@pytest.mark.quick("-20.0")
 def test_an_offset_of_the_reference_is_no_acceleration(offset):
     """A recorder's offset, up to twice the motion's peak: the same values, to a thousandth of their uncertainty."""
     noisy = with_noise(clean(), response_noise=0.01, seed=0)

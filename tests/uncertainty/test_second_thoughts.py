@@ -99,6 +99,7 @@ def test_a_bent_spring_shows_in_motion_without_harmonics(excitation, draws):
 
 @pytest.mark.draws(1, 3)
 @pytest.mark.parametrize("excitation", ["random", "sweep", "shock"])
+@pytest.mark.quick("few-sweep")
 def test_what_is_linear_is_never_taken_for_a_bent_spring(excitation, draws):
     """A second mode of 3 % and a delay left out, at hardly any noise: the model is wrong, and linear."""
     values = dict(TRUTH) | {"mode2_frequency": 300.0, "mode2_damping": 0.02, "mode2_gain": 0.03, "delay": 2e-5}
@@ -153,14 +154,14 @@ def test_a_reference_of_another_quantity_is_suspected():
 
 
 def test_exchanged_channels_are_named():
-    calibration = sines(response_noise=0.002, samples=1000)
+    calibration = sines(response_noise=0.002, samples=600)
     records = tuple(replace(r, reference=r.response, response=r.reference) for r in calibration.records)
     result = vibrident.identify(replace(calibration, records=records))
     assert "exchanged" in next(w.message for w in result.warnings if w.code == "units_suspect")
 
 
 def test_euler_weights_disagree_with_the_tones():
-    made = sines(response_noise=0.001)
+    made = sines(response_noise=0.001, samples=1500)
     result = vibrident.identify(made, estimator=vibrident.Ipnn(discretisation="euler"))
     assert "estimators_disagree" in result.warning_codes
     # What is said of the tones is what the estimator for tones finds.

@@ -55,6 +55,7 @@ def test_parameters_stay_within_the_budget_of_a_shift_of_two_u():
 
 
 @pytest.mark.parametrize("size", [8.0, -8.0])
+@pytest.mark.quick("8.0")
 def test_a_misfit_of_another_shape_is_seen_as_if_no_effect_were_stated(size):
     bump = size * NOISE * np.exp(-(np.log(F / 400.0) ** 2) / 0.05)
     assert not identified(table(TIMING, GAIN, change=bump)).fit.adequate
@@ -106,7 +107,7 @@ def test_deviations_scatter_by_their_own_uncertainty_with_effects_drawn_at_rando
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
 def test_the_same_holds_of_records(estimator):
     clean = simulate(
-        "paper", "sine", frequencies_hz=list(F[::2]), samples=4000, sampling_rate_hz=20_000.0, start="steady", seed=3,
+        "paper", "sine", frequencies_hz=list(F[::3]), samples=2000, sampling_rate_hz=20_000.0, start="steady", seed=3,
         response_noise=0.01,
     )  # fmt: skip
     records = []
