@@ -161,7 +161,7 @@ def test_exchanged_channels_are_named():
 
 
 def test_euler_weights_disagree_with_the_tones():
-    made = sines(response_noise=0.001, samples=2500)
+    made = sines(response_noise=0.001)
     result = vibrident.identify(made, estimator=vibrident.Ipnn(discretisation="euler"))
     assert "estimators_disagree" in result.warning_codes
     # What is said of the tones is what the estimator for tones finds.
