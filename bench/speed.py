@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -34,7 +35,7 @@ ADAM_STEPS = 1500
 #: Of these, timed.
 ADAM_TIMED = 100
 FILTER_PASSES = 15
-#: Sensors of so many samples for the comparison with one by one: enough that a second, the start of a process, is little.
+#: Sensors of so many samples for the comparison with one by one: enough that the start of a process is hardly seen.
 MANY = {2000: 60, SAMPLES: 40}
 
 
@@ -82,7 +83,7 @@ def measure(options: Options) -> Section:
 
 def broad(kind: str) -> Calibration:
     """As many samples of another motion, with the same noise."""
-    band = {} if kind == "shock" else {"frequencies_hz": [10.0, 4000.0]}
+    band: dict[str, Any] = {} if kind == "shock" else {"frequencies_hz": [10.0, 4000.0]}
     truth = simulate(SENSOR, kind, sampling_rate_hz=RATE_HZ, samples=SAMPLES, repeats=21, seed=3, **band)
     return with_noise(truth, response_noise=RESPONSE_NOISE, seed=2)
 
