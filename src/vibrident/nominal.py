@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ class Nominal:
         return f"{self.nominal_hz:.6g}"
 
 
+@functools.cache
 def nominal_value(n: int) -> float:
     """Nominal value of the exact frequency 10^(n/10) Hz."""
     decade, step = divmod(n, 10)

@@ -28,7 +28,7 @@ LEAST_LEVEL = 0.1
 #: Information of a coordinate that is not identifiable.
 NOTHING_KNOWN = 1e-12
 #: Records of so many samples together are read side by side.
-SIDE_BY_SIDE = 1 << 16
+SIDE_BY_SIDE = 1 << 17
 #: Rounds of spectrum and step at one evaluation of the network.
 ROUNDS = 2
 #: Lines averaged for the covariance on either side of each: this part of the spectrum …

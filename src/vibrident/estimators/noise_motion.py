@@ -107,7 +107,10 @@ def typical(values: FloatArray, around: int) -> FloatArray:
 
 def windowed(lines: ComplexArray) -> ComplexArray:
     """Lines under Hann's window, a sum of three, scaled to the same noise; without the first and the last."""
-    return (0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) / np.sqrt(0.375)
+    found = lines[:-2] + lines[2:]
+    found *= -0.25 / np.sqrt(0.375)
+    found += lines[1:-1] * (0.5 / np.sqrt(0.375))
+    return found
 
 
 class Bins(NamedTuple):

@@ -287,7 +287,6 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     bent = _flicker(last, last)[1:]
     noise, mean = share * (found[0] + found[1] * bent), np.array([1.0, float(np.mean(bent))])
     del bent
-    whole = inverse_normal(normal)
     total, spread = float(mean @ found[:2]), float(np.sqrt(mean @ covariance[:2, :2] @ mean))
     free = bool(np.sum(own < QUIET * left) >= FEWEST_QUIET)
     if np.sum(own < QUIET * np.maximum(noise, left)) < FEWEST_QUIET:
@@ -295,7 +294,7 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     sure = total > SIGNIFICANT * spread
     flicker = functools.partial(_flicker, len(through), last)
     # Flicker noise may be present even if it is not significant.
-    doubt = functools.partial(_doubt, flicker, whole, np.zeros(2) if sure else found)
+    doubt = functools.partial(_doubt, flicker, normal, np.zeros(2) if sure else found)
     if sure:
         return _Unfelt(total, spread, total, doubt, found[0] + found[1] * flicker(), free)
     return _Unfelt(total, spread, 0.0, doubt, np.zeros(0), free)
@@ -306,9 +305,9 @@ def _flicker(lines: int, last: int) -> FloatArray:
     return (1.0 / last) / (np.maximum(np.arange(lines), 1.0) / last)
 
 
-def _doubt(flicker: Callable[[], FloatArray], whole: FloatArray, found: FloatArray) -> FloatArray:
+def _doubt(flicker: Callable[[], FloatArray], normal: FloatArray, found: FloatArray) -> FloatArray:
     """What was found of white and 1/f noise, and its uncertainty, at each line."""
-    shape = flicker()
+    shape, whole = flicker(), inverse_normal(normal)
     around_it = whole[0, 0] + 2.0 * whole[0, 1] * shape + whole[1, 1] * shape**2
     return (found[0] + found[1] * shape) + DOUBT * np.sqrt(np.maximum(around_it, 0.0))
 

@@ -145,7 +145,10 @@ class Chart:
     def log_slopes(self, u: FloatArray, sign: FloatArray, response: ComplexArray) -> ComplexArray:
         """∂ log H by the coordinates, shape (C, n, P)."""
         slopes = np.empty((*response.shape, u.shape[1]), dtype=complex)
-        for index in range(u.shape[1]):
+        for index, spec in enumerate(self.model.parameters):
+            if spec.kind == "gain":
+                slopes[..., index] = 1.0
+                continue
             moved = u.copy()
             moved[:, index] += STEP
             with np.errstate(all="ignore"):

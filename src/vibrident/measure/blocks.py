@@ -304,7 +304,11 @@ def _normal(powers: FloatArray, shapes: FloatArray, pair: slice) -> FloatArray:
 
 
 def _inverse(matrices: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.pinv(matrices, rcond=RANK, hermitian=True), dtype=float)
+    values, vectors = np.linalg.eigh(matrices)
+    size = np.abs(values)
+    shown = size > RANK * np.max(size, axis=-1, keepdims=True)
+    kept = np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)
+    return np.asarray((vectors * kept[..., None, :]) @ np.swapaxes(vectors, -1, -2), dtype=float)
 
 
 def _rank(matrices: FloatArray) -> float:

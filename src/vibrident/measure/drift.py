@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import fft
 
+from vibrident.measure.lines import hann
 from vibrident.measure.quality import Finding
 from vibrident.measure.response import ComplexArray
 from vibrident.measure.rounding import step_of_response
@@ -205,7 +206,7 @@ def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
         residual: shape (used,); overwritten, as a long record has no memory to spare.
         t: times from their mean, shape (used,); overwritten.
     """
-    window = np.hanning(residual.shape[0])
+    window = hann(residual.shape[0])
     total = float(np.sum(window))
     residual -= float(window @ residual) / total
     t -= float(window @ t) / total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from vibrident.records import BoolArray, FloatArray
 REACH = 8
 #: Rows of a fit, at most.
 MOST_ROWS = 4_000
+#: Parts of these whose triangles are made first.
+PARTS = 8
 #: Scaled normal equations with eigenvalues above this are solved to six digits.
 WELL_POSED = 1e-10
 #: Squares left by a fit, as a part of the whole, that are told from products without losing digits that count.
@@ -60,10 +63,12 @@ class Rows:
     Attributes:
         samples: shape (2 reach + 2, rows), the last are ones.
         gram: of these.
+        backwards: the same read from the end of the series, where it is known.
     """
 
     samples: FloatArray
     gram: FloatArray
+    backwards: Rows | None = None
 
     @classmethod
     def of(cls, series: FloatArray, clean: BoolArray) -> Rows:
@@ -78,8 +83,17 @@ class Rows:
 
     def reversed(self) -> Rows:
         """Of the series read from its end."""
-        order = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
-        return Rows(self.samples[order], self.gram[np.ix_(order, order)])
+        return Rows(self.samples[_BACKWARDS], self.gram[_BACKWARDS[:, None], _BACKWARDS], self)
+
+    @functools.cached_property
+    def triangle(self) -> FloatArray:
+        """R of the QR decomposition of all samples, shape (2 reach + 2, 2 reach + 2); read backwards it is none."""
+        if self.backwards is not None:
+            return self.backwards.triangle[:, _BACKWARDS]
+        # By parts that stay in the processor's cache, and once more of their triangles.
+        padded = np.pad(self.samples, ((0, 0), (0, -self.samples.shape[1] % PARTS)))
+        parts = np.moveaxis(padded.reshape(len(padded), PARTS, -1), 0, -1)
+        return np.asarray(np.linalg.qr(np.concatenate(np.linalg.qr(parts, mode="r")), mode="r"))
 
     def fitted(self, sums: FloatArray, wanted: int) -> FloatArray:
         """Amounts of some sums, shape (n, 2 reach + 2), whose sum is closest to the samples ``wanted``.
@@ -91,10 +105,9 @@ class Rows:
         scaled = gram / np.outer(size, size)
         if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
             return np.asarray(np.linalg.solve(scaled, moments / size) / size, dtype=float)
-        # The triangle of a QR decomposition has the singular values of all rows, in a third of the time.
-        columns = np.concatenate([sums @ self.samples, self.samples[wanted, None]]).T
-        triangle = np.asarray(np.linalg.qr(columns, mode="r"))
-        return np.asarray(np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-12)[0], dtype=float)
+        return np.asarray(
+            np.linalg.lstsq(self.triangle @ sums.T, self.triangle[:, wanted], rcond=1e-12)[0], dtype=float
+        )
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
         """What these amounts leave of the samples ``wanted``, shape (rows,)."""
@@ -108,6 +121,10 @@ class Rows:
         if squares > SMALL * self.gram[wanted, wanted]:  # else they are lost in rounding
             return float(np.sqrt(max(squares / count - float(left @ self.gram[-1] / count) ** 2, 0.0)))
         return float(np.std(self.errors(sums, wanted, amounts)))
+
+
+#: Order of the rows of a series that is read from its end.
+_BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
 
 
 def interpolation(rows: Rows) -> Interpolation:

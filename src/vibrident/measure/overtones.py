@@ -14,7 +14,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.measure.lines import about_mean, hann, power_of
-from vibrident.measure.response import MeasuredResponse
+from vibrident.measure.response import ComplexArray, MeasuredResponse
 from vibrident.measure.rounding import (
     DITHERED,
     FEW,
@@ -23,7 +23,7 @@ from vibrident.measure.rounding import (
     rounding_errors,
     step_of_response,
 )
-from vibrident.measure.tones import turning
+from vibrident.measure.terms import in_parts, products, swung
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
 
@@ -155,22 +155,14 @@ def _harmonics(
 
     Both under Hann's window: strong noise elsewhere, of a sharp resonance, would leak into the harmonics else.
     """
-    n = residual.shape[0]
-    orders = np.arange(1, highest + 1)
-    rows = np.empty((2 * highest + 1, n))
-    turn = turning(n, 2.0 * np.pi * frequency / rate)
-    turned = turn.copy()
-    for h in orders:
-        rows[h - 1], rows[highest + h - 1] = turned.real, turned.imag
-        turned *= turn
-    rows[-1] = 1.0
-    if not used.all():
-        rows *= used
-    window = hann(n)
-    faded = rows * window
-    found, *_ = np.linalg.lstsq(faded @ rows.T, faded @ residual, rcond=1e-12)
+    n, window = residual.shape[0], hann(residual.shape[0])
+    orders, faded = np.arange(1, highest + 1), window * used
+    turns = np.asarray(2j * np.pi * frequency / rate * np.arange(2 * highest + 1), dtype=complex)
+    right = products(faded * residual, turns[: highest + 1])
+    right = np.concatenate([right[1:].real, right[1:].imag, right[:1].real])
+    found, *_ = np.linalg.lstsq(_gram(faded, turns), right, rcond=1e-12)
     amplitude = found[:highest] - 1j * found[highest : 2 * highest]
-    left = residual - found @ rows
+    left = residual - swung(np.append(found[-1], amplitude), turns[: highest + 1], n)
     if not used.all():
         left *= used
     power = power_of(np.asarray(fft.rfft(left * window))) * 2.0 / max(float(np.sum(window[used])), 1.0) ** 2
@@ -182,6 +174,24 @@ def _harmonics(
         lines = lines[(lines > 0) & (lines < power.shape[0])]
         variance[h - 1] = np.mean(power[lines]) if lines.size else np.inf
     if not used.all():  # omitted samples make harmonics correlated
-        inverse = np.diag(np.linalg.pinv(rows @ rows.T, rcond=1e-12, hermitian=True))[: 2 * highest]
+        inverse = np.diag(np.linalg.pinv(_gram(used.astype(float), turns), rcond=1e-12, hermitian=True))[: 2 * highest]
         variance *= np.maximum(np.max(inverse.reshape(2, highest), axis=0) * used.sum() / 2.0, 1.0)
     return amplitude, np.maximum(variance, 1e-300)
+
+
+def _gram(weight: FloatArray, turns: ComplexArray) -> FloatArray:
+    """Weighted products of cosines and sines of harmonics 1…h, and one, with each other, shape (2 h + 1, 2 h + 1).
+
+    Args:
+        weight: of each sample.
+        turns: exponents a sample of harmonics 0…2 h.
+    """
+    sums = products(weight, turns)
+    both = np.concatenate([np.conj(sums[:0:-1]), sums])  # from −2 h to 2 h
+    order, middle = np.arange(1, len(sums) // 2 + 1), len(sums) - 1
+    alone = sums[order]
+    gram = np.empty((len(sums), len(sums)))
+    gram[:-1, :-1] = in_parts(both[middle + order[:, None] + order], both[middle + order[:, None] - order])
+    gram[-1, :-1] = gram[:-1, -1] = np.concatenate([alone.real, alone.imag])
+    gram[-1, -1] = sums[0].real
+    return gram

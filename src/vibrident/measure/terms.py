@@ -112,8 +112,7 @@ class Exponentials:
         count = self.begins.shape[1]
         every = np.zeros(2 * count + 2)
         every[self.order] = amounts
-        begins = self.begins * (every[:count] - 1j * every[count:-2])
-        found = (np.concatenate([begins.real, -begins.imag], axis=1) @ self.steps).ravel()[: self.trend.size]
+        found = _swung(every[:count] - 1j * every[count:-2], self.steps, self.begins)[: self.trend.size]
         found += every[-2]
         found += every[-1] * self.trend
         return found
@@ -127,6 +126,16 @@ class Exponentials:
 def products(values: FloatArray, exponents: NDArray[np.complex128], first: int = 0) -> NDArray[np.complex128]:
     """Σ values e^{pk} over the samples k from ``first`` on, for each of K exponents, shape (K,)."""
     return _summed(values, *_tables(exponents, first, values.size))
+
+
+def swung(amounts: NDArray[np.complex128], exponents: NDArray[np.complex128], samples: int) -> FloatArray:
+    """Re Σ amount e^{pk} of K exponents at k = 0 … samples − 1, shape (samples,)."""
+    return _swung(amounts, *_tables(exponents, 0, samples))[:samples]
+
+
+def _swung(amounts: NDArray[np.complex128], steps: FloatArray, begins: NDArray[np.complex128]) -> FloatArray:
+    own = begins * amounts
+    return (np.concatenate([own.real, -own.imag], axis=1) @ steps).ravel()
 
 
 def _tables(exponents: NDArray[np.complex128], first: int, samples: int) -> tuple[FloatArray, NDArray[np.complex128]]:
@@ -150,13 +159,18 @@ def _gram(exponents: NDArray[np.complex128], first: int, trend: FloatArray, with
     plus = _geometric(exponents[:, None] + exponents, first, trend.size)
     minus = _geometric(exponents[:, None] + np.conj(exponents), first, trend.size)
     alone = _geometric(exponents, first, trend.size)
-    mixed = 0.5 * (plus - minus).imag
     gram = np.empty((with_trend.size, with_trend.size))
-    gram[:-2, :-2] = np.block([[0.5 * (plus + minus).real, mixed], [mixed.T, 0.5 * (minus - plus).real]])
+    gram[:-2, :-2] = in_parts(plus, minus)
     gram[-2, :-2] = gram[:-2, -2] = np.concatenate([alone.real, alone.imag])
     gram[-2, -2] = trend.size
     gram[-1], gram[:, -1] = with_trend, with_trend
     return gram
+
+
+def in_parts(plus: NDArray[np.complex128], minus: NDArray[np.complex128]) -> FloatArray:
+    """Products of real and imaginary parts with each other, of those of e^{pk} with e^{qk}, and with its conjugate."""
+    mixed = 0.5 * (plus - minus).imag
+    return np.block([[0.5 * (plus + minus).real, mixed], [mixed.T, 0.5 * (minus - plus).real]])
 
 
 def _geometric(exponents: NDArray[np.complex128], first: int, samples: int) -> NDArray[np.complex128]:
