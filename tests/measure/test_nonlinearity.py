@@ -116,6 +116,21 @@ def test_no_noise_is_a_bend(kind):
         assert fired == {}, seed
 
 
+def test_a_bend_of_random_motion_below_a_step_of_the_converter_is_found():
+    """Rounding of random motion is noise, in which a bend stands out: 0.1 % at the peak, 12 bit."""
+    records = clean("random")
+    made = []
+    for record in records:
+        v = record.response
+        largest = float(np.max(np.abs(v)))
+        step = 2.2 * largest / 2**12
+        made.append(np.round(v * (1.0 - 1e-3 * (v / largest) ** 2) / step) * step)
+    found = judged(records, made, [r.response for r in records])
+    assert found is not None
+    assert found.kind == "cube"
+    assert -2e-3 < found.peak < -5e-4
+
+
 @pytest.mark.parametrize("leaning", [0.0, 3.5e-3])
 def test_a_rest_point_beside_the_middle_of_a_bent_spring_is_found(leaning):
     """Its force grows with the square of the motion, and passes the sensor; as a square of the response it hid in noise

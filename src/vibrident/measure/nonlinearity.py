@@ -54,7 +54,7 @@ PREFERRED = 1.1
 HEARD = 2.0
 #: Fewest samples of a record, and periods of a sine.
 SHORTEST, FEWEST_PERIODS = 256, 6.0
-#: A distortion below so many steps of a digitiser is its own.
+#: A distortion below so many steps of a digitiser is its own, but of random motion, whose rounding is noise.
 STEPS = 2.0
 TINY = float(np.finfo(float).tiny)
 #: The first lines of a transform hold drift and what a record's ends leave.
@@ -339,7 +339,7 @@ def _judged(
     if kind in (DEAD, *BEHIND):  # beyond the resonance a spring's bend changes sign
         peak = -abs(peak) if kind == DEAD else abs(peak)
     gain = size * float(np.sum(shape * motion) / np.sum(motion**2))
-    if size_of_rest < STEPS * step_in_response(one.record, motion, one.used):
+    if one.record.excitation != "random" and size_of_rest < STEPS * step_in_response(one.record, motion, one.used):
         return None
     return Distortion(kind, one.record.name, peak, gain, float(np.sqrt(2.0 * strength[least])))
 
