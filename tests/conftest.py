@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from vibrident.cli import SELDOM
 from vibrident.memory import keep_freed, use_one_thread
 
 # The threads of two test processes would wait for each other. NumPy reads it when it is loaded.
@@ -19,6 +20,7 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
+gc.disable()  # until all tests are collected: modules that are loaded make no garbage
 # One cache for all workers: what one has compiled the others need not. JAX compiles again what it finds half written,
 # with a warning that pyproject.toml lets pass.
 os.environ["VIBRIDENT_CACHE"] = str(Path(__file__).resolve().parents[1] / ".jax_cache")
@@ -61,6 +63,8 @@ def pytest_collection_finish() -> None:
     """Modules and tests stay until the end: looking for garbage among them again and again took seconds."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(SELDOM)
+    gc.enable()
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -43,6 +43,7 @@ GRID = [
 
 
 @pytest.mark.parametrize("name", ["accelerometer", "velocity-pickup", "accelerometer+delay"])
+@pytest.mark.quick("velocity-pickup", "accelerometer+delay")
 def test_every_sensor_is_found(name, rng):
     """Natural frequencies from a tenth of the lowest to three times the highest of the data, δ from 0.005 to 2.
 

@@ -30,7 +30,7 @@ def _in_time(z, args):
 @pytest.fixture(scope="module")
 def calibration() -> Calibration:
     return simulate(
-        "paper", "sine", frequencies_hz=[100, 400, 630, 1000], samples=1500, response_noise=0.01, start="rest", seed=1
+        "paper", "sine", frequencies_hz=[100, 400, 630, 1000], samples=600, response_noise=0.01, start="rest", seed=1
     )
 
 

@@ -190,7 +190,7 @@ def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, 
         frequencies_hz=10.0 ** (np.arange(10, 31) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
-        samples=8000,
+        samples=4000,
         response_noise=0.01,
         seed=1,
     )

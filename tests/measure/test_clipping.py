@@ -98,7 +98,7 @@ FREE = {
 
 
 @pytest.mark.parametrize("motion", FREE)
-@pytest.mark.draws(40, 300)
+@pytest.mark.draws(20, 300)
 def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Generator) -> None:
     """Offset or not, in coarse and fine steps: at most one finding in all 2400."""
     found = 0

@@ -93,6 +93,20 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     page.locator("#start").wait_for(state="hidden")
 
 
+def test_a_reload_asks_and_keeps_the_form(visit, tmp_path):
+    (tmp_path / "a.csv").write_text(ROWS)
+    page, asked = visit(), []
+    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+    upload(page, tmp_path / "a.csv")
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    field(page, "Serial number").fill("4711")
+    page.reload()
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    assert asked == ["beforeunload"]
+    assert field(page, "Serial number").input_value() == "4711"
+
+
+@pytest.mark.slow
 def test_a_reload_asks_and_loses_nothing_even_while_it_identifies(visit, picture, server, tmp_path):
     page = visit()
     asked = []
