@@ -3,6 +3,7 @@
     python -m bench.light coverage --runs 500 --keep FILE    (or in pieces: --first 100 --runs 50)
     python -m bench.light alarms --runs 200
     python -m bench.light faults --runs 2 --keep FILE
+    python -m bench.light motions --runs 40 --keep FILE
     python -m bench.light speed --kind quadrature --samples 20000000
     python -m bench.light peers            (ellipse fits of hoqi-bench, from an environment that holds it)
 
@@ -153,6 +154,26 @@ def faults(first: int, runs: int, keep: Path) -> None:
     _print_faults(keep)
 
 
+def motions(first: int, runs: int, keep: Path) -> None:
+    """Coverage of the intervals with each motion and each kind of interferometer, a new ellipse each run."""
+    for run in range(first, first + runs):
+        for setting, motion in itertools.product((QUADRATURE, HETERODYNE), MOTIONS):
+            row = {"run": run, "kind": setting.kind, "motion": motion}
+            optics = drawn(Optics(setting, noise=0.02, random=True), run)
+            with keep.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row | _outcome(motion, optics, run)) + "\n")
+    rows = [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
+    names = " | ".join(name.replace("_", " ") for name in PARAMETERS)
+    print(f"| interferometer | motion | runs | {names} | rms of error / u | with a warning |\n|{'---|' * 8}")
+    for kind, motion in itertools.product(("quadrature", "heterodyne"), MOTIONS):
+        here = [r for r in rows if (r["kind"], r["motion"]) == (kind, motion) and r["off"]]
+        held = " | ".join(f"{100 * part:.1f} %" for part in np.mean([r["held"] for r in here], axis=0))
+        rms = ", ".join(f"{one:.2f}" for one in np.sqrt(np.mean(np.square([r["off"] for r in here]), axis=0)))
+        print(
+            f"| {kind} | {motion} | {len(here)} | {held} | {rms} | {sum(bool(r['codes']) for r in here)} |", flush=True
+        )
+
+
 def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
     settings: dict[str, Any] = {"sampling_rate_hz": 51_200.0, "samples": 10_240, "amplitude": MOTIONS[motion]}
     if motion == "sine":
@@ -163,15 +184,16 @@ def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
         try:
             result = identify(read(Path(folder) / "calibration.toml"))
         except InputError as error:
-            return {"outcome": "refused", "codes": [str(error).splitlines()[0]], "off": None}
+            return {"outcome": "refused", "codes": [str(error).splitlines()[0]], "off": None, "held": None}
     found = [result.parameters[name] for name in PARAMETERS]
     off = [
         (p.value - truth[name]) / p.standard_uncertainty if p.standard_uncertainty else 0.0
         for name, p in zip(PARAMETERS, found, strict=True)
     ]
+    held = [p.interval_95[0] <= truth[name] <= p.interval_95[1] for name, p in zip(PARAMETERS, found, strict=True)]
     right = "right" if max(map(abs, off)) < 3.0 else "wrong"
     codes = list(result.warning_codes)
-    return {"outcome": f"{right}, named" if codes else right, "codes": codes, "off": off}
+    return {"outcome": f"{right}, named" if codes else right, "codes": codes, "off": off, "held": held}
 
 
 def _print_faults(keep: Path) -> None:
@@ -281,7 +303,7 @@ def gain_error(phase: FloatArray, found: FloatArray) -> float:
 def main() -> None:
     """Run one of the studies."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers", "faults"))
+    parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers", "faults", "motions"))
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--first", type=int, default=0, help="number of the first run, which is its seed")
     parser.add_argument("--keep", type=Path, default=Path("coverage.jsonl"), help="file of the runs, a line each")
@@ -293,8 +315,8 @@ def main() -> None:
         speed(asked.kind, asked.samples)
     elif asked.study == "peers":
         peers(asked.python)
-    elif asked.study == "faults":
-        faults(asked.first, asked.runs, asked.keep)
+    elif asked.study in ("faults", "motions"):
+        {"faults": faults, "motions": motions}[asked.study](asked.first, asked.runs, asked.keep)
     elif asked.study == "alarms":
         alarms(asked.runs)
     else:

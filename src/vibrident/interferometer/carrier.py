@@ -25,8 +25,12 @@ PART = 1e-4
 FLOOR = 45.0
 #: … which is this quantile of the spectrum: a wide band fills most of it.
 QUIET = 0.05
-#: Band kept over the width of the carrier's band.
+#: Band kept over the width of the carrier's band, at least …
 MARGIN = 1.6
+#: … and so much, as a cyclic error of order 4 has sidebands five times as wide: cut, its size would change with speed …
+WHOLE = 5.0
+#: … where the noise of the phase, rad, stays below this.
+CLEAR = 0.1
 #: Least band, on either side, over the response's sampling rate: samples enough to show a cyclic error of fast sines …
 LEAST = 0.8
 #: … but over that of the signal at most this …
@@ -74,9 +78,11 @@ class Baseband(Decimated):
             )
         room = ROOM * min(near_hz, half - near_hz)
         pieces = _pieces(raw)
-        low, high = _band(pieces - pieces.mean(axis=1, keepdims=True), raw.rate_hz, near_hz, room, where)
+        power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
+        low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
         least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
-        wide = min(max(0.5 * MARGIN * (high - low), least), room)
+        whole = min(0.5 * WHOLE * (high - low), _clear(np.mean(power, axis=0), half))
+        wide = min(max(0.5 * MARGIN * (high - low), whole, least), room)
         carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
         wide = min(wide, ROOM * min(carrier, half - carrier))
         factor = np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2))
@@ -131,11 +137,15 @@ def _pieces(raw: Signals) -> FloatArray:
     return np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
 
 
-def _band(pieces: FloatArray, rate_hz: float, near_hz: float, room: float, where: str) -> tuple[float, float]:
+def _clear(power: FloatArray, half_hz: float) -> float:
+    """Band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
+    noise = max(float(np.quantile(power, QUIET)), 1e-300)
+    return CLEAR**2 * max(float(np.sum(power)) / noise - power.shape[0], 0.0) * half_hz / power.shape[0]
+
+
+def _band(power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str) -> tuple[float, float]:
     """Lowest and highest frequency of the carrier's band."""
-    length = pieces.shape[1]
-    power = np.max(np.abs(np.fft.rfft(pieces * np.blackman(length), axis=1)) ** 2, axis=0)
-    lines = np.arange(power.shape[0]) * rate_hz / length
+    lines = np.linspace(0.0, 0.5 * rate_hz, power.shape[0])
     inside = np.abs(lines - near_hz) <= room
     floor = float(np.quantile(power, QUIET))
     strong = inside & (power > max(PART * float(power[inside].max(initial=0.0)), FLOOR * floor))

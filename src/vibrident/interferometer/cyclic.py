@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vibrident.interferometer.decimation import PASS
 from vibrident.interferometer.ellipse import Ellipse
-from vibrident.interferometer.phase import ORDERS, Path, unwrapped, waves
+from vibrident.interferometer.phase import ORDERS, TURN, Path, unwrapped, waves
 from vibrident.interferometer.setting import FloatArray, Held, Signals
 
 #: A harmonic is significant below this probability.
@@ -30,6 +31,9 @@ LONGEST = 1 << 15
 FRINGES = 5.0
 #: Degree of the polynomial.
 DEGREE = 11
+#: Harmonic n of faster motion, rad a sample, is not seen whole: its sidebands, n + 1 times as fast, are filtered out
+#: where a carrier is mixed down.
+SLOW = TURN * PASS / (ORDERS[-1] + 1)
 #: Fewest pieces.
 FEWEST = 16
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
@@ -106,8 +110,12 @@ def cyclic_error(
         if path.gaps:
             continue
         smooth = polynomials @ (polynomials.T @ phase)  # otherwise the phase noise would correlate with the waves
-        rows = np.concatenate([waves(smooth), phase[None, :]])
-        rows = rows - (rows @ polynomials) @ polynomials.T
+        slow = np.abs(np.gradient(smooth)) < SLOW
+        if np.count_nonzero(slow) < SHORTEST:
+            continue
+        motion = polynomials if slow.all() else np.linalg.qr(polynomials[slow])[0]
+        rows = np.concatenate([waves(smooth), phase[None, :]])[:, slow]
+        rows = rows - (rows @ motion) @ motion.T
         normals.append(rows[:6] @ rows[:6].T)
         scores.append(rows[:6] @ rows[6])
     if len(normals) < FEWEST:
