@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, lfilter
 from tests.support.corrections import DECENT, known_result
 
 import vibrident
@@ -32,7 +34,7 @@ def beside(kind, samples, rate, begin_s, rng):
     }[kind]
 
 
-def corrected(model, kind, *, begin_s=None, samples=1600, seed=0, damping=None):
+def corrected(model, kind, *, begin_s=None, wild=None, samples=1600, seed=0, damping=None):
     values, rate, pulse_s, usual_s = SENSORS[model]
     values = values | ({} if damping is None else {"damping_ratio": damping})
     begin_s = usual_s if begin_s is None else begin_s
@@ -42,6 +44,10 @@ def corrected(model, kind, *, begin_s=None, samples=1600, seed=0, damping=None):
     size = np.max(np.abs(record.response))
     noise = 1e-4 * rng.normal(size=samples) + beside(kind, samples, rate, begin_s, rng)
     noisy = record.with_response(record.response + size * noise, "noise")
+    if wild is not None:  # a channel, and the index of its wild sample
+        channel, index = wild
+        odd = np.where(np.arange(samples) == index, 7.0 * np.max(getattr(noisy, channel)), getattr(noisy, channel))
+        noisy = replace(noisy, **{channel: odd})
     found = vibrident.correct(known_result(model, values, DECENT, rng=rng), [noisy])
     return found, record.reference
 
@@ -88,3 +94,89 @@ def test_clean_sines_raise_no_warning_of_the_arithmetic():
             warnings.simplefilter("error")
             one = vibrident.correct(known_result("accelerometer", values, DECENT), made).corrections[0]
         assert np.all(np.isfinite(one.standard_uncertainty))
+
+
+def moved(model, values, motion, samples, rate, noise, seed=0):
+    """A correction and its truth: exact for a motion that is straight between the points of a grid 16 times as fine."""
+    time = np.arange(16 * samples) / (16 * rate)
+    w, damping = 2.0 * np.pi * values["natural_frequency"], values["damping_ratio"]
+    above = [values["sensitivity"] * w**2] if model == "accelerometer" else [values["generator_constant"], 0.0]
+    (above,), below, _ = cont2discrete((above, [1.0, 2.0 * damping * w, w**2]), time[1], method="foh")
+    truth, rng = motion(time), np.random.default_rng(seed)
+    response = lfilter(above, below, truth)[::16]
+    response += noise * np.max(np.abs(response)) * rng.standard_normal(samples)
+    record = vibrident.Record("moved", None, response, rate, "decay")
+    one = vibrident.correct(known_result(model, values, DECENT, rng=rng), [record]).corrections[0]
+    return one, truth[::16], (one.acceleration - truth[::16]) / one.standard_uncertainty
+
+
+@pytest.mark.parametrize(
+    ("model", "first", "last", "rate"),
+    [
+        ("accelerometer", 20.0, 1000.0, 20e3),
+        ("accelerometer", 20.0, 4000.0, 20e3),
+        ("velocity-pickup", 1.0, 80.0, 200.0),
+    ],
+)
+def test_the_ends_of_a_sweep_are_covered(model, first, last, rate):
+    """The last of it is faster than all before: it was cut off by the band, or wrong by its end, with u of the rest:
+    up to 69 u. The first of it lies below the band of a velocity pickup, whose peak was 4 u off."""
+    octaves, span = np.log(last / first), 4000 / rate
+    one, _, off = moved(
+        model,
+        SENSORS[model][0],
+        lambda t: 10.0 * np.sin(2.0 * np.pi * first * span / octaves * np.expm1(t / span * octaves)),
+        *(4000, rate, 1e-3),
+    )
+    assert np.mean(np.abs(off) < 2.0) > 0.93
+    assert np.max(np.abs(off)) < 4.5
+    assert abs(abs(one.peak.value) - 10.0) < 2.0 * one.peak.standard_uncertainty
+
+
+def test_a_corner_of_the_motion_is_covered():
+    """A ringing blow on a broadband seismometer, far above its corner of 120 s: 9 u off where it begins."""
+    values = {"generator_constant": 1500.0, "natural_frequency": 1.0 / 120.0, "damping_ratio": 0.707}
+
+    def blow(t):
+        later = np.maximum(t - 10.0, 0.0)
+        return 0.01 * np.exp(-5.0 * later) * np.sin(20.0 * np.pi * later)
+
+    _, _, off = moved("velocity-pickup", values, blow, 4000, 100.0, 1e-4)
+    assert np.mean(np.abs(off) < 2.0) > 0.93
+    assert np.max(np.abs(off)) < 4.0
+
+
+def test_hum_whose_period_is_longer_than_a_part_at_rest_is_covered():
+    """A part of 5 ms showed a quarter of a period of 50 Hz, and 66 % of these samples were covered."""
+    found, truth = corrected("accelerometer", "hum", begin_s=0.008, seed=8)
+    one = found.corrections[0]
+    assert np.mean(np.abs(one.acceleration - truth) <= 2.0 * one.standard_uncertainty) > 0.93
+
+
+@pytest.mark.parametrize("model", SENSORS)
+def test_a_wild_sample_of_the_reference_alone_costs_nothing(model):
+    index = 460 if model == "accelerometer" else 400
+    found, _ = corrected(model, "white", wild=("reference", index))
+    clean, _ = corrected(model, "white")
+    one = found.corrections[0]
+    np.testing.assert_array_equal(one.acceleration, clean.corrections[0].acceleration)
+    assert found.findings == clean.findings
+    assert one.agreement.within_95_percent > 0.9
+
+
+@pytest.mark.parametrize("model", SENSORS)
+def test_a_wild_sample_of_the_response_costs_its_neighbours(model):
+    """Behind it all was unknown where a response is integrated; now the error of the bridge is in the uncertainty."""
+    found, truth = corrected(model, "white", wild=("response", 300))
+    one = found.corrections[0]
+    known = np.isfinite(one.acceleration)
+    assert 0 < np.sum(~known) < 0.1 * known.size
+    assert np.mean(np.abs(one.acceleration - truth)[known] <= 2.0 * one.standard_uncertainty[known]) > 0.9
+    assert abs(one.peak.value - PEAK) < 4.0 * one.peak.standard_uncertainty
+    assert {finding.code for finding in found.findings} == {"dead_channel"}
+
+
+def test_no_peak_is_stated_where_it_is_among_the_samples_that_are_not_known():
+    found, _ = corrected("accelerometer", "white", wild=("response", 412))
+    assert found.corrections[0].peak is None
+    assert "the peak among them" in found.findings[-1].message

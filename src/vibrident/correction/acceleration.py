@@ -9,7 +9,7 @@ Its uncertainty has these origins, each a series over the samples:
   rejected, a relative error as large as its deviations from the measured points;
 - band: what the low-pass removes: at each instant the highest octave kept, scaled by the ratio of the spectrum beyond
   the band to that octave's (an envelope where noise hides the spectrum);
-- offset: of the response, from a rest before the motion;
+- offset: of the response, from a rest before the motion, and of its integral behind samples that were left out;
 - ends: error of the record's continuation beyond its ends;
 - background: acceleration at rest beyond these (hum, drift, a shifted zero).
 """
@@ -27,20 +27,22 @@ from vibrident.correction.agreement import Agreement, agreement_with, reference_
 from vibrident.correction.background import at_the_ends, background, begins_at_once, preceded
 from vibrident.correction.band import (
     BINS,
+    LOBE_OCTAVES,
     PERIODS,
     Band,
     Content,
     choose,
     content,
+    event_of,
     highest_frequency,
     stated,
     top_octave,
 )
 from vibrident.correction.compensation import Compensation
 from vibrident.correction.peak import Peak, find_peak
-from vibrident.correction.quiet import Surroundings, filled, rest_to_borrow, surroundings
+from vibrident.correction.quiet import Surroundings, filled, rest_to_borrow, screened, step_behind, surroundings
 from vibrident.errors import InputError
-from vibrident.measure.quality import Finding, screen
+from vibrident.measure.quality import Finding
 from vibrident.memory import in_one_thread
 from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Record
 from vibrident.result import Result
@@ -50,6 +52,8 @@ from vibrident.sensor import IdentifiedSensor
 LOOKS = 2
 #: Window over which the highest octave's power is averaged, in periods of the band's upper edge.
 LOCAL_PERIODS = 2.0
+#: What is removed is seen where it exceeds the noise so many times in mean square.
+CLEARLY = 6.0
 #: A shock's top is above this part of its peak.
 CORE = 0.5
 #: Bands for the top are tried down to this many octaves narrower.
@@ -71,7 +75,7 @@ class Correction:
         band: what was restored.
         bound: upper bound of the removed part (Eichstädt), m/s².
         surroundings: rest, offset and noise of the response.
-        peak: None if no sample is known.
+        peak: None if it lies among samples that are not known.
         reference: the reference as acceleration in the same band, shape (samples,); None if absent.
         agreement: with the reference; None if absent.
         integrated_from_rest: number of integrations; zero for a sensor that responds to constant acceleration.
@@ -152,7 +156,7 @@ def correct(
             where="noise",
             remedy="correct it, or leave it to be estimated",
         )
-    kept, findings = screen(given, {"response": result.response_unit})
+    kept, findings = screened(given, result.response_unit)
     drive = result.reference.get("quantity") == "drive"
     unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
     correction = partial(_corrected, sensor=sensor, quantity=quantity, band_hz=band_hz, noise=noise, unit=unit)
@@ -160,7 +164,7 @@ def correct(
     calibrated = tuple(result.response.frequency_hz.tolist())
     doubtful = [w for w in result.warnings if w.code in INHERITED]
     inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
-    more = [doubt for one in done for doubt in _doubts(one, calibrated)]
+    more = [doubt for one in done for doubt in _doubts(one, findings, calibrated)]
     motion = "drive" if drive else "acceleration"
     return Corrections(tuple(done), (*inherited, *findings, *more), unit, result.model, motion)
 
@@ -196,7 +200,7 @@ def _corrected(
     values, rate = filled(record) - around.offset, record.sampling_rate_hz
     highest, why = highest_frequency(sensor, rate)
     low_edge = sensor.zeros_at_rest > 0 and around.rest_samples == 0
-    event = _event(values)
+    event = event_of(values)
     for _ in range(LOOKS):
         found = content(values, rate, sensor, around, event, highest)
         if band_hz is None:
@@ -206,20 +210,23 @@ def _corrected(
         compensation = Compensation.of(sensor, band, rate, record.samples, around)
         spectrum = compensation.spectrum(values)
         acceleration = compensation.restored(spectrum)
-        event = _event(acceleration)
+        event = event_of(acceleration)
     if band_hz is None and record.excitation == "shock":
         compensation = _for_the_peak(values, acceleration, compensation, around, found)
         band, spectrum = compensation.band, compensation.spectrum(values)
         acceleration = compensation.restored(spectrum)
-    components = _components(values, spectrum, compensation, around, found)
+    components = _components(values, record.mask, spectrum, compensation, around, found)
     beside = background(record, values, acceleration, components, compensation.band, around, unit)
     components["background"] = beside.deviation
     findings = (*at_the_ends(record, values, around), *beside.findings)
     unknown = _unknown(record, compensation)
+    hidden = float(np.max(np.abs(acceleration[unknown]), initial=0.0))
     acceleration = np.where(unknown, np.nan, acceleration)
     components = {name: np.where(unknown, np.nan, series) for name, series in components.items()}
     u = np.sqrt(sum(series**2 for series in components.values()))
     peak = find_peak(acceleration, spectrum * compensation.after_integration, compensation, around, components)
+    if peak is not None and hidden > abs(peak.value):
+        peak = None
     reference = reference_in_band(record, quantity, compensation, around.rest_samples)
     agreement = None if reference is None else agreement_with(record, quantity, acceleration, components, reference)
     return Correction(
@@ -268,7 +275,12 @@ def _for_the_peak(
 
 
 def _components(
-    values: FloatArray, spectrum: np.ndarray, compensation: Compensation, around: Surroundings, found: Content
+    values: FloatArray,
+    mask: BoolArray,
+    spectrum: np.ndarray,
+    compensation: Compensation,
+    around: Surroundings,
+    found: Content,
 ) -> dict[str, FloatArray]:
     """Standard uncertainty of every sample by origin."""
     slopes = compensation.restored(spectrum, compensation.slopes)
@@ -278,6 +290,9 @@ def _components(
         offset = np.abs(constant) * around.offset_uncertainty
     else:
         offset = np.zeros(values.size)
+    if compensation.integrations == 1 and not mask.all():
+        later = np.abs(compensation.after_integration[0]) / compensation.rate
+        offset = np.hypot(offset, later * step_behind(values, mask))
     return {
         "noise": compensation.noise_deviation(around),
         "model": np.hypot(np.sqrt(np.maximum(variance, 0.0)), _misfit(spectrum, compensation)),
@@ -302,12 +317,38 @@ def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundi
     ratio = np.where(compensation.lowpass > 0, gain / np.where(compensation.lowpass > 0, compensation.lowpass, 1.0), 0)
     octave = compensation.restored(spectrum, compensation.after_integration * ratio)
     width = max(1, round(LOCAL_PERIODS * compensation.rate / band.high_hz))
-    power = _running_mean(octave**2, width)
     noise = compensation.line_mean(np.abs(compensation.total * ratio) ** 2 * around.noise(compensation.frequency_hz))
-    local = found.ratio(band) * np.sqrt(np.maximum(power - noise, 0.0))
+    nearby = _running_mean(octave**2, width) - noise
+    if around.rest_samples > 0:  # at the corners of a pulse it is larger than nearby
+        turned = compensation.restored(spectrum, -1j * compensation.after_integration * ratio)
+        nearby = np.maximum(nearby, 0.5 * (octave**2 + turned**2) - noise)
+    local = found.ratio(band) ** 2 * np.maximum(nearby, 0.0)
+    lowest, highest = 0.5 * band.low_hz, found.frequency_hz[-1]
+    if found.heard.any():  # what is removed and yet stands above the noise: the end of a sweep
+        highest = min(highest, 2.0**LOBE_OCTAVES * found.frequency_hz[found.heard][-1])
+        local = np.maximum(local, _seen(spectrum, compensation, around, (band.high_hz, highest), width))
+    if lowest > 0:
+        period = max(1, round(compensation.rate / band.low_hz))
+        local = local + _seen(spectrum, compensation, around, (lowest, band.low_hz), period)
     below = found.frequency_hz < band.low_hz
     lost = (1.0 - band.passed(found.frequency_hz[below])) ** 2 * found.acceleration[below] * found.lines[below]
-    return np.hypot(local, np.sqrt(np.sum(lost) / found.event))
+    return np.sqrt(local + np.sum(lost) / found.event)
+
+
+def _seen(
+    spectrum: np.ndarray, compensation: Compensation, around: Surroundings, edges: tuple[float, float], width: int
+) -> FloatArray:
+    """Mean square nearby of what is removed between two frequencies, where it exceeds the noise; shape (samples,)."""
+    frequency = compensation.frequency_hz
+    inside = (frequency > edges[0]) & (frequency <= edges[1])
+    gain = np.zeros(frequency.shape, dtype=complex)
+    gain[inside] = (1.0 - compensation.lowpass[inside]) / compensation.sensor.frequency_response(frequency[inside])
+    noise = compensation.line_mean(np.abs(gain) ** 2 * around.noise(frequency))
+    gain[inside] *= (2j * compensation.rate * np.tan(np.pi * frequency[inside] / compensation.rate)) ** (
+        compensation.integrations
+    )
+    power = _running_mean(compensation.restored(spectrum, gain) ** 2, width)
+    return np.where(power > CLEARLY * noise, power, 0.0)
 
 
 def _running_mean(values: FloatArray, width: int) -> FloatArray:
@@ -316,15 +357,9 @@ def _running_mean(values: FloatArray, width: int) -> FloatArray:
     return (total[width:] - total[:-width]) / width
 
 
-def _event(values: FloatArray) -> float:
-    """Part of a record with motion: 1 for a sine, the duration of a shock over the record's length."""
-    squares = values**2
-    fourth = float(np.mean(squares**2))
-    return float(np.clip(1.5 * np.mean(squares) ** 2 / fourth, 2.0 / values.size, 1.0)) if fourth > 0 else 1.0
-
-
 def _unknown(record: Record, compensation: Compensation) -> BoolArray:
-    """Samples that cannot be restored: invalid ones lie within the filter's reach; all later ones too if integrated."""
+    """Samples that cannot be restored: invalid ones lie within the filter's reach. All later ones too if integrated
+    twice, or over a gap that is not short."""
     bad = ~record.mask
     if not bad.any():
         return bad
@@ -332,17 +367,21 @@ def _unknown(record: Record, compensation: Compensation) -> BoolArray:
     count = np.cumsum(np.pad(bad, (reach + 1, reach)))
     unknown = count[2 * reach + 1 :] > count[: -2 * reach - 1]
     if compensation.integrations:
-        unknown[int(np.flatnonzero(unknown)[0]) :] = True
+        lost = bad if compensation.integrations > 1 else ~np.isfinite(step_behind(record.response, record.mask))
+        unknown |= np.cumsum(lost) > 0
     return np.asarray(unknown, dtype=bool)
 
 
-def _doubts(correction: Correction, calibrated_hz: tuple[float, ...]) -> list[Finding]:
+def _doubts(correction: Correction, before: Sequence[Finding], calibrated_hz: tuple[float, ...]) -> list[Finding]:
     name = correction.record.name
     findings = list(correction.findings)
     unknown = int(np.sum(~np.isfinite(correction.acceleration)))
     if unknown:
-        text = f"{unknown} samples of the acceleration are unknown: clipped samples lie within the filter's reach."
-        findings.append(Finding("clipped", f"{name}: {text}"))
+        causes = [f for f in before if f.message.startswith(f"{name}: ")]
+        text = f"{unknown} samples of the acceleration are unknown: samples left out lie within the filter's reach."
+        if correction.peak is None:
+            text = f"{text[:-1]}, and the peak among them."
+        findings.append(Finding(causes[0].code if causes else "clipped", f"{name}: {text}"))
     peak = correction.peak
     if peak is not None and peak.components["band"] > 0.1 * abs(peak.value):
         text = (

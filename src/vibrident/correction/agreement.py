@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.correction.compensation import Compensation
+from vibrident.correction.quiet import bridged
 from vibrident.models.base import DERIVATIVES
 from vibrident.records import FloatArray, Quantity, Record
 
@@ -33,9 +34,9 @@ class Agreement:
 
 def reference_in_band(record: Record, quantity: Quantity, compensation: Compensation, rest: int) -> FloatArray | None:
     """The reference as acceleration in the band, shape (samples,)."""
-    if record.reference is None:
+    if record.reference is None or not record.reference_mask.any():
         return None
-    values = np.array(record.reference)
+    values = bridged(record.reference, record.reference_mask)
     if compensation.left_rest:
         values -= np.mean(values[:rest])
     else:
@@ -70,7 +71,7 @@ def agreement_with(
         components: its standard uncertainty by origin.
         reference: as acceleration in the same band, shape (samples,).
     """
-    known = np.isfinite(acceleration) & record.mask
+    known = np.isfinite(acceleration) & record.mask & record.reference_mask
     if not known.any():
         return None
     u = np.sqrt(sum(series**2 for series in components.values()))

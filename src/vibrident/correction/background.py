@@ -21,7 +21,7 @@ PARTS = 16
 #: Fewest samples of a part.
 FEWEST = 16
 #: Number of them from the end.
-LAST_PARTS = 2
+LAST_PARTS = 4
 #: A part is at rest if the response's standard deviation about a line is below this part of its largest deviation.
 STILL = 0.05
 #: A mean square is significant beyond so many of its standard deviations.
@@ -84,16 +84,15 @@ def background(
         return nothing
     level = float(np.sqrt(np.mean(noise[at] ** 2)))
     profile = noise / level if level > 0 else np.ones(values.size)
-    after = [acceleration[part] for part in parts if part.start > 0]
-    together = np.concatenate(after) if after else np.zeros(1)
-    mean = float(np.mean(together))
-    shifted = mean**2 > SHIFTED * float(np.mean(together**2))  # mains hum has no mean
+    after = acceleration[parts[-1]] if parts[-1].start > 0 else np.zeros(1)
+    mean = float(np.mean(after))
+    shifted = mean**2 > SHIFTED * float(np.mean(after**2))  # mains hum has no mean
     findings = (_shift(record.name, mean, unit),) if shifted else ()
     return Background(np.sqrt(worst) * profile, findings)
 
 
 def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]:
-    """The rest before the motion, and the last parts at rest, with or without offset.
+    """The rest before the motion, and the last parts at rest together, with or without offset.
 
     Only the last: motion after a shock decays, a disturbance stays.
 
@@ -113,7 +112,7 @@ def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]
             break
         if inner[last - count : last].all():
             after.append(slice(last - count, last))
-    return before + after
+    return before + ([slice(after[-1].start, after[0].stop)] if after else [])
 
 
 def _shift(name: str, mean: float, unit: str) -> Finding:
@@ -160,12 +159,13 @@ def begins_at_once(name: str) -> Finding:
 def preceded(record: Record, samples: int) -> Record:
     """The record with its last samples, at rest, prepended in reverse."""
 
-    def longer(values: FloatArray) -> FloatArray:
+    def longer(values: np.ndarray) -> np.ndarray:
         return np.concatenate([values[: -samples - 1 : -1], values])
 
     return replace(
         record,
         response=longer(record.response),
         reference=None if record.reference is None else longer(record.reference),
-        valid=np.concatenate([record.mask[: -samples - 1 : -1], record.mask]),
+        valid=longer(record.mask),
+        reference_valid=longer(record.reference_mask),
     )

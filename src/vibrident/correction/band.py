@@ -36,6 +36,8 @@ SHOWN_OCTAVES = 1.5
 LOBE_OCTAVES = 0.5
 #: Fewest bins with motion in them.
 FEWEST_SHOWN = 6
+#: Part of a record in which its window rises from zero, and falls to it again.
+TAPER = 0.05
 #: End of the low-pass over half the sampling rate, at most.
 LAST_OF_HALF = 0.98
 #: End of the low-pass over the first zero of an averaging window, at most.
@@ -132,6 +134,13 @@ def top_octave(frequency_hz: FloatArray, band: Band) -> FloatArray:
     return band.passed(frequency_hz) - passed(frequency_hz, band.low_hz, 0.5 * band.high_hz)
 
 
+def event_of(values: FloatArray) -> float:
+    """Part of a record with motion: 1 for a sine, the duration of a shock over the record's length."""
+    squares = values**2
+    fourth = float(np.mean(squares**2))
+    return float(np.clip(1.5 * np.mean(squares) ** 2 / fourth, 2.0 / values.size, 1.0)) if fourth > 0 else 1.0
+
+
 def content(
     values: FloatArray, rate: float, sensor: IdentifiedSensor, around: Surroundings, event: float, highest: float
 ) -> Content:
@@ -148,7 +157,10 @@ def content(
     count = values.size
     transient = around.rest_samples > 0 and around.rests_at_end
     window = np.ones(count) if transient else np.hanning(count)
-    power = np.abs(np.asarray(fft.rfft(values * window))) ** 2 / np.sum(window**2)
+    power = _power(values, window)
+    if not transient:  # the last of a sweep is as fast as nothing before, and a window that falls so slowly hides it
+        upper = np.cumsum(power) > 0.5 * np.sum(power)
+        power[upper] = np.maximum(power[upper], _power(values, _tapered(count))[upper])
     frequency = np.array(fft.rfftfreq(count, 1.0 / rate), dtype=np.float64)
     used = (frequency > 0) & (frequency <= highest)
     frequency, power = frequency[used], power[used]
@@ -168,6 +180,17 @@ def content(
     acceleration, slope = _with_envelope(centre, acceleration, heard, limit, LOBE_OCTAVES if transient else 0.0)
     lines = 2.0 * size / count
     return Content(centre, lines, acceleration, mean(noise * inverse), count, event, heard, slope)
+
+
+def _power(values: FloatArray, window: FloatArray) -> FloatArray:
+    return np.abs(np.asarray(fft.rfft(values * window))) ** 2 / np.sum(window**2)
+
+
+def _tapered(count: int) -> FloatArray:
+    """A window that falls to zero near the ends only."""
+    ramp = np.hanning(2 * max(round(TAPER * count), 1))
+    half = ramp.size // 2
+    return np.concatenate([ramp[:half], np.ones(count - ramp.size), ramp[half:]])
 
 
 def _with_envelope(

@@ -34,6 +34,10 @@ DECAY = 8.0
 EDGE_POINTS = 48
 #: Reach of the noise's autocovariance, samples on either side.
 COLOUR = 256
+#: The response near an end is that within so many lengths of the continuation …
+NEAR = 2
+#: … and at least so many samples.
+FEWEST_NEAR = 64
 #: Part of the kernel's sum of magnitudes within its reach.
 REACHED = 0.99
 
@@ -197,23 +201,19 @@ class Compensation:
         total = np.zeros(self.samples)
         if self.left_rest and self.right_rest:
             return total
-        covariance = self._autocovariance(values)
+        whole, length = self._autocovariance(values), max(NEAR * self.pad, FEWEST_NEAR)
         for at_left, rest in ((True, self.left_rest), (False, self.right_rest)):
             if not rest:
-                side = self._edge(covariance, at_left=at_left) * self._liveliness(values, at_left=at_left)
+                side = self._edge(whole, at_left=at_left)
+                if not self.integrations:  # what is near the end may be faster than the rest of the record
+                    near = values[:length] if at_left else values[-length:]
+                    side = np.maximum(side, self._edge(self._autocovariance(near), at_left=at_left))
                 near = side[: self.samples] if at_left else side[: self.samples][::-1]
                 if at_left:
                     total[: near.size] += near
                 else:
                     total[-near.size :] += near
         return np.sqrt(total)
-
-    def _liveliness(self, values: FloatArray, *, at_left: bool) -> float:
-        """Mean square of the response near an end over that of the whole record, where it is larger."""
-        if self.integrations:
-            return 1.0
-        near = values[: self.pad] if at_left else values[-self.pad :]
-        return max(1.0, float(np.mean(near**2)) / max(float(np.mean(values**2)), np.finfo(float).tiny))
 
     def _autocovariance(self, values: FloatArray) -> FloatArray:
         """Of the filter's input, lags 0 … 2 pad: of the response, or formally of its integrals."""

@@ -6,12 +6,16 @@ G leaves the variance mean |G|² S over all frequencies from −half to half the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
 
-from vibrident.records import FloatArray, Record
+from vibrident.errors import InputError
+from vibrident.measure.quality import Finding, screen
+from vibrident.records import BoolArray, FloatArray, Record
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
 #: which could be taken for rest.
@@ -34,6 +38,10 @@ DEPARTS = 4.0
 FEWEST_FOR_SPECTRUM = 128
 #: Eighths of the rest, half overlapping, are worth so many independent averages (Welch 1967, Hann).
 WELCH_AVERAGES = 12.0
+#: Longest gap of the response over which an integral goes on, samples …
+SHORT = 4
+#: … with the error that bridges within so many samples beside it have.
+BESIDE = 32
 #: Lines averaged when the noise is estimated beside the motion, and the bias of the least of so many averages.
 PLATEAU_LINES = 64
 
@@ -115,13 +123,67 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     return Surroundings(rest, ends, offset, uncertainty, origin, frequency, spectrum, spread, words, freedom)
 
 
+def screened(given: Sequence[Record], unit: str) -> tuple[list[Record], list[Finding]]:
+    """The records as screened for a fit, but by their response: samples of the reference alone are not needed.
+
+    Args:
+        given: the records.
+        unit: of the response.
+
+    Raises:
+        InputError: no record is left.
+    """
+    kept, findings, refused = [], [], None
+    for record in given:
+        try:
+            (own,), said = screen([replace(record, reference=None, excitation="decay")], {"response": unit})
+        except InputError as error:
+            refused = error
+            findings.append(Finding("dead_channel", f"{error.found}"))
+            continue
+        valid, known = own.mask, np.zeros(record.samples, dtype=bool)
+        if record.reference is not None:
+            with suppress(InputError):
+                (both,), of_both = screen([record], {"response": unit})
+                lost_time = [f for f in of_both if f.code == "clock_suspect"]  # both channels show it
+                # Where the reference moves as oddly, the response's oddity is motion.
+                valid, known = both.mask if lost_time else own.mask | both.mask, both.reference_mask
+                said = (*(f for f in said if f in of_both), *lost_time)
+        kept.append(replace(record, valid=valid, reference_valid=known))
+        findings += said
+    if refused is not None and not kept:
+        raise refused
+    return kept, findings
+
+
 def filled(record: Record) -> FloatArray:
     """The response with samples that are not valid replaced by straight lines; shape (samples,)."""
-    values = np.array(record.response)
-    if not record.mask.all():
-        index = np.arange(record.samples)
-        values[~record.mask] = np.interp(index[~record.mask], index[record.mask], values[record.mask])
+    return bridged(record.response, record.mask)
+
+
+def bridged(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Values with straight lines where they are not known; shape (samples,)."""
+    values, index = np.array(values), np.arange(values.size)
+    values[~known] = np.interp(index[~known], index[known], values[known])
     return values
+
+
+def step_behind(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Standard deviation of the error of the response's sum behind short gaps that were bridged; shape (samples,).
+
+    From sums of as many samples nearby less those of the line beside them; infinite behind a longer gap.
+    """
+    variance = np.zeros(values.size)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~known, [False]]).astype(int)))
+    for first, stop in edges.reshape(-1, 2).tolist():
+        count = stop - first
+        near = slice(max(first - BESIDE, 0), stop + BESIDE)
+        windows = np.lib.stride_tricks.sliding_window_view(values[near], count + 2)
+        whole = np.lib.stride_tricks.sliding_window_view(known[near], count + 2).all(axis=1)
+        error = np.sum(windows[:, 1:-1], axis=1) - 0.5 * count * (windows[:, 0] + windows[:, -1])
+        usable = count <= SHORT and whole.any()
+        variance[first:] += float(np.mean(error[whole] ** 2)) if usable else np.inf
+    return np.sqrt(variance)
 
 
 def _block(values: FloatArray) -> int:
