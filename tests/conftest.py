@@ -78,18 +78,6 @@ def _release_kernels() -> Iterator[None]:
 
 
 @pytest.fixture
-def optimised_kernels() -> Iterator[None]:
-    """Kernels as users have them: compiled with all optimisations."""
-    from vibrident.backend import jax
-
-    before = jax.config.values["jax_disable_most_optimizations"]
-    jax.config.update("jax_disable_most_optimizations", False)
-    jax.clear_caches()
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
-
-
-@pytest.fixture
 def rng() -> np.random.Generator:
     """The same random numbers for every test, in whatever order they run."""
     return np.random.default_rng(20251113)

@@ -39,11 +39,6 @@ def run_python(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.usefixtures("optimised_kernels")
-def test_sums_of_matrix_products_are_right():
-    assert backend.arithmetic_error() < 1e-13
-
-
 def test_numbers_are_float64():
     assert jax.config.jax_enable_x64
     assert jnp.asarray(1.0).dtype == np.float64
@@ -86,13 +81,14 @@ for entry in Path(os.environ["VIBRIDENT_CACHE"]).glob("*-cache"):
 b.jax.clear_caches()
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")
-    print(b.arithmetic_error() < 1e-12, bool(said), {str(w.message)[:48] for w in said})
+    print(b.arithmetic_error() < 1e-13, bool(said), {str(w.message)[:48] for w in said})
 """
 
 
-def test_the_trusted_version_gets_no_flag_and_keeps_its_kernels_where_a_cache_is_wanted(tmp_path):
+def test_the_trusted_version_computes_rightly_without_a_flag_and_keeps_its_kernels_where_a_cache_is_wanted(tmp_path):
     """Another process may be writing there: what is found half written is compiled again."""
-    said = run_python(STATE + HALF, XLA_FLAGS="", VIBRIDENT_CACHE=str(tmp_path))
+    as_for_users = {"XLA_FLAGS": "", "JAX_DISABLE_MOST_OPTIMIZATIONS": "false"}
+    said = run_python(STATE + HALF, VIBRIDENT_CACHE=str(tmp_path), **as_for_users)
     assert any(tmp_path.iterdir())
     folder, outcome = said.splitlines()
     assert folder == str(tmp_path)

@@ -114,7 +114,6 @@ def test_they_are_one_problem(model, quantity, name, rng):
     assert_the_same_response(in_time, at_lines, coordinates, z)
 
 
-@pytest.mark.usefixtures("optimised_kernels")
 def test_the_optimum(rng):
     """Trained either way: the same parameters to 1e-8 of their scale, and the same response."""
     in_time, at_lines, coordinates, noise = a_problem("accelerometer+delay", "acceleration", "bandlimited", rng)
