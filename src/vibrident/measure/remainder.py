@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.measure.alignment import MOST_CUT
 from vibrident.measure.bands import LEAST_POWER, LINES_IN_BAND, band_edges, power_and_coherence
-from vibrident.measure.lines import fast_below, hann, power_of, transforms
+from vibrident.measure.lines import MOST_KEPT, fast_below, hann, power_of, transforms
 from vibrident.measure.response import LEAST_DEVIATION, ComplexArray
 from vibrident.records import BoolArray, FloatArray, Record
 from vibrident.records.basis import distinct
@@ -151,14 +153,18 @@ def noise_where_bands_move(
     end = np.maximum(-(-edges[1:] * length // left.size), first + 1)
     noise, moves = np.zeros((STRETCHES, len(groups) - 1)), np.zeros((STRETCHES, len(first)))
     still = np.zeros(noise.shape, dtype=bool)
-    for row in range(STRETCHES):
-        begin = origin + row * length // 2
-        part = slice(begin, begin + length)
-        own, moving = (power_of(lines) for lines in transforms((window * left[part], window * motion[part])))
-        noise[row] = np.add.reduceat(own[:last], groups[:-1]) / max(float(np.mean(used[part])), 1e-9)
-        still[row] = np.add.reduceat(moving[:last], groups[:-1]) < STILL * noise[row]
-        total = np.concatenate([[0.0], np.cumsum(moving)])
-        moves[row] = total[end] - total[first]
+    begins = origin + np.arange(STRETCHES) * length // 2
+    counts = np.concatenate([[0], np.cumsum(used)])
+    whole = np.maximum((counts[begins + length] - counts[begins]) / length, 1e-9)[:, None]
+    together = STRETCHES if left.size <= MOST_KEPT else 1  # of a long record each copy counts
+    for row in range(0, STRETCHES, together):
+        some = slice(row, row + together)
+        parts = [window * sliding_window_view(one, length)[begins[some]] for one in (left, motion)]
+        own, moving = (power_of(np.asarray(fft.rfft(part), dtype=complex)) for part in parts)
+        noise[some] = np.add.reduceat(own[:, :last], groups[:-1], axis=1) / whole[some]
+        still[some] = np.add.reduceat(moving[:, :last], groups[:-1], axis=1) < STILL * noise[some]
+        total = np.cumsum(np.pad(moving, ((0, 0), (1, 0))), axis=1)
+        moves[some] = total[:, end] - total[:, first]
     steady = np.sum(moves, axis=0) ** 2 > STEADY * STRETCHES * np.sum(moves**2, axis=0)
     kept = still.all(axis=0)
     if kept.sum() < FEWEST_STILL:
