@@ -61,7 +61,7 @@ class Rows:
     Every prediction is of sums of these, so that one matrix of products serves all.
 
     Attributes:
-        samples: shape (2 reach + 2, rows), the last are ones.
+        samples: shape (rows, 2 reach + 2), the last are ones.
         gram: of these.
         backwards: the same read from the end of the series, where it is known.
     """
@@ -73,17 +73,14 @@ class Rows:
     @classmethod
     def of(cls, series: FloatArray, clean: BoolArray) -> Rows:
         """Around not too many of the samples that are predicted well."""
-        rows = _some(np.flatnonzero(clean))
-        first = _beside(series, rows, -REACH)
-        samples = np.ones((2 * REACH + 2, first.size))
-        samples[0] = first
-        for shift in range(1 - REACH, REACH + 1):
-            samples[REACH + shift] = _beside(series, rows, shift)
-        return cls(samples, samples @ samples.T)
+        around = sliding_window_view(series, 2 * REACH + 1)[_some(np.flatnonzero(clean) - REACH)]
+        samples = np.ones((len(around), 2 * REACH + 2))
+        samples[:, :-1] = around
+        return cls(samples, samples.T @ samples)
 
     def reversed(self) -> Rows:
         """Of the series read from its end."""
-        return Rows(self.samples[_BACKWARDS], self.gram[_BACKWARDS[:, None], _BACKWARDS], self)
+        return Rows(self.samples[:, _BACKWARDS], self.gram[_BACKWARDS[:, None], _BACKWARDS], self)
 
     @functools.cached_property
     def triangle(self) -> FloatArray:
@@ -91,9 +88,10 @@ class Rows:
         if self.backwards is not None:
             return self.backwards.triangle[:, _BACKWARDS]
         # By parts that stay in the processor's cache, and once more of their triangles.
-        padded = np.pad(self.samples, ((0, 0), (0, -self.samples.shape[1] % PARTS)))
-        parts = np.moveaxis(padded.reshape(len(padded), PARTS, -1), 0, -1)
-        return np.asarray(np.linalg.qr(np.concatenate(np.linalg.qr(parts, mode="r")), mode="r"))
+        whole = len(self.samples) // PARTS * PARTS
+        parts = self.samples[:whole].reshape(PARTS, whole // PARTS, -1)
+        joined = [*np.linalg.qr(parts, mode="r"), self.samples[whole:]]
+        return np.asarray(np.linalg.qr(np.concatenate(joined), mode="r"))
 
     def fitted(self, sums: FloatArray, wanted: int) -> FloatArray:
         """Amounts of some sums, shape (n, 2 reach + 2), whose sum is closest to the samples ``wanted``.
@@ -111,7 +109,7 @@ class Rows:
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
         """What these amounts leave of the samples ``wanted``, shape (rows,)."""
-        return self.samples[wanted] - (amounts @ sums) @ self.samples
+        return self.samples[:, wanted] - self.samples @ (amounts @ sums)
 
     def deviation(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> float:
         """Standard deviation of these errors."""
@@ -156,10 +154,3 @@ def _some(rows: NDArray[np.int_]) -> slice | NDArray[np.int_]:
     if rows.size and rows[-1] - rows[0] == rows.size - 1:
         return slice(int(rows[0]), int(rows[-1]) + 1, every)
     return rows[::every]
-
-
-def _beside(series: FloatArray, rows: slice | NDArray[np.int_], shift: int) -> FloatArray:
-    """The samples so far behind some."""
-    if isinstance(rows, slice):
-        return series[rows.start + shift : rows.stop + shift : rows.step]
-    return series[rows + shift]

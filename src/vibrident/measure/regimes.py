@@ -8,6 +8,7 @@ blocks, its place sought (Chow 1960; Andrews 1993), or of an even change over al
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -63,6 +64,7 @@ KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
 MOST_NAMED = 3
 
 SensorSlopes = Callable[[FloatArray], ComplexArray]
+_AtLines = Callable[[int, float], ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -106,8 +108,9 @@ def changes(
         frequency_hz: of a sine; None for other motion.
         sensor: (∂ ln H/∂ ln f_n, ∂ ln H/∂δ) at frequencies in Hz, shape (2, lines); None: only the channel is tested.
     """
+    at_lines = None if sensor is None else _on_grids(sensor)
     tested = [i for i, record in enumerate(records) if record.excitation != "decay" and record.reference is not None]
-    made = [_change(records[i], predicted[i], frequency_hz[i], sensor) for i in tested]
+    made = [_change(records[i], predicted[i], frequency_hz[i], at_lines) for i in tested]
     found = [one for one in made if one is not None]
     # Each alone; of stationary motion, whose records are independent, also all together (Fisher 1925).
     steady = [one for one in found if one.steady]
@@ -116,7 +119,17 @@ def changes(
     return [one for one in found if one.chance < (max(alone, together) if one.steady else alone)]
 
 
-def _change(record: Record, series: FloatArray, frequency: float | None, sensor: SensorSlopes | None) -> Change | None:
+def _on_grids(sensor: SensorSlopes) -> _AtLines:
+    """The slopes at the lines of so many samples of a rate; short records alike share them."""
+
+    def made(samples: int, rate_hz: float) -> ComplexArray:
+        return sensor(line_frequencies(samples, rate_hz))
+
+    kept = functools.lru_cache(maxsize=2)(made)
+    return lambda samples, rate_hz: (kept if samples <= 2 * MOST_KEPT else made)(samples, rate_hz)
+
+
+def _change(record: Record, series: FloatArray, frequency: float | None, sensor: _AtLines | None) -> Change | None:
     """The change that the residual of a record shows most, however small; None without one that could be told."""
     used, rate = record.mask & np.isfinite(series), record.sampling_rate_hz
     count = min(MOST_BLOCKS, int(used.sum()) // FEWEST_SAMPLES)
@@ -221,14 +234,14 @@ def _least(record: Record, series: FloatArray, residual: FloatArray) -> float:
     return LEAST_DEVIATION * size
 
 
-def _columns(motion: FloatArray, rate: float, sensor: SensorSlopes | None) -> FloatArray:
+def _columns(motion: FloatArray, rate: float, sensor: _AtLines | None) -> FloatArray:
     """What small changes of gain and time, and of the sensor, add to a motion, shape (2 or 4, samples)."""
     channel = np.empty((2, motion.size))
     channel[0], channel[1] = motion, np.gradient(motion, 1.0 / rate)
     if sensor is None:
         return channel
     wide = 2 * motion.size  # what rings at the record's end does not return at its beginning
-    through = sensor(line_frequencies(wide, rate)) * np.asarray(fft.rfft(motion, wide), dtype=complex)
+    through = sensor(wide, rate) * np.asarray(fft.rfft(motion, wide), dtype=complex)
     return np.concatenate([channel, np.asarray(fft.irfft(through, wide))[:, : motion.size]])
 
 

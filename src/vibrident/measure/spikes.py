@@ -293,7 +293,7 @@ def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
         error = np.abs(interpolation(Rows.of(series, clean)).errors(series, judged))
         peaks = np.flatnonzero(error * (error >= _largest_near(error, 2)))
         far = np.zeros(series.shape, dtype=bool)
-        far[peaks[np.argsort(error[peaks])[-worst:]]] = True
+        far[peaks[np.argpartition(error[peaks], -worst)[-worst:]] if peaks.size > worst else peaks] = True
         clean = judged & ~_around(far, REACH)
         if np.sum(clean) < 8 * REACH:
             return judged
