@@ -82,6 +82,16 @@ def test_compare_across_models_and_repeats():
     assert "generator constant" in text
 
 
+@pytest.mark.parametrize("width", [60, 80, 100])
+def test_columns_without_room_go_below_and_no_number_is_cut_off(width):
+    results = [table2() for _ in range(7)]
+    text = printed(shown(*compared(results, [f"ipnn accelerometer+delay {i}" for i in range(7)])), width)
+    assert text.count("104.04(11)") == 7
+    assert "(continued)" in text
+    starts = [line for line in text.splitlines() if line.strip().startswith("sensitivity")]
+    assert len(starts) > 1
+
+
 def test_inspection_table():
     rows = [
         {"record": "[bold]a.csv", "frequency_hz": 12.589254, "samples": 10240, "clipped": False, "notes": ["x", "y"]},

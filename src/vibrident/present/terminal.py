@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from vibrident.escaping import terminal
-from vibrident.present.views import Block, Column, Doubt, Facts, Sentence, Table, columns
+from vibrident.present.views import Block, Doubt, Facts, Sentence, Table, columns
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
@@ -19,6 +19,8 @@ _COLOURS = {"fine": "green", "doubt": "bold red", "note": "dim", "plain": ""}
 _WORD = 10
 #: Smallest width of a column of words.
 _LEAST = 6
+#: Blanks between two columns.
+_GAP = 2
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def literal(text: str, style: str = "") -> Text:
 
 def _block(block: Block, width: int) -> Iterator[Any]:
     if isinstance(block, Table):
-        yield _table(block, width)
+        yield from (_table(part, width) for part in _parts(_fitting(block, width), width))
     elif isinstance(block, Facts):
         rows = tuple((name, text or "") for name, text in block.rows)
         yield _table(Table(columns("", ""), rows, title=block.title), width)
@@ -89,7 +91,6 @@ def _table(table: Table, width: int) -> Any:
     from rich import box
     from rich.table import Table as Grid
 
-    table = _fitting(table, width)
     grid = Grid(
         title=literal(table.title) if table.title else None,
         title_justify="left",
@@ -101,9 +102,12 @@ def _table(table: Table, width: int) -> Any:
         padding=(0, 1, 0, 0),
         show_header=any(table.header),
     )
+    tight = _width(table) > width  # then columns of numbers are no wider than these, and their headings fold
     for j, column in enumerate(table.columns):
-        justify = "right" if column.kind == "number" else "left"
-        grid.add_column(literal(column.heading), justify=justify, overflow="fold", min_width=_least(table, j))
+        least, number = _least(table, j), column.kind == "number"
+        fixed = least if tight and number else None
+        justify = "right" if number else "left"
+        grid.add_column(literal(column.heading), justify=justify, overflow="fold", min_width=least, width=fixed)
     for i, row in enumerate(table.rows):
         if i in table.groups:
             grid.add_section()
@@ -125,10 +129,34 @@ def _least(table: Table, j: int) -> int:
 def _fitting(table: Table, width: int) -> Table:
     """Without the columns that a narrow terminal has no room for, which the others say as well."""
     spare = [j for j, column in enumerate(table.columns) if column.spare]
-    if not spare or sum(_natural(column, table, j) + 1 for j, column in enumerate(table.columns)) <= width:
+    if not spare or _width(table) <= width:
         return table
     return table.select(tuple(j for j in range(len(table.columns)) if j not in spare))
 
 
-def _natural(column: Column, table: Table, j: int) -> int:
-    return max(len(column.heading), *(len(row[j]) for row in table.rows), 1)
+def _parts(table: Table, width: int) -> Iterator[Table]:
+    """The table in parts below each other, each with the columns that name the rows, where numbers would be cut off."""
+    count = len(table.columns)
+    widths = [_least(table, j) + _GAP for j in range(count)]
+    if sum(widths) <= width:
+        yield table
+        return
+    names = next((j for j in table.right if j), 1)
+    parts: list[tuple[int, ...]] = [tuple(range(names))]
+    for j in range(names, count):
+        last = parts[-1]
+        if len(last) > names and sum(widths[i] for i in (*last, j)) > width:
+            parts.append(tuple(range(names)))
+        parts[-1] = (*parts[-1], j)
+    for place, chosen in enumerate(parts):
+        title = f"{table.title} (continued)".lstrip() if place else table.title
+        notes = table.notes if place == len(parts) - 1 else ()
+        yield replace(table.select(chosen), title=title, notes=notes)
+
+
+def _width(table: Table) -> int:
+    """Of a table whose cells are all on one line."""
+    cells = (
+        max(len(column.heading), *(len(row[j]) for row in table.rows), 1) for j, column in enumerate(table.columns)
+    )
+    return sum(cell + _GAP for cell in cells)
