@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.backend import jnp
 from vibrident.discretize import method
 from vibrident.errors import InputError, ModelError
 from vibrident.estimators import Ipnn
 from vibrident.estimators.residual_network import ResidualIpnn
 from vibrident.models import parse
 from vibrident.network.residual import initial_weights, with_residual
-from vibrident.problem import Coordinates
-from vibrident.problem.time_domain import TimeProblem, evaluate
+from vibrident.problem import Coordinates, LineProblem
+from vibrident.problem.time_domain import TimeProblem
 from vibrident.simulation import SENSORS, simulate
 from vibrident.workflow.estimators import checked
 
@@ -111,18 +110,18 @@ def test_too_little_to_hold_out_leaves_the_physics_alone():
     assert "too little data" in found["reason"]
 
 
-def test_a_network_without_weight_is_the_physics():
-    """Neurons at their beginning: cost and derivatives by the physics are those of the plain network."""
+def test_a_network_without_weight_is_the_physics(monkeypatch):
+    """Neurons at their beginning: cost and derivatives by the physics are those of the linear sensor at its lines."""
+    monkeypatch.setattr("vibrident.problem.line_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
     made, model = records("paper"), parse("accelerometer")
     whole = with_residual(model, ("neurons",))
     values = dict(SENSORS["paper"].parameters)
+    start = values | initial_weights(tuple(whole.name.split("+")[1:]), 2.0, {})
     normals = []
-    for chosen in (model, whole):
-        start = values | initial_weights(tuple(chosen.name.split("+")[1:]), 2.0, {})
-        problem = TimeProblem.build(made.records, chosen, method("bandlimited"), "acceleration", start)
-        coordinates = Coordinates.at(chosen, start, (60.0, 1000.0), 2.0)
-        noise = jnp.ones(problem.lanes.segment.shape)
-        normals.append(evaluate(jnp.asarray(coordinates.first), coordinates, problem.layout, problem.data, noise))
+    for way, chosen, here in ((LineProblem, model, values), (TimeProblem, whole, start)):
+        problem = way.build(made.records, chosen, method("bandlimited"), "acceleration", here)
+        coordinates = Coordinates.at(chosen, here, (60.0, 1000.0), 2.0)
+        normals.append(problem.normal(coordinates.first, coordinates, np.ones(len(made.records))))
     assert float(normals[1].cost) == pytest.approx(float(normals[0].cost), rel=1e-6)
     np.testing.assert_allclose(normals[1].matrix[:3, :3], normals[0].matrix, rtol=1e-6)
 
