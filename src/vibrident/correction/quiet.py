@@ -145,9 +145,14 @@ def screened(given: Sequence[Record], unit: str) -> tuple[list[Record], list[Fin
         if record.reference is not None:
             with suppress(InputError):
                 (both,), of_both = screen([record], {"response": unit})
-                lost_time = [f for f in of_both if f.code == "clock_suspect"]  # both channels show it
                 # Where the reference moves as oddly, the response's oddity is motion.
-                valid, known = both.mask if lost_time else own.mask | both.mask, both.reference_mask
+                valid, known = own.mask | both.mask, both.reference_mask
+                lost_time = [f for f in of_both if f.code == "clock_suspect"]  # both channels show it
+                if lost_time:
+                    for edge in np.flatnonzero(np.diff(both.mask.astype(int))).tolist():
+                        valid[max(edge - SHORT, 0) : edge + SHORT] = False
+                    text = f"{lost_time[0].message.split(';')[0]}; the samples beside that are left out."
+                    lost_time = [Finding("clock_suspect", text)]
                 said = (*(f for f in said if f in of_both), *lost_time)
         kept.append(replace(record, valid=valid, reference_valid=known))
         findings += said
