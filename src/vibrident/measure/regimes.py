@@ -17,7 +17,15 @@ from numpy import fft
 
 from vibrident.measure.alignment import prediction_error
 from vibrident.measure.blocks import Blocks, Fit, best, least_left, sums_of
-from vibrident.measure.lines import MOST_KEPT, about_mean, line_frequencies, median_level, power_of, transforms
+from vibrident.measure.lines import (
+    MOST_KEPT,
+    about_mean,
+    in_blocks,
+    line_frequencies,
+    median_level,
+    power_of,
+    transforms,
+)
 from vibrident.measure.nonlinearity import heard_motion
 from vibrident.measure.odd_records import OddRecord
 from vibrident.measure.quality import STEADY, Finding
@@ -64,7 +72,7 @@ KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
 MOST_NAMED = 3
 
 SensorSlopes = Callable[[FloatArray], ComplexArray]
-_AtLines = Callable[[int, float], ComplexArray]
+_AtLines = Callable[[int, float, slice], ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -120,13 +128,18 @@ def changes(
 
 
 def _on_grids(sensor: SensorSlopes) -> _AtLines:
-    """The slopes at the lines of so many samples of a rate; short records alike share them."""
+    """The slopes at some lines of so many samples of a rate; short records alike share them."""
 
-    def made(samples: int, rate_hz: float) -> ComplexArray:
+    @functools.lru_cache(maxsize=2)
+    def kept(samples: int, rate_hz: float) -> ComplexArray:
         return sensor(line_frequencies(samples, rate_hz))
 
-    kept = functools.lru_cache(maxsize=2)(made)
-    return lambda samples, rate_hz: (kept if samples <= 2 * MOST_KEPT else made)(samples, rate_hz)
+    def at(samples: int, rate_hz: float, part: slice) -> ComplexArray:
+        if samples > 2 * MOST_KEPT:
+            return sensor(line_frequencies(samples, rate_hz, part))
+        return kept(samples, rate_hz)[:, part]
+
+    return at
 
 
 def _change(record: Record, series: FloatArray, frequency: float | None, sensor: _AtLines | None) -> Change | None:
@@ -236,13 +249,20 @@ def _least(record: Record, series: FloatArray, residual: FloatArray) -> float:
 
 def _columns(motion: FloatArray, rate: float, sensor: _AtLines | None) -> FloatArray:
     """What small changes of gain and time, and of the sensor, add to a motion, shape (2 or 4, samples)."""
-    channel = np.empty((2, motion.size))
-    channel[0], channel[1] = motion, np.gradient(motion, 1.0 / rate)
+    columns = np.empty((2 if sensor is None else 4, motion.size))
+    columns[0], columns[1] = motion, np.gradient(motion, 1.0 / rate)
     if sensor is None:
-        return channel
+        return columns
     wide = 2 * motion.size  # what rings at the record's end does not return at its beginning
-    through = sensor(wide, rate) * np.asarray(fft.rfft(motion, wide), dtype=complex)
-    return np.concatenate([channel, np.asarray(fft.irfft(through, wide))[:, : motion.size]])
+    lines = np.asarray(fft.rfft(motion, wide), dtype=complex)
+    together = 2 if motion.size <= MOST_KEPT else 1  # of a long record each copy counts
+    for begin in range(0, 2, together):
+        through = np.empty((together, lines.size), dtype=complex)
+        for part in in_blocks(lines.size):
+            slopes = sensor(wide, rate, part)[begin : begin + together]
+            np.multiply(slopes, lines[part], out=through[:, part])
+        columns[2 + begin : 2 + begin + together] = fft.irfft(through, wide)[:, : motion.size]
+    return columns
 
 
 def _whitening(level: FloatArray, mean: float) -> FloatArray:
