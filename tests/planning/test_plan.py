@@ -16,7 +16,7 @@ from vibrident.planning import Recording
 from vibrident.planning.design import best_points, best_weights, efficiency, loss
 from vibrident.problem import Evidence
 from vibrident.records import ResponseTable, SystematicEffect
-from vibrident.simulation import SENSORS, one_third_octave, simulate, with_noise
+from vibrident.simulation import SENSORS, ChannelNoise, one_third_octave, simulate, with_noise
 
 PAPER = dict(SENSORS["paper"].parameters)
 GEOPHONE = dict(SENSORS["geophone"].parameters)
@@ -129,6 +129,22 @@ def test_a_plan_from_a_result_keeps_what_more_data_do_not_reduce() -> None:
     for name, u in noise.items():
         if not found.parameters[name].derived:
             assert without.parameters[name].standard_uncertainty == pytest.approx(u, rel=0.3)
+
+
+def test_a_plan_of_the_same_again_states_the_same_where_noise_has_one_level() -> None:
+    """Over the gain it is least within the resonance, and grows below a high-pass: smoothed away, the natural frequency
+    had 1.7 times its uncertainty."""
+    values = {**PAPER, "highpass_frequency": 50.0}
+    noise = ChannelNoise(white=0.01, unit="channel")
+    made = simulate(
+        ("accelerometer+highpass", values), "sine", frequencies_hz=np.geomspace(5.0, 1000.0, 12),
+        sampling_rate_hz=5000.0, samples=5000, start="steady", response_noise=noise, seed=3,
+    )  # fmt: skip
+    found = vibrident.identify(made, model="accelerometer+highpass")
+    planned = vibrident.plan(found)
+    for name in values:
+        u = found.parameters[name].standard_uncertainty
+        assert planned.parameters[name].standard_uncertainty == pytest.approx(u, rel=0.1)
 
 
 def u_of(plan: object) -> np.ndarray:

@@ -307,15 +307,28 @@ def _points(
             where="plan",
             remedy="give one of them",
         )
-    magnitude, phase = _like_before(source, frequency, times_as_long)
+    size = np.abs(model.frequency_response(values, np.concatenate([source.measured.frequency_hz, frequency]), quantity))
+    magnitude, phase = _like_before(source, frequency, times_as_long, np.split(np.log(size), [-frequency.size]))
     return of_table(model, values, quantity, frequency, magnitude, phase)
 
 
-def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[FloatArray, FloatArray | None]:
-    """Noise of a result's own points, smoothed, interpolated and scaled to the records' length."""
+def _like_before(
+    source: Result, frequency: FloatArray, longer: float, gains: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray | None]:
+    """Noise of a result's own points, smoothed, interpolated and scaled to the records' length.
+
+    Noise of a channel falls with the gain, over it, within a resonance or a high-pass. Smoothed is what the line
+    log u = c + b log |H| leaves over: b is 0 of noise in proportion, and −1 of noise of one level.
+
+    Args:
+        source: the result.
+        frequency: of the planned points.
+        longer: factor of the records' length.
+        gains: log |H| at the result's points, and at the planned ones.
+    """
     measured = source.measured
     order = np.argsort(measured.frequency_hz, kind="stable")
-    f = np.log(measured.frequency_hz[order])
+    f, gain = np.log(measured.frequency_hz[order]), gains[0][order]
     noise, phase_noise = measured.magnitude_noise, measured.phase_deg_noise
     apart = np.isfinite(noise).any()  # else an older result, or a table
     u = ((noise if apart else measured.magnitude_uncertainty) / measured.magnitude)[order]
@@ -325,11 +338,13 @@ def _like_before(source: Result, frequency: FloatArray, longer: float) -> tuple[
         good = np.isfinite(values) & (values > 0)
         if not good.any():
             return np.full(frequency.shape, np.nan)
-        level = np.log(values[good])
+        level, about = np.log(values[good]), gain[good] - np.mean(gain[good])
+        slope = float(np.clip(about @ level / max(about @ about, 1e-12), -1.0, 0.0))
+        level = level - slope * gain[good]
         index = np.arange(level.size)
         near = np.abs(index[:, None] - index) <= NEIGHBOURS
         smooth = (near @ level) / near.sum(axis=1)
-        return np.exp(np.interp(np.log(frequency), f[good], smooth)) / np.sqrt(longer)
+        return np.exp(np.interp(np.log(frequency), f[good], smooth) + slope * gains[1]) / np.sqrt(longer)
 
     phase = at(np.deg2rad(u_phase))
     return at(u), None if np.isnan(phase).any() else phase
