@@ -79,6 +79,15 @@ def test_a_response_in_another_unit_than_stated_needs_a_scale(tmp_path, name):
     assert read(path).response_unit == "V"
 
 
+@pytest.mark.parametrize(("name", "unit"), [("out (pC)", "pC"), ("out [counts]", "counts"), ("out (V)", "V")])
+def test_the_header_tells_the_unit_of_a_response_where_none_is_stated(tmp_path, name, unit):
+    """Charge became volts without a word."""
+    path = write_records(tmp_path, "t", 1.0, names=("ref", name), sampling="rate_hz = 2000.0")
+    assert read(path).response_unit == unit
+    header = f"f,S ({unit}/(m/s²)),φ"
+    assert read(table(tmp_path, header)).response_unit == unit
+
+
 @pytest.mark.parametrize(
     "name",
     [

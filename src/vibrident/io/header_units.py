@@ -1,8 +1,8 @@
 """Units in the header of a data file: "Time (ms)", "time_us", "time/min", "f (kHz)", "phase (rad)", "a in mm/s²".
 
-One rule for all columns. If the calibration file states no unit (times, frequencies), the header's is used. If it
-states one (quantity, scale, unit, phase_unit), a contradicting header is refused. A header without a known unit is
-ignored.
+One rule for all columns. If the calibration file states no unit (times, frequencies, a response that is no voltage),
+the header's is used. If it states one (quantity, scale, unit, phase_unit), a contradicting header is refused. A header
+without a known unit is ignored.
 """
 
 from __future__ import annotations
@@ -217,11 +217,16 @@ def require_response_unit(source: ColumnFile, position: int, key: str, unit: str
     Raises:
         InputError: the header names another unit, and nothing is said of how to convert it.
     """
-    found = unit_in_name(header(source, position)).partition("/")[0].strip()
-    own, stated = _base(found), _base(unit)
-    if own in _ELECTRIC and stated and own != stated and abs(scale) == 1.0:
+    found, stated = unit_of_another_kind(source, position, unit), _base(unit)
+    if found and abs(scale) == 1.0:
         remedy = f'set unit = "{found}"; or set scale to {unit} per {found}; or correct the header'
         raise _contradiction(source, position, f"{key} unit", f'{stated}, for unit = "{unit}"', found, remedy)
+
+
+def unit_of_another_kind(source: ColumnFile, position: int, unit: str) -> str:
+    """The electric unit that the header of a response or magnitude names, if it is no multiple of ``unit``; else ""."""
+    found, known = unit_in_name(header(source, position)).partition("/")[0].strip(), _base(unit)
+    return found if known and _base(found) in _ELECTRIC and _base(found) != known else ""
 
 
 def require_standard_uncertainty(source: ColumnFile, position: int, key: str) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 from vibrident import sandbox
 from vibrident.errors import InputError
 from vibrident.io.allowance import memory_for
-from vibrident.io.calibration_file import read_calibration_file
-from vibrident.io.readers import READERS
+from vibrident.io.calibration_file import CalibrationFile, read_calibration_file
+from vibrident.io.header_units import unit_of_another_kind
+from vibrident.io.readers import READERS, open_columns
 from vibrident.io.record_files import data_files, read_records
 from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
@@ -66,7 +67,7 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     """
     file = Path(path)
     where = str(file)
-    document = read_calibration_file(file)
+    document = _with_unit_of_header(read_calibration_file(file), file.parent, where)
     quantity, records, table, more = document.reference.quantity, (), None, ()
     if document.interferometer is not None:
         from vibrident.io.optical_files import read_optical  # loads SciPy, which others do not need
@@ -92,3 +93,14 @@ def read(path: str | os.PathLike[str]) -> Calibration:
         certificate=document.certificate.stated(),
         effects=(*(entry.effect for entry in document.uncertainty), *more),
     )
+
+
+def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
+    """With the unit of the response in the header of its first file, where none is stated and that is no voltage."""
+    response, table = document.response, document.table
+    if "unit" in response.model_fields_set or abs(response.scale) != 1.0:
+        return document
+    column, key = (response.column, "[response] column") if table is None else (table.magnitude, "[table] magnitude")
+    source = open_columns(folder / data_files(document, folder, where)[0])
+    found = unit_of_another_kind(source, source.position_of(column, key), response.unit)
+    return document.model_copy(update={"response": response.model_copy(update={"unit": found})}) if found else document
