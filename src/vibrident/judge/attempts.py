@@ -16,9 +16,11 @@ from vibrident.judge.adequacy import Judgement, judge_records, judge_table
 from vibrident.judge.doubts import linearised
 from vibrident.judge.effects import allowing_for_effects
 from vibrident.measure import Finding
+from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back_after
 from vibrident.problem import Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
+from vibrident.records import FloatArray
 from vibrident.uncertainty.linearised import Linearised
 
 #: Number of other starts tried if the model is rejected.
@@ -27,9 +29,10 @@ MORE_STARTS = 2
 COMPARABLE = 10.0
 #: Another fit is taken if its χ² is less than this part of the first one's.
 CLEARLY_LESS = 0.8
-#: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most, …
+#: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most,
+#: five standard deviations of one parameter, …
 NO_WORSE = 25.0
-#: … and their χ² by this.
+#: … and their χ² by this, three of them.
 ALIKE = 9.0
 #: Largest number of searches in the response that the network's residual shows.
 SEARCHES = 3
@@ -117,6 +120,8 @@ def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progre
         best = _better_weighted(evidence, estimator, best, progress)
     if best[1].adequacy.adequate or begin is None or evidence.bands is None:
         return best  # tones are searched with the residual that is fitted: no other start is better
+    weighed = _weighed_start(evidence, best[0])
+    best = best if weighed is None else _fitted_from(weighed, evidence, estimator, best, progress)
     best = _searched_again(evidence, estimator, best, progress)
     for start, cost in begin.others[:MORE_STARTS]:
         if cost > COMPARABLE * begin.costs[-1] or best[1].adequacy.adequate:
@@ -133,15 +138,18 @@ def _better_weighted(
 ) -> tuple[Estimate, Judgement]:
     """A fit from another optimum of the start, where the first did not reach its optimum in the noise that was found.
 
+    Or where it reached the end of the range searched.
+
     Such a fit, of equal weights, is drawn aside by noise of the reference, or has followed a line of the noise.
     """
-    begin = best[0].begin
-    if _noise_weights(best[0]) != "white" or begin is None:
+    begin, weights = best[0].begin, _noise_weights(best[0])
+    settled = weights != "white" and (weights != "spectrum" or _back_inside(best[0], evidence) is None)
+    if settled or begin is None:
         return best
     least, first = _chi2(best[1]) + ALIKE, best
-    for start, cost in begin.others[:MORE_STARTS]:
-        if cost > begin.costs[-1] + NO_WORSE:
-            break
+    starts = [start for start, cost in begin.others[:MORE_STARTS] if cost <= begin.costs[-1] + NO_WORSE]
+    weighed = _weighed_start(evidence, best[0])
+    for start in starts if weighed is None else [weighed, *starts]:
         try:
             other = _once(replace(evidence, start=dict(start)), estimator, progress)
         except (NotConverged, InputError):
@@ -173,15 +181,50 @@ def _tried(
 
     A start may lead to no fit: a delay beyond the record, for one.
     """
-    begun = replace(evidence, start=dict(start))
     try:
-        if not estimator.may_improve(begun, best[0], progress):
+        if not estimator.may_improve(replace(evidence, start=dict(start)), best[0], progress):
             return best
-        other = _once(begun, estimator, progress)
+    except (NotConverged, InputError):
+        return best
+    return _fitted_from(start, evidence, estimator, best, progress)
+
+
+def _fitted_from(
+    start: Mapping[str, float],
+    evidence: Evidence,
+    estimator: Estimator,
+    best: tuple[Estimate, Judgement],
+    progress: Progress,
+) -> tuple[Estimate, Judgement]:
+    """The same, whatever equal weights say of the start: noise of the reference draws these aside."""
+    try:
+        other = _once(replace(evidence, start=dict(start)), estimator, progress)
     except (NotConverged, InputError):
         return best
     less = (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0)
     return other if less else best
+
+
+def _weighed_start(evidence: Evidence, found: Estimate) -> Mapping[str, float] | None:
+    """Start values by a search with the noise of the bands as the model that was found shows it, if they are better.
+
+    Where the reference holds little but noise of its own, Σ Y X*/Σ |X|² is drawn to zero, and its own scatter is small.
+    What the model leaves of the response there is as large as that noise.
+    """
+    model, values = evidence.model, found.coordinates.values(found.z)
+
+    def response(frequency_hz: FloatArray) -> ComplexArray:
+        return np.asarray(model.frequency_response(values, frequency_hz, evidence.quantity), dtype=complex)
+
+    look = None if evidence.bands is None or not model.is_linear else evidence.look(response)
+    if look is None:
+        return None
+    try:
+        begin = find_start(look, model)
+    except (NotConverged, InputError):
+        return None
+    here = response_residual(found.z, found.coordinates, False, True, evidence.quantity, look.data)
+    return begin.values if begin.costs[-1] < float(here @ here) else None
 
 
 def _searched_again(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +21,10 @@ from vibrident.measure.quality import (
     silent_channels,
     silent_records,
 )
+from vibrident.measure.response import ComplexArray
 from vibrident.models import SensorModel
 from vibrident.problem.frequency_domain import FrequencyProblem
-from vibrident.records import Calibration, Quantity, Record
+from vibrident.records import Calibration, FloatArray, Quantity, Record
 from vibrident.records.basis import distinct
 
 #: Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told from less.
@@ -119,7 +120,7 @@ class Evidence:
     @functools.cached_property
     def first_look(self) -> FrequencyProblem | None:
         """The response before any model, for start values; None where nothing but free decays was recorded."""
-        found = self._first_look()
+        found = self.look()
         if found is None:
             return None
         if self.bands is None or self.tones is not None:
@@ -127,14 +128,15 @@ class Evidence:
         longest_s = max(record.duration_s for record in self.records)
         return dataclasses.replace(found, start=self.start, longest_delay_s=PART_LATE * longest_s)
 
-    def _first_look(self) -> FrequencyProblem | None:
+    def look(self, response: Callable[[FloatArray], ComplexArray] | None = None) -> FrequencyProblem | None:
+        """The response before any model; its noise as the complex sensitivity ``response`` shows it, where given."""
         if self.calibration.table is not None:
             return FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
         parts = [m for m in (self.tones, self.bands) if m is not None]
         if not parts:
             return None
         measured = MeasuredResponse.join(parts)
-        return FrequencyProblem.of_measured(measured, measured.error_deviation(), self.model, self.quantity)
+        return FrequencyProblem.of_measured(measured, measured.error_deviation(response), self.model, self.quantity)
 
     @property
     def band_hz(self) -> tuple[float, float]:
