@@ -10,15 +10,20 @@ N, RATE, TONE = 1000, 1e4, 400.0
 TURN = 2.0 * np.pi * TONE / RATE * np.arange(N)
 
 
-def heard(reference, response, predicted):
+def heard(reference, response, predicted, model=np.ones_like):
     record = Record("r", reference, response, RATE, "sine")
-    return audible(overtones([record], measure_tones([record], [TONE]), [predicted]))
+    return audible(overtones([record], measure_tones([record], [TONE]), [predicted], model))
+
+
+def thrice(frequency_hz):
+    """The slope of differentiating three times, in time of the tone."""
+    return (1j * frequency_hz / TONE) ** 3
 
 
 def differentiated(values):
     """Thrice, in time of the tone: a velocity pickup above its resonance, by its displacement."""
     lines = np.fft.rfft(values)
-    return np.fft.irfft(lines * (1j * np.fft.rfftfreq(N, 1.0 / RATE) / TONE) ** 3, N)
+    return np.fft.irfft(lines * thrice(np.fft.rfftfreq(N, 1.0 / RATE)), N)
 
 
 def test_steps_of_a_displacement_are_no_harmonics_of_the_sensor():
@@ -27,7 +32,22 @@ def test_steps_of_a_displacement_are_no_harmonics_of_the_sensor():
         motion = np.cos(TURN + phase)
         reference = np.rint(motion * 64.0) / 64.0
         response = differentiated(motion) + 1e-4 * rng.standard_normal(N)
-        found += len(heard(reference, response, differentiated(reference)))
+        found += len(heard(reference, response, differentiated(reference), thrice))
+    assert found == 0
+
+
+def test_steps_of_both_converters_are_no_harmonics_of_the_sensor():
+    """In step with the sampling both repeat, and a sensor that answers more at high frequencies makes them larger."""
+    rng, found = np.random.default_rng(5), 0
+
+    def rising(frequency_hz):
+        return (frequency_hz / TONE) ** 0.7
+
+    for phase in rng.uniform(0.0, 2.0 * np.pi, 40):
+        motion = np.cos(TURN + phase)
+        reference, response = np.rint(motion * 64.0) / 64.0, np.rint((motion + 0.3) * 64.0) / 64.0
+        predicted = np.fft.irfft(np.fft.rfft(reference) * rising(np.fft.rfftfreq(N, 1.0 / RATE)), N)
+        found += len(heard(reference, response, predicted, rising))
     assert found == 0
 
 

@@ -112,7 +112,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     )
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
-    added = () if tones is None else audible(overtones(evidence.records, tones, predicted))
+    added = () if tones is None else audible(overtones(evidence.records, tones, predicted, response))
     birge = _birge(estimate, evidence, points, adequacy, decays)
     text = _misfit(adequacy, points, response, decays)
     if added and adequacy.adequate:

@@ -7,7 +7,7 @@ interferometer's displacement it is the cyclic error of a motion too small to sh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,8 @@ from vibrident.measure.terms import in_parts, products, swung
 from vibrident.records import FloatArray, Record
 from vibrident.tails import gamma_tail
 
+#: Function from frequencies (Hz) to a complex sensitivity.
+Model = Callable[[FloatArray], ComplexArray]
 HIGHEST = 5
 #: Harmonics count above this part of the fundamental …
 LEAST = 3e-3
@@ -64,24 +66,27 @@ def audible(found: Sequence[Overtone]) -> tuple[Overtone, ...]:
     return tuple(sorted(kept, key=lambda tone: -tone.ratio))
 
 
-def overtones(records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]) -> list[Overtone]:
+def overtones(
+    records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray], model: Model
+) -> list[Overtone]:
     """Harmonics two to five of what each sine record has beyond its prediction, and that its sensor adds.
 
     Args:
         records: all records; ``tones.record`` counts in them.
         tones: of the sine records.
         predicted: response predicted for each record, NaN where it is not defined.
+        model: function from frequencies (Hz) to the complex sensitivity that predicted it.
     """
-    return [sensor for sensor, _ in _overtones(records, tones, predicted) if sensor is not None]
+    return [sensor for sensor, _ in _overtones(records, tones, predicted, model) if sensor is not None]
 
 
 def of_light(records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]) -> list[Overtone]:
     """The same of the displacement of an interferometer that the response does not show; arguments as above."""
-    return [light for _, light in _overtones(records, tones, predicted) if light is not None]
+    return [light for _, light in _overtones(records, tones, predicted, None) if light is not None]
 
 
 def _overtones(
-    records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray]
+    records: Sequence[Record], tones: MeasuredResponse, predicted: Sequence[FloatArray], model: Model | None
 ) -> Iterator[tuple[Overtone | None, Overtone | None]]:
     """Of each sine record, what its sensor adds and what its light does; None for nothing that could be heard."""
     for index, frequency, response in zip(tones.record, tones.frequency_hz.tolist(), tones.response, strict=True):
@@ -93,10 +98,11 @@ def _overtones(
             continue
         residual = np.where(used, record.response - series, 0.0)
         amplitude, variance = _harmonics(residual, used, frequency, record.sampling_rate_hz, highest)
-        steps, light = _of_reference(record, used, frequency, amplitude)
         variance += _by_response_steps(record, used, residual, series, frequency, highest)
+        variance += _by_reference_steps(record, used, frequency, highest, model)
+        light = _of_light(record, used, frequency, amplitude)
         size, noise = np.abs(amplitude[1:]) / abs(response), variance[1:] / abs(response) ** 2
-        kinds = (~steps & ~light, light)
+        kinds = (~light, light)
         yield tuple(_overtone(record.name, frequency, size, noise, kind) for kind in kinds)  # type: ignore[misc]
 
 
@@ -111,40 +117,58 @@ def _overtone(name: str, frequency: float, size: FloatArray, variance: FloatArra
     return Overtone(name, frequency, float(np.sqrt(np.sum(power))), int(np.argmax(power)) + 2, chance)
 
 
-def _of_reference(
-    record: Record, used: np.ndarray, frequency: float, residual: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which harmonics, from the second on, the reference's converter made (below its step), and which its light did.
-
-    Neither is in the response; an acceleration sensor with a displacement reference amplifies them.
-    """
-    highest, step = len(residual), 0.0
-    none = np.zeros(highest - 1, dtype=bool)
-    if record.reference is not None:
-        step = converter_step(record.reference, record.reference_mask)
-    if record.reference is None or (step == 0.0 and record.optical is None):
-        return none, none
-    reference, response = (
-        np.abs(_harmonics(about_mean(v, used), used, frequency, record.sampling_rate_hz, highest)[0])
-        for v in (record.reference, record.response)
-    )
-    absent = response[1:] < OWN * np.abs(residual[1:])
-    steps = absent & (reference[1:] < step)
-    return steps, none if record.optical is None else absent & ~steps
+def _of_light(record: Record, used: np.ndarray, frequency: float, residual: np.ndarray) -> np.ndarray:
+    """Which harmonics, from the second on, an interferometer's light made: they are not in the response."""
+    highest = len(residual)
+    if record.optical is None:
+        return np.zeros(highest - 1, dtype=bool)
+    response = _harmonics(about_mean(record.response, used), used, frequency, record.sampling_rate_hz, highest)[0]
+    return np.abs(response[1:]) < OWN * np.abs(residual[1:])
 
 
 def _by_response_steps(
     record: Record, used: np.ndarray, residual: FloatArray, series: FloatArray, frequency: float, highest: int
+) -> FloatArray:
+    """Variance of harmonics 1…highest that the response's converter makes, shape (highest,)."""
+    return _by_steps(record.response, used, step_of_response(record), residual, series, record, frequency, highest)
+
+
+def _by_reference_steps(
+    record: Record, used: np.ndarray, frequency: float, highest: int, model: Model | None
 ) -> FloatArray | float:
-    """Variance of harmonics 1…highest that the response's converter makes; zero where noise dithers it."""
-    step = step_of_response(record)
-    if step == 0.0 or float(np.std(residual[used])) > DITHERED * step:
+    """The same of the reference's converter, as the prediction has them: a resonance makes them larger."""
+    reference = record.reference
+    step = 0.0 if reference is None else converter_step(reference, record.reference_mask)
+    if reference is None or step == 0.0 or model is None:
         return 0.0
-    number, _ = repeated_errors(record.response, used, frequency / record.sampling_rate_hz)
+    rate = record.sampling_rate_hz
+    centred = about_mean(reference, used)
+    first = _harmonics(centred, used, frequency, rate, 1)[0][0]
+    sine = np.real(first * turning(record.samples, 2.0 * np.pi * frequency / rate)) * used
+    series = sine + float(np.mean(reference[used]))
+    made = _by_steps(reference, used, step, centred - sine, series, record, frequency, highest)
+    return made * np.abs(model(frequency * np.arange(1, highest + 1))) ** 2
+
+
+def _by_steps(
+    channel: FloatArray,
+    used: np.ndarray,
+    step: float,
+    noise: FloatArray,
+    series: FloatArray,
+    record: Record,
+    frequency: float,
+    highest: int,
+) -> FloatArray:
+    """Variance of harmonics 1…highest that a converter makes of a sine; zero where noise dithers it."""
+    if step == 0.0 or float(np.std(noise[used])) > DITHERED * step:
+        return np.zeros(highest)
+    rate = record.sampling_rate_hz
+    number, _ = repeated_errors(channel, used, frequency / rate)
     if 0 < number < FEW:
         return np.full(highest, step**2 / 6.0 / number)
-    errors = rounding_errors(np.where(used, series, 0.0), used, step, float(record.response[used][0]))
-    made = [_harmonics(e, used, frequency, record.sampling_rate_hz, highest)[0] for e in errors]
+    errors = rounding_errors(np.where(used, series, 0.0), used, step, float(channel[used][0]))
+    made = [_harmonics(e, used, frequency, rate, highest)[0] for e in errors]
     return np.mean(np.abs(made) ** 2, axis=0) / 2.0
 
 
