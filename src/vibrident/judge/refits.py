@@ -11,9 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.discretize import method
+from vibrident.estimators import Estimate
+from vibrident.information import inverse_where_shown
 from vibrident.judge.attempts import Attempt
 from vibrident.measure.drift import beside_slow_motion, slow_tones, without_drift
 from vibrident.measure.hum import Tones, hum_tones, without_tones
+from vibrident.measure.verdict import rejected
 from vibrident.problem import Evidence, network_of
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray, Record
@@ -89,26 +92,38 @@ def with_phase_scatter(first: Attempt) -> Attempt:
 
 def without_drifts(first: Attempt) -> Attempt:
     """The fit of the records without the drift that is seen beside the predicted response."""
-    evidence = first.evidence
-    predicted = _beside_slow_motion(first) or first.judgement.predicted
-    records, drifts = without_drift(evidence.records, predicted, evidence.calibration.response_unit)
+    evidence, unit = first.evidence, first.evidence.calibration.response_unit
+    beside = _beside_slow_motion(first)
+    predicted = first.judgement.predicted if beside is None else beside
+    records, drifts = without_drift(evidence.records, predicted, unit, likely=beside is not None and first.adequate)
     if all(kept is record for kept, record in zip(records, evidence.records, strict=True)):
         return replace(first, drifts=tuple(drifts))
     return replace(first.anew(evidence.with_records(records)), drifts=tuple(drifts))
 
 
 def _beside_slow_motion(first: Attempt) -> Sequence[FloatArray] | None:
-    """What a fit beside slow motion of every record's zero predicts, where that alone explains the data.
+    """What a fit beside slow motion of every record's zero predicts, where the data ask for it.
 
-    A sensor whose own free motion is as slow takes a drift for that, and its residual does not show it.
+    A sensor whose own free motion is as slow takes a drift for that, and its residual does not show it: the parameters
+    do, which then move by more than noise lets them.
     """
-    evidence, values = first.evidence, first.estimate.coordinates.values(first.estimate.z)
+    evidence, estimate = first.evidence, first.estimate
+    values = estimate.coordinates.values(estimate.z)
     slowest = min((value for name, value in values.items() if name.endswith("frequency")), default=np.inf)
     slow = any(slowest * record.duration_s < AS_SLOW for record in evidence.records)
-    if first.adequate or not slow or not evidence.model.is_linear:
+    if not slow or not evidence.model.is_linear:
         return None
-    again = first.anew(evidence.with_records(tuple(beside_slow_motion(record) for record in evidence.records)))
-    return again.judgement.predicted if again.adequate else None
+    others = evidence.with_records(tuple(beside_slow_motion(record) for record in evidence.records))
+    again = first.once(replace(others, start=values)) if first.adequate else first.anew(others)
+    if not again.adequate or (first.adequate and not _moved(estimate, again.estimate)):
+        return None
+    return again.judgement.predicted
+
+
+def _moved(estimate: Estimate, freer: Estimate) -> bool:
+    """Whether further unknowns move an estimate by more than its noise then makes likely (Hausman 1978)."""
+    shift = freer.coordinates.place(estimate.coordinates.values(estimate.z)) - freer.z
+    return rejected(float(shift @ inverse_where_shown(freer.covariance) @ shift), len(shift))
 
 
 def without_hum(first: Attempt) -> Attempt:

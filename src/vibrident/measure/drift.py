@@ -40,14 +40,14 @@ BEYOND = (4, 12)
 BENT = 100.0
 #: Functions of smaller size beside the line than this part of the largest one's are not told from it.
 SHOWN = 1e-6
-#: … in one record; of the same channel in another, so many times.
+#: … in one record; of the same channel in another, or where the parameters tell of it, so many times.
 LIKELY = 10.0
 #: A record whose own motion is of these functions by more than this part of its power tells no drift.
 MOTION = 0.5
 
 
 def without_drift(
-    records: Sequence[Record], predicted: Sequence[FloatArray], unit: str = ""
+    records: Sequence[Record], predicted: Sequence[FloatArray], unit: str = "", *, likely: bool = False
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """The records with the drift of their response taken out, or as an unknown of the fit, and what there is to say.
 
@@ -57,10 +57,11 @@ def without_drift(
         records: the records.
         predicted: response that a model predicts for each, shape (samples,), NaN where it is not defined.
         unit: of the responses, for the messages.
+        likely: something else says that there is one.
     """
     kept, findings = [], []
     bends = [_bend(record, series) for record, series in zip(records, predicted, strict=True)]
-    least = LIKELY if any(bend.strength > BENT for bend in bends) else BENT
+    least = LIKELY if likely or any(bend.strength > BENT for bend in bends) else BENT
     for record, series, bend in zip(records, predicted, bends, strict=True):
         used = record.mask & np.isfinite(series)
         if used.sum() < FEWEST:
