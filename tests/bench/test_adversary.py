@@ -10,10 +10,13 @@ import pytest
 from bench.adversary import judge, motions
 from bench.adversary.bent import bent
 from bench.adversary.cases import BY_NAME, CASES
+from bench.adversary.noise import Noise
 from bench.adversary.physics import TAU, Motion, Sensor
-from bench.adversary.recording import setting, switched, twin
-from bench.adversary.trial import Trial, truth
+from bench.adversary.recording import records, setting, switched, twin
+from bench.adversary.trial import Trial, calibration, truth
 from scipy.integrate import solve_ivp
+
+from vibrident import identify
 
 CORE = {"sensitivity": 2.0, "natural_frequency": 12.0, "damping_ratio": 0.05}
 SENSORS = {
@@ -196,3 +199,16 @@ def test_the_truth_of_a_derived_parameter_follows_from_the_sensor(rng):
     f = np.linspace(0.8, 1.3, 20001) * given.parameters["natural_frequency"]
     peak = f[np.argmax(np.abs(given.transfer(f) * f))]  # per velocity
     assert values["resonance_frequency"] == pytest.approx(peak, rel=1e-4)
+
+
+def test_a_drift_that_a_high_pass_takes_for_its_own_motion_moves_no_parameter():
+    """0.3 % of the response over records shorter than the high-pass answers: five standard uncertainties, silent."""
+    rng = np.random.default_rng([2, 23])
+    given = setting("pickup-in-damped+highpass=0.5", rng)
+    warming = np.exp(-3.0 * np.linspace(0.0, 1.0, 400))
+    drifting = []
+    for made in records("random", given, Noise("white", 1e-4), rng, shape=(4, 400)):
+        slow = 0.003 * rng.choice([-1, 1]) * rng.uniform(0.5, 1.0) * made.response.std() * warming
+        drifting.append(replace(made, response=made.response + slow))
+    result = identify(calibration(drifting, given.sensor.model, given.quantity)(), model=given.sensor.model)
+    assert max(judge.distances(result, truth(given.sensor)).values()) < 3.0
