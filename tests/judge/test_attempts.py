@@ -105,8 +105,8 @@ def test_noise_of_the_reference_does_not_lead_shocks_to_a_resonance_at_infinity(
     for number, width_s in enumerate(rng.uniform(0.006, 0.009, 4)):
         reference = np.exp(-0.5 * ((time_s - 0.2) / width_s) ** 2)
         output = np.fft.irfft(response * np.fft.rfft(reference, 4 * n), 4 * n)[:n]
-        noisy = [v + part * v.std() * rng.normal(size=n) for v, part in ((reference, 0.02), (output, 1e-3))]
-        made.append(Record(f"shock-{number}", *noisy, rate, "shock"))
+        reference, output = (v + u * v.std() * rng.normal(size=n) for v, u in ((reference, 0.02), (output, 1e-3)))
+        made.append(Record(f"shock-{number}", reference, output, rate, "shock"))
     result = identify(Calibration(records=tuple(made), model="accelerometer"))
     found = result.parameters["natural_frequency"]
     assert found.standard_uncertainty is not None

@@ -143,11 +143,12 @@ def _by_reference_steps(
         return 0.0
     rate = record.sampling_rate_hz
     centred = about_mean(reference, used)
-    first = _harmonics(centred, used, frequency, rate, 1)[0][0]
-    sine = np.real(first * turning(record.samples, 2.0 * np.pi * frequency / rate)) * used
+    first = _harmonics(centred, used, frequency, rate, 1)[0]
+    sine = swung(first, np.array([2j * np.pi * frequency / rate]), record.samples) * used
     series = sine + float(np.mean(reference[used]))
     made = _by_steps(reference, used, step, centred - sine, series, record, frequency, highest)
-    return made * np.abs(model(frequency * np.arange(1, highest + 1))) ** 2
+    multiples = np.asarray(frequency * np.arange(1, highest + 1), dtype=float)
+    return made * np.abs(model(multiples)) ** 2
 
 
 def _by_steps(
