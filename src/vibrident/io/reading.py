@@ -98,9 +98,9 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
     """With the unit of the response in the header of its first file, where none is stated and that is no voltage."""
     response, table = document.response, document.table
-    if "unit" in response.model_fields_set or abs(response.scale) != 1.0:
-        return document
     column, key = (response.column, "[response] column") if table is None else (table.magnitude, "[table] magnitude")
+    if column is None or "unit" in response.model_fields_set or abs(response.scale) != 1.0:
+        return document
     source = open_columns(folder / data_files(document, folder, where)[0])
     found = unit_of_another_kind(source, source.position_of(column, key), response.unit)
     return document.model_copy(update={"response": response.model_copy(update={"unit": found})}) if found else document
