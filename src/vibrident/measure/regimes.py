@@ -20,6 +20,7 @@ from vibrident.measure.blocks import Blocks, Fit, best, least_left, sums_of
 from vibrident.measure.lines import (
     MOST_KEPT,
     about_mean,
+    fast_length,
     in_blocks,
     line_frequencies,
     median_level,
@@ -67,6 +68,8 @@ SMOOTHED = 4
 LEAST_LEVEL = 1e-9
 #: A change is nearly all of the residual where this part of its power is left.
 REST = 0.15
+#: What rings at the record's end does not return at its beginning within so many samples.
+LONGEST_RINGING = 1 << 16
 KERNEL = np.full(2 * SMOOTHED + 1, 1.0 / (2 * SMOOTHED + 1))
 #: Largest number of changes that are listed one by one.
 MOST_NAMED = 3
@@ -253,7 +256,7 @@ def _columns(motion: FloatArray, rate: float, sensor: _AtLines | None) -> FloatA
     columns[0], columns[1] = motion, np.gradient(motion, 1.0 / rate)
     if sensor is None:
         return columns
-    wide = 2 * motion.size  # what rings at the record's end does not return at its beginning
+    wide = fast_length(motion.size + min(motion.size, LONGEST_RINGING))
     lines = np.asarray(fft.rfft(motion, wide), dtype=complex)
     together = 2 if motion.size <= MOST_KEPT else 1  # of a long record each copy counts
     for begin in range(0, 2, together):
