@@ -180,3 +180,19 @@ def test_no_peak_is_stated_where_it_is_among_the_samples_that_are_not_known():
     found, _ = corrected("accelerometer", "white", wild=("response", 412))
     assert found.corrections[0].peak is None
     assert "the peak among them" in found.findings[-1].message
+
+
+def test_lost_time_costs_the_samples_beside_it():
+    """Only the longest unbroken part was corrected, as a fit needs it."""
+    values = SENSORS["accelerometer"][0]
+    made = simulate(("accelerometer", values), "random", sampling_rate_hz=20e3, samples=4000, antialias=False,
+                    frequencies_hz=(50.0, 2000.0), response_noise=1e-3, seed=1).records[0]  # fmt: skip
+    kept = np.r_[0:1800, 1900:4000]
+    broken = replace(made, reference=made.reference[kept], response=made.response[kept], valid=None)
+    found = vibrident.correct(known_result("accelerometer", values, DECENT), [broken])
+    one = found.corrections[0]
+    known = np.isfinite(one.acceleration)
+    assert "clock_suspect" in {finding.code for finding in found.findings}
+    assert 0.9 < np.mean(known) < 1.0
+    off = np.abs(one.acceleration - broken.reference)[known] / one.standard_uncertainty[known]
+    assert np.mean(off < 2.0) > 0.9
