@@ -33,6 +33,8 @@ SIGNIFICANT = 4.0
 ENOUGH_FOR_SHAPE = 1.0
 #: … and a power law, which reaches further beyond its lines and needs better ones.
 ENOUGH_FOR_LAW = 2.0
+#: The logarithm of a power law is within so much of its value at the tone.
+MOST_STEEP = 300.0
 #: Rounds of Fisher scoring for a + b |H|².
 ROUNDS = 12
 #: The channels' own noise does not explain Y − H X where the best a + b |H|² has a larger log-likelihood by this.
@@ -69,7 +71,8 @@ def level_at_tone(
     own, passed = _two_levels(power, shape, weight, mean)
     two = own[:, None] + passed[:, None] * shape
     even = np.broadcast_to(mean[:, None], power.shape)
-    along = law[:, None] * np.maximum(ratio, 1e-6) ** slope[:, None]
+    steep = np.where(weight > 0.0, slope[:, None] * np.log(np.maximum(ratio, 1e-6)), 0.0)  # of a few lines, any slope
+    along = law[:, None] * np.exp(np.clip(steep, -MOST_STEEP, MOST_STEEP))
     shaped = _gain(power, two, even, weight) > ENOUGH_FOR_SHAPE
     level = np.where(shaped, own + passed * through_tone / size, mean)
     rival = np.where(shaped[:, None], two, even)
