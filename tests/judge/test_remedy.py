@@ -38,6 +38,24 @@ def test_the_model_that_explains_the_data_is_named(motion: str, true: str, more:
     assert not {"nonlinear", "regimes", "drift"} & set(result.warning_codes)
 
 
+@pytest.mark.parametrize(("rate", "samples"), [(7314.0, 1300), (51_200.0, 10_240)])
+def test_what_a_model_leaves_of_a_multisines_tones_is_no_hum(rate: float, samples: int) -> None:
+    """A delay that the model lacks: as hum the misfit fitted, with the natural frequency 80 and 300 u off."""
+    sensor = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": 1.7e-5}
+    made = simulate(
+        ("accelerometer+delay", sensor),
+        "multisine",
+        sampling_rate_hz=rate,
+        samples=samples,
+        response_noise=1e-2,
+        seed=3,
+    )
+    result = vibrident.identify(made, model="accelerometer")
+    (said,) = (w.message for w in result.warnings if w.code == "lack_of_fit")
+    assert "The model accelerometer+delay explains them" in said
+    assert "hum_hz" not in result.settings
+
+
 def test_no_model_is_named_where_none_explains_the_data(rng: np.random.Generator) -> None:
     """Points of another sensor in the middle of the band."""
     made = simulate(("accelerometer", ACCELEROMETER), "sine", **SINES, sampling_rate_hz=25_600.0, response_noise=2e-3)

@@ -28,6 +28,8 @@ FEWEST = 24
 NEAREST = 2
 #: A line this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING = 20.0
+#: Lines on either side that are the nearest.
+CLOSE = 8
 #: Lines beyond this many times their surroundings are left out of the mean (one of 400 white ones is: allowed for).
 FAR = 6.0
 
@@ -65,7 +67,8 @@ class Motion:
         """Of what makes lines of the prediction's real transform, g |H|² and g."""
         expected = power_of(predicted(slice(None)))
         around = lines_around(expected)
-        alone = expected > OUTSTANDING * mean_around(expected, around, NEAREST)
+        moves = expected if through is None else expected / np.maximum(through, 1e-300)  # a resonance is no line
+        alone = (expected > OUTSTANDING * mean_around(expected, around, NEAREST)) | _lines_close_by(moves)
         if through is None:
             nothing = np.zeros(0)
             return cls(count, predicted, None, alone, nothing, nothing, colour)
@@ -93,6 +96,17 @@ class Motion:
             power[part] = power_of(self.windowed(part)) / self.count
         own = typical(power, lines_around(self.through))
         return own, power < FAR * own
+
+
+def _lines_close_by(power: FloatArray) -> BoolArray:
+    """Lines that stand out of the nearest ones alone, as a multisine's do among its others; with one on either side."""
+    stands = power > OUTSTANDING * typical(power, CLOSE)
+    stands[1:] &= power[1:] >= power[:-1]
+    stands[:-1] &= power[:-1] >= power[1:]
+    found = stands.copy()
+    found[1:] |= stands[:-1]
+    found[:-1] |= stands[1:]
+    return found
 
 
 def lines_around(lines: ComplexArray | FloatArray) -> int:

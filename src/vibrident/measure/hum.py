@@ -22,6 +22,9 @@ from vibrident.records import BoolArray, FloatArray, Record
 #: A line this many times above the median of the lines around is a tone, and none of the motion where the prediction
 #: does not stand out there.
 STANDS_OUT = 40.0
+#: Nor is one of the motion's own lines hum, however near others are, unless residual over prediction is so many times
+#: the median around.
+MORE_THAN_MOVES = 4.0
 #: Lines around on either side …
 AROUND = 40
 #: … but the nearest.
@@ -234,12 +237,15 @@ def _peaks(power: FloatArray) -> list[int]:
 def _strongest(peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, harmonics: bool) -> float | None:
     """Place of the first peak that is not of the motion."""
     own = _summit(moving, int(np.argmax(moving[2:-2])) + 2) if harmonics else 0.0
+    over = power / np.maximum(moving, np.finfo(float).tiny)
     for peak in peaks:
         place = _summit(power, peak)
         if harmonics and _harmonic(place, own, power.size - 1):
             continue
         tops = [m for m in (peak - 1, peak, peak + 1) if 1 < m < power.size - 2]
-        tops = [m for m in tops if moving[m] >= max(moving[m - 1], moving[m + 1]) and _above(moving, m) > STANDS_OUT]
+        misfit = _above(over, peak) < MORE_THAN_MOVES  # of a multisine's lines close together none stands out
+        tops = [m for m in tops if moving[m] >= max(moving[m - 1], moving[m + 1])]
+        tops = [m for m in tops if misfit or _above(moving, m) > STANDS_OUT]
         if all(abs(_summit(moving, m) - place) > APART for m in tops):
             return place
     return None
