@@ -51,7 +51,8 @@ def chosen(monkeypatch, first, second):
 
     monkeypatch.setattr(attempts, "_once", once)
     evidence = Evidence(None, parse("accelerometer"), (), None, None, ())  # type: ignore[arg-type]
-    return attempts.fitted_and_judged(evidence, None, silent)  # type: ignore[arg-type]
+    found = attempts.Attempt.at(evidence, None, silent)  # type: ignore[arg-type]
+    return next(one for one in (first, second) if one[0] is found.estimate)
 
 
 def test_a_fit_of_equal_weights_gives_way_to_one_that_reached_its_optimum_in_the_noise(monkeypatch):
@@ -76,8 +77,8 @@ def test_another_start_is_fitted_to_the_end_only_where_it_may_improve_the_fit(mo
     bands = measure_bands(simulate(("accelerometer", FIRST), "random", samples=1000, seed=1).records)
     evidence = Evidence(None, parse("accelerometer"), (), None, bands, ())  # type: ignore[arg-type]
     monkeypatch.setattr(attempts, "_weighed_start", lambda *_: None)
-    monkeypatch.setattr(attempts, "_searched_again", lambda evidence, estimator, best, progress: best)
-    attempts.fitted_and_judged(evidence, Promising(promising), silent)  # type: ignore[arg-type]
+    monkeypatch.setattr(attempts, "_searched_again", lambda best: best)
+    attempts.Attempt.at(evidence, Promising(promising), silent)  # type: ignore[arg-type]
     assert starts == ([None, SECOND] if promising else [None])
 
 

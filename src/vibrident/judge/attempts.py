@@ -54,18 +54,40 @@ class Attempt:
 
     @classmethod
     def at(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Attempt:
-        """The first one."""
-        return cls(evidence, *fitted_and_judged(evidence, estimator, progress), estimator, progress)
+        """The fit from the start values; where it explains nothing, the best from the other optima of their search.
+
+        Raises:
+            NotConverged: the start values lead to no finite fit.
+        """
+        best = cls(evidence, *_once(evidence, estimator, progress), estimator, progress)
+        begin = best.estimate.begin
+        if best.adequate and begin is not None and evidence.model.is_linear:
+            best = _better_weighted(best)
+        if best.adequate or begin is None or evidence.bands is None:
+            return best  # tones are searched with the residual that is fitted: no other start is better
+        weighed = _weighed_start(best)
+        best = best if weighed is None else _fitted_from(weighed, best)
+        best = _searched_again(best)
+        for start, cost in begin.others[:MORE_STARTS]:
+            if cost > COMPARABLE * begin.costs[-1] or best.adequate:
+                break
+            best = _tried(start, best)
+        start = _back_inside(best)
+        return best if start is None or best.adequate else _tried(start, best)
 
     def anew(self, evidence: Evidence) -> Attempt:
         """The same estimator's of other data."""
-        estimate, judgement = fitted_and_judged(evidence, self.estimator, self.progress)
-        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
+        found = Attempt.at(evidence, self.estimator, self.progress)
+        return replace(found, drifts=self.drifts, phase_by_scatter=self.phase_by_scatter)
 
     def once(self, evidence: Evidence) -> Attempt:
         """The same estimator's of other data, by a single fit from their start values."""
         estimate, judgement = _once(evidence, self.estimator, self.progress)
         return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
+
+    def begun_at(self, start: Mapping[str, float]) -> Attempt:
+        """The same data fitted once, from other start values."""
+        return replace(self.once(replace(self.evidence, start=dict(start))), evidence=self.evidence)
 
     @property
     def adequate(self) -> bool:
@@ -105,58 +127,31 @@ class Fitted:
 
     def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
         """The same data fitted once more, from these values of the parameters."""
-        return self.at(fitted_and_judged(replace(self.evidence, start=dict(values)), self.estimator, progress)[0])
+        return self.at(Attempt.at(replace(self.evidence, start=dict(values)), self.estimator, progress).estimate)
 
 
-def fitted_and_judged(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
-    """The fit from the start values; where it explains nothing, the best from the other optima that their search met.
-
-    Raises:
-        NotConverged: the start values lead to no finite fit.
-    """
-    best = _once(evidence, estimator, progress)
-    begin = best[0].begin
-    if best[1].adequacy.adequate and begin is not None and evidence.model.is_linear:
-        best = _better_weighted(evidence, estimator, best, progress)
-    if best[1].adequacy.adequate or begin is None or evidence.bands is None:
-        return best  # tones are searched with the residual that is fitted: no other start is better
-    weighed = _weighed_start(evidence, best[0])
-    best = best if weighed is None else _fitted_from(weighed, evidence, estimator, best, progress)
-    best = _searched_again(evidence, estimator, best, progress)
-    for start, cost in begin.others[:MORE_STARTS]:
-        if cost > COMPARABLE * begin.costs[-1] or best[1].adequacy.adequate:
-            break
-        best = _tried(start, evidence, estimator, best, progress)
-    start = _back_inside(best[0], evidence)
-    if start is not None and not best[1].adequacy.adequate:
-        best = _tried(start, evidence, estimator, best, progress)
-    return best
-
-
-def _better_weighted(
-    evidence: Evidence, estimator: Estimator, best: tuple[Estimate, Judgement], progress: Progress
-) -> tuple[Estimate, Judgement]:
+def _better_weighted(best: Attempt) -> Attempt:
     """A fit from another optimum of the start, where the first did not reach its optimum in the noise that was found.
 
     Or where it reached the end of the range searched.
 
     Such a fit, of equal weights, is drawn aside by noise of the reference, or has followed a line of the noise.
     """
-    begin, weights = best[0].begin, _noise_weights(best[0])
-    settled = weights != "white" and (weights != "spectrum" or _back_inside(best[0], evidence) is None)
+    begin, weights = best.estimate.begin, _noise_weights(best.estimate)
+    settled = weights != "white" and (weights != "spectrum" or _back_inside(best) is None)
     if settled or begin is None:
         return best
-    least, first = _chi2(best[1]) + ALIKE, best
+    least, first = _chi2(best.judgement) + ALIKE, best
     starts = [start for start, cost in begin.others[:MORE_STARTS] if cost <= begin.costs[-1] + NO_WORSE]
-    weighed = _weighed_start(evidence, best[0])
+    weighed = _weighed_start(best)
     for start in starts if weighed is None else [weighed, *starts]:
         try:
-            other = _once(replace(evidence, start=dict(start)), estimator, progress)
+            other = best.begun_at(start)
         except (NotConverged, InputError):
             continue
-        reached = _noise_weights(other[0]) == "spectrum" and other[1].adequacy.adequate
-        if reached and _chi2(other[1]) < least:
-            least, first = _chi2(other[1]), other
+        reached = _noise_weights(other.estimate) == "spectrum" and other.adequate
+        if reached and _chi2(other.judgement) < least:
+            least, first = _chi2(other.judgement), other
     return first
 
 
@@ -170,48 +165,37 @@ def _chi2(judgement: Judgement) -> float:
     return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
 
 
-def _tried(
-    start: Mapping[str, float],
-    evidence: Evidence,
-    estimator: Estimator,
-    best: tuple[Estimate, Judgement],
-    progress: Progress,
-) -> tuple[Estimate, Judgement]:
+def _tried(start: Mapping[str, float], best: Attempt) -> Attempt:
     """The fit from another start if it is better, else the best so far.
 
     A start may lead to no fit: a delay beyond the record, for one.
     """
+    begun = replace(best.evidence, start=dict(start))
     try:
-        if not estimator.may_improve(replace(evidence, start=dict(start)), best[0], progress):
-            return best
+        promising = best.estimator.may_improve(begun, best.estimate, best.progress)
     except (NotConverged, InputError):
         return best
-    return _fitted_from(start, evidence, estimator, best, progress)
+    return _fitted_from(start, best) if promising else best
 
 
-def _fitted_from(
-    start: Mapping[str, float],
-    evidence: Evidence,
-    estimator: Estimator,
-    best: tuple[Estimate, Judgement],
-    progress: Progress,
-) -> tuple[Estimate, Judgement]:
+def _fitted_from(start: Mapping[str, float], best: Attempt) -> Attempt:
     """The same, whatever equal weights say of the start: noise of the reference draws these aside."""
     try:
-        other = _once(replace(evidence, start=dict(start)), estimator, progress)
+        other = best.begun_at(start)
     except (NotConverged, InputError):
         return best
-    less = (other[1].adequacy.chi2_reduced or np.inf) < CLEARLY_LESS * (best[1].adequacy.chi2_reduced or 0.0)
-    return other if less else best
+    declared, least = (one.judgement.adequacy.chi2_reduced for one in (best, other))
+    return other if (least or np.inf) < CLEARLY_LESS * (declared or 0.0) else best
 
 
-def _weighed_start(evidence: Evidence, found: Estimate) -> Mapping[str, float] | None:
+def _weighed_start(found: Attempt) -> Mapping[str, float] | None:
     """Start values by a search with the noise of the bands as the model that was found shows it, if they are better.
 
     Where the reference holds little but noise of its own, Σ Y X*/Σ |X|² is drawn to zero, and its own scatter is small.
     What the model leaves of the response there is as large as that noise.
     """
-    model, values = evidence.model, found.coordinates.values(found.z)
+    evidence, z, coordinates = found.evidence, found.estimate.z, found.estimate.coordinates
+    model, values = evidence.model, coordinates.values(z)
 
     def response(frequency_hz: FloatArray) -> ComplexArray:
         return np.asarray(model.frequency_response(values, frequency_hz, evidence.quantity), dtype=complex)
@@ -223,21 +207,20 @@ def _weighed_start(evidence: Evidence, found: Estimate) -> Mapping[str, float] |
         begin = find_start(look, model)
     except (NotConverged, InputError):
         return None
-    here = response_residual(found.z, found.coordinates, False, True, evidence.quantity, look.data)
+    here = response_residual(z, coordinates, False, True, evidence.quantity, look.data)
     return begin.values if begin.costs[-1] < float(here @ here) else None
 
 
-def _searched_again(
-    evidence: Evidence, estimator: Estimator, best: tuple[Estimate, Judgement], progress: Progress
-) -> tuple[Estimate, Judgement]:
+def _searched_again(best: Attempt) -> Attempt:
     """The fit from a search in the response as the network's residual shows it, where that leads to a better one.
 
     Free motion and what leaks over from other frequencies, which hide the response that the first search had, are gone
     from it.
     """
+    evidence = best.evidence
     for _ in range(SEARCHES):
-        points, model = best[1].adequacy, evidence.model
-        if points.adequate or not model.is_linear or len(points.frequency_hz) <= len(best[0].z):
+        points, model, estimate = best.judgement.adequacy, evidence.model, best.estimate
+        if points.adequate or not model.is_linear or len(points.frequency_hz) <= len(estimate.z):
             break
         size = np.abs(points.measured)
         data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
@@ -246,24 +229,24 @@ def _searched_again(
             begin = find_start(problem, model)
         except (NotConverged, InputError):
             break
-        here = response_residual(best[0].z, best[0].coordinates, False, True, evidence.quantity, data)
+        here = response_residual(estimate.z, estimate.coordinates, False, True, evidence.quantity, data)
         if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):
             break
-        other = _tried(begin.values, evidence, estimator, best, progress)
+        other = _tried(begin.values, best)
         if other is best:
             break
         best = other
     return best
 
 
-def _back_inside(estimate: Estimate, evidence: Evidence) -> dict[str, float] | None:
+def _back_inside(found: Attempt) -> dict[str, float] | None:
     """The estimate with frequencies at the end of their range brought near the band: out there nothing leads back."""
-    coordinates = estimate.coordinates
-    values, (low, high) = coordinates.values(estimate.z), coordinates.edges
+    evidence, z, coordinates = found.evidence, found.estimate.z, found.estimate.coordinates
+    values, (low, high) = coordinates.values(z), coordinates.edges
     moved = dict(values)
     for index, spec in enumerate(coordinates.model.parameters):
-        if spec.kind == "log" and not low[index] < estimate.z[index] < high[index]:
-            above = estimate.z[index] >= high[index]
+        if spec.kind == "log" and not low[index] < z[index] < high[index]:
+            above = z[index] >= high[index]
             moved[spec.name] = OUTSIDE * evidence.band_hz[1] if above else evidence.band_hz[0] / OUTSIDE
     return moved if moved != values else None
 
