@@ -12,8 +12,7 @@ import os
 from pathlib import Path
 
 TRUSTED_VERSION = "0.10.1"
-#: Memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530.
-MOST_MAPS = 40_000
+MOST_MAPS = 40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
 _installed = importlib.metadata.version("jax")

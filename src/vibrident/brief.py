@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-#: Most characters of a representation.
-MOST = 1000
-#: Most characters of one field of it.
-MOST_A_FIELD = 160
+MOST = 1000  # most characters of a representation
+MOST_A_FIELD = 160  # most characters of one field of it
 
 
 class _Short(reprlib.Repr):

@@ -16,8 +16,7 @@ from vibrident.result import Parameter, Result
 
 SCHEMA = "vibrident.comparison/1"
 TRUTH_SCHEMA = "vibrident.truth/1"
-#: k of every expanded uncertainty that is compared.
-COVERAGE_FACTOR = 2.0
+COVERAGE_FACTOR = 2.0  # k of every expanded uncertainty that is compared
 
 
 @dataclass(frozen=True)
@@ -74,8 +73,7 @@ def normalized_error(
 #: Kinds of contributions that stay the same from one calibration to the next as long as their source does. Others are
 #: new each time: a sensor is mounted anew, and an ellipse is fitted to the signals of the day.
 LASTING_KINDS = ("gain", "timing", "phase", "clock")
-#: The row of the budget for the calibration of the reference.
-REFERENCE_SOURCE = "calibration of the reference"
+REFERENCE_SOURCE = "calibration of the reference"  # the row of the budget for the calibration of the reference
 
 
 def shared_sources(

@@ -17,27 +17,18 @@ from vibrident.registry import REGISTRIES
 # Python versions that the pinned JAX has wheels for.
 OLDEST = (3, 11)
 NEWEST = (3, 14)
-#: Largest relative error of the arithmetic that faulty JAX releases get wrong.
-LEAST_ERROR = 1e-12
-#: A sound estimate lies this close to the truth, in standard uncertainties.
-CLOSE = 4.0
+LEAST_ERROR = 1e-12  # largest relative error of the arithmetic that faulty JAX releases get wrong
+CLOSE = 4.0  # a sound estimate lies this close to the truth, in standard uncertainties
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at.
+    """One thing looked at."""
 
-    Attributes:
-        subject: what.
-        found: what was found.
-        sound: False where results could be wrong or missing.
-        remedy: what to do; also a hint where all is sound but could be better.
-    """
-
-    subject: str
-    found: str
-    sound: bool = True
-    remedy: str = ""
+    subject: str  # what
+    found: str  # what was found
+    sound: bool = True  # False where results could be wrong or missing
+    remedy: str = ""  # what to do; also a hint where all is sound but could be better
 
 
 def examine() -> list[Check]:

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-#: What a calibration file can state.
-StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]
+StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]  # what a calibration file can state
 EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding"]
 EFFECT_UNITS: dict[EffectKind, str] = {
     "gain": "1",

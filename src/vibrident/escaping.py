@@ -12,10 +12,8 @@ import unicodedata
 from html import escape
 from typing import Any
 
-#: In place of what cannot be seen.
-MARK = "\N{REPLACEMENT CHARACTER}"
-#: Unseen, but part of words in some scripts.
-_JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"
+MARK = "\N{REPLACEMENT CHARACTER}"  # in place of what cannot be seen
+_JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"  # unseen, but part of words in some scripts
 #: A spreadsheet takes a cell that begins so for a formula.
 _FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # and their full-width forms
 _MARKDOWN = re.compile(r"([\\`*_\[\]<>~$|])|(&)(?=[#\w])|(:)(?=//)|(?<=www)(\.)", re.IGNORECASE)

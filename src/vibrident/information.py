@@ -6,10 +6,8 @@ import numpy as np
 
 from vibrident.records import FloatArray
 
-#: Scaled eigenvalues below this are rounding: the direction is not determined at all.
-SMALLEST = 1e-12
-#: Information that counts as none: small enough to say so, large enough not to overflow.
-NONE = 1e-70
+SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
+NONE = 1e-70  # information that counts as none: small enough to say so, large enough not to overflow
 
 
 def inverse_normal(matrix: FloatArray) -> FloatArray:

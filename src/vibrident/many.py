@@ -19,15 +19,11 @@ from vibrident.result import Result
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-#: A calibration, or the path of its file.
-Given = Calibration | str | os.PathLike[str]
+Given = Calibration | str | os.PathLike[str]  # a calibration, or the path of its file
 _Waiting = tuple[Given, "Future[Result | VibridentError]"]
-#: Calibrations in work or waiting, for each worker.
-WINDOW = 2
-#: Calibrations that are fitted together on a device; they are in memory at the same time.
-TOGETHER = 64
-#: Seconds that a process takes to start.
-_START_S = 1.0
+WINDOW = 2  # calibrations in work or waiting, for each worker
+TOGETHER = 64  # calibrations that are fitted together on a device; they are in memory at the same time
+_START_S = 1.0  # seconds that a process takes to start
 
 
 @overload

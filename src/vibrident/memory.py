@@ -17,24 +17,18 @@ ONE_THREAD: dict[str, str] = dict.fromkeys(
 )
 #: Environment variable with the most megabytes for the numbers of a file; it replaces all rules below.
 VARIABLE = "VIBRIDENT_MEMORY_MB"
-#: Allowed for any file: 16 million samples.
-ALWAYS_BYTES = 128 << 20
+ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
 #: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor of 10 at most;
 #: float64 takes four times the room of 16 bit.
 EXPANSION = 64
 #: Part of the free memory for the numbers of one file; scaling them and the rest need as much again.
 _SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
-#: Records longer than this return unused memory to the system at once.
-LONG = 2**18
-#: Freed bytes that a process keeps.
-_KEPT = 64 << 20
-#: Most bytes of an array that is taken from them.
-_LARGEST_KEPT = 4 << 20
-#: glibc's mallopt: freed bytes above which memory returns to the system.
-_M_TRIM_THRESHOLD = -1
-#: glibc's mallopt: bytes above which an array has pages of its own.
-_M_MMAP_THRESHOLD = -3
+LONG = 2**18  # records longer than this return unused memory to the system at once
+_KEPT = 64 << 20  # freed bytes that a process keeps
+_LARGEST_KEPT = 4 << 20  # most bytes of an array that is taken from them
+_M_TRIM_THRESHOLD = -1  # glibc's mallopt: freed bytes above which memory returns to the system
+_M_MMAP_THRESHOLD = -3  # glibc's mallopt: bytes above which an array has pages of its own
 
 
 def use_one_thread() -> None:

@@ -61,10 +61,8 @@ def in_words(name: str) -> str:
     return parameter_name(name).words
 
 
-#: Significant digits of a value whose uncertainty is not known.
-PLAIN_DIGITS = 6
-#: Printed where there is no number.
-NONE = "–"
+PLAIN_DIGITS = 6  # significant digits of a value whose uncertainty is not known
+NONE = "–"  # printed where there is no number
 
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:

@@ -23,8 +23,7 @@ from vibrident.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
 
-#: Coordinates need a band to bound a search; nothing is searched here.
-UNBOUNDED_HZ = (1e-9, 1e12)
+UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothing is searched here
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 _ROOT = Path(__file__).parent
-#: In place of an estimator's name: the one that suits the data.
-AUTO = "auto"
+AUTO = "auto"  # in place of an estimator's name: the one that suits the data
 _log = logging.getLogger("vibrident.plugins")
 
 T = TypeVar("T")
@@ -31,19 +30,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PlugIn:
-    """An entry point of an installed package.
+    """An entry point of an installed package."""
 
-    Attributes:
-        group: entry-point group, such as "vibrident.models".
-        name: of the object.
-        package: that brings it, with its version.
-        problem: why it cannot be used; empty where it can.
-    """
-
-    group: str
-    name: str
-    package: str
-    problem: str = ""
+    group: str  # entry-point group, such as "vibrident.models"
+    name: str  # of the object
+    package: str  # that brings it, with its version
+    problem: str = ""  # why it cannot be used; empty where it can
 
     @property
     def line(self) -> str:

@@ -9,16 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-#: Terms smaller than this, relative to the sum, no longer count.
-ROUNDING = 1e-16
-#: A Newton step below this part leaves its square as an error, which is rounding.
-SETTLED = 1e-10
-#: In place of a zero in a continued fraction.
-TINY = 1e-300
-#: Terms at most; a million degrees of freedom need some thousands.
-MOST = 100_000
-#: From here on the logarithm of the gamma function is its asymptotic series.
-LARGE = 16.0
+ROUNDING = 1e-16  # terms smaller than this, relative to the sum, no longer count
+SETTLED = 1e-10  # a Newton step below this part leaves its square as an error, which is rounding
+TINY = 1e-300  # in place of a zero in a continued fraction
+MOST = 100_000  # terms at most; a million degrees of freedom need some thousands
+LARGE = 16.0  # from here on the logarithm of the gamma function is its asymptotic series
 
 
 def gamma_tail(shape: float, value: float) -> float:

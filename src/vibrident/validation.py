@@ -21,8 +21,7 @@ from vibrident.records import BoolArray, Calibration, FloatArray, ResponseTable
 from vibrident.result import MeasuredCurve, Result
 
 FOLDS = 5
-#: Fewer records or rows than this are not split into folds.
-FEWEST = 4
+FEWEST = 4  # fewer records or rows than this are not split into folds
 
 
 @dataclass(frozen=True)

@@ -48,16 +48,11 @@ from vibrident.records import BoolArray, Calibration, FloatArray, Quantity, Reco
 from vibrident.result import Result
 from vibrident.sensor import IdentifiedSensor
 
-#: Rounds of the choice of the band; the first improves the part of the record that holds the motion.
-LOOKS = 2
-#: Window over which the highest octave's power is averaged, in periods of the band's upper edge.
-LOCAL_PERIODS = 2.0
-#: What is removed is seen where it exceeds the noise so many times in mean square.
-CLEARLY = 6.0
-#: A shock's top is above this part of its peak.
-CORE = 0.5
-#: Bands for the top are tried down to this many octaves narrower.
-NARROWER = 3.0
+LOOKS = 2  # rounds of the choice of the band; the first improves the part of the record that holds the motion
+LOCAL_PERIODS = 2.0  # window over which the highest octave's power is averaged, in periods of the band's upper edge
+CLEARLY = 6.0  # what is removed is seen where it exceeds the noise so many times in mean square
+CORE = 0.5  # a shock's top is above this part of its peak
+NARROWER = 3.0  # bands for the top are tried down to this many octaves narrower
 #: Warnings of the result that concern every corrected sample; its settings state what its uncertainties cover.
 INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")

@@ -16,35 +16,23 @@ from vibrident.correction.quiet import Surroundings
 from vibrident.measure.quality import Finding
 from vibrident.records import BoolArray, FloatArray, Record
 
-#: Parts in which a record is examined.
-PARTS = 16
-#: Fewest samples of a part.
-FEWEST = 16
-#: Number of them from the end.
-LAST_PARTS = 4
+PARTS = 16  # parts in which a record is examined
+FEWEST = 16  # fewest samples of a part
+LAST_PARTS = 4  # number of them from the end
 #: A part is at rest if the response's standard deviation about a line is below this part of its largest deviation.
 STILL = 0.05
-#: A mean square is significant beyond so many of its standard deviations.
-BEYOND = 6.0
-#: A mean is a shift if it is this part of the mean square.
-SHIFTED = 0.5
-#: Motion is cut off if the last swing is above this part of the largest deviation.
-CUT_OFF = 0.01
-#: It must also exceed this multiple of the noise.
-ABOVE_NOISE = 5.0
+BEYOND = 6.0  # a mean square is significant beyond so many of its standard deviations
+SHIFTED = 0.5  # a mean is a shift if it is this part of the mean square
+CUT_OFF = 0.01  # motion is cut off if the last swing is above this part of the largest deviation
+ABOVE_NOISE = 5.0  # it must also exceed this multiple of the noise
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """Signal beside the motion.
+    """Signal beside the motion."""
 
-    Attributes:
-        deviation: its standard uncertainty at every sample, shape (samples,).
-        findings: warnings about it.
-    """
-
-    deviation: FloatArray
-    findings: tuple[Finding, ...]
+    deviation: FloatArray  # its standard uncertainty at every sample, shape (samples,)
+    findings: tuple[Finding, ...]  # warnings about it
 
 
 def background(

@@ -22,28 +22,17 @@ from vibrident.errors import InputError
 from vibrident.records import BoolArray, FloatArray
 from vibrident.sensor import IdentifiedSensor
 
-#: Spectral bins and candidate bands, an octave.
-BINS = 12
-#: A bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean.
-HEARD = 6.0
-#: Least exponent of the falling envelope of |A|² (a pulse with steps).
-LEAST_SLOPE = 2.0
-#: Largest exponent.
-STEEPEST = 200.0
-#: Octaves below the last bin with motion that determine the exponent.
-SHOWN_OCTAVES = 1.5
-#: A pulse's spectrum rises again so many octaves beyond a zero.
-LOBE_OCTAVES = 0.5
-#: Fewest bins with motion in them.
-FEWEST_SHOWN = 6
-#: Part of a record in which its window rises from zero, and falls to it again.
-TAPER = 0.05
-#: End of the low-pass over half the sampling rate, at most.
-LAST_OF_HALF = 0.98
-#: End of the low-pass over the first zero of an averaging window, at most.
-LAST_OF_ZERO = 0.9
-#: Fewest periods of the lower edge, and of the upper, in a record.
-PERIODS = 4.0
+BINS = 12  # spectral bins and candidate bands, an octave
+HEARD = 6.0  # a bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean
+LEAST_SLOPE = 2.0  # least exponent of the falling envelope of |A|² (a pulse with steps)
+STEEPEST = 200.0  # largest exponent
+SHOWN_OCTAVES = 1.5  # octaves below the last bin with motion that determine the exponent
+LOBE_OCTAVES = 0.5  # a pulse's spectrum rises again so many octaves beyond a zero
+FEWEST_SHOWN = 6  # fewest bins with motion in them
+TAPER = 0.05  # part of a record in which its window rises from zero, and falls to it again
+LAST_OF_HALF = 0.98  # end of the low-pass over half the sampling rate, at most
+LAST_OF_ZERO = 0.9  # end of the low-pass over the first zero of an averaging window, at most
+PERIODS = 4.0  # fewest periods of the lower edge, and of the upper, in a record
 
 
 @dataclass(frozen=True)
@@ -84,27 +73,16 @@ def _step(x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """Acceleration and noise of a record in bins of frequency; powers as in ``quiet``.
+    """Acceleration and noise of a record in bins of frequency; powers as in ``quiet``."""
 
-    Attributes:
-        frequency_hz: of the bins, shape (bins,).
-        lines: two-sided spectral lines in each, over the number of samples: Σ lines · power is a mean square.
-        acceleration: power of the acceleration, the noise subtracted, shape (bins,).
-        noise: power of the noise after the inverse 1/H, shape (bins,).
-        samples: of the record.
-        event: part of the record with motion.
-        heard: bins with motion, shape (bins,).
-        power: exponent of the envelope of |A|² beyond the last of them.
-    """
-
-    frequency_hz: FloatArray
-    lines: FloatArray
-    acceleration: FloatArray
-    noise: FloatArray
-    samples: int
-    event: float
-    heard: BoolArray
-    power: float
+    frequency_hz: FloatArray  # of the bins, shape (bins,)
+    lines: FloatArray  # two-sided spectral lines in each, over the number of samples: Σ lines · power is a mean square
+    acceleration: FloatArray  # power of the acceleration, the noise subtracted, shape (bins,)
+    noise: FloatArray  # power of the noise after the inverse 1/H, shape (bins,)
+    samples: int  # of the record
+    event: float  # part of the record with motion
+    heard: BoolArray  # bins with motion, shape (bins,)
+    power: float  # exponent of the envelope of |A|² beyond the last of them
 
     def noise_deviation(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Standard deviation of the noise that bands pass, m/s²; low and high broadcast against one another."""

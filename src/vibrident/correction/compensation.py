@@ -26,43 +26,27 @@ from vibrident.models.slopes import ComplexArray
 from vibrident.records import FloatArray
 from vibrident.sensor import IdentifiedSensor
 
-#: Length of the filter's kernel on either side, in periods of the narrowest slope of L.
-KERNEL_PERIODS = 8.0
-#: Time constants of 1/H's poles that the kernel covers.
-DECAY = 8.0
+KERNEL_PERIODS = 8.0  # length of the filter's kernel on either side, in periods of the narrowest slope of L
+DECAY = 8.0  # time constants of 1/H's poles that the kernel covers
 #: Instants near an end at which the error of the continuation is computed; between them it is interpolated.
 EDGE_POINTS = 48
-#: Reach of the noise's autocovariance, samples on either side.
-COLOUR = 256
-#: The response near an end is that within so many lengths of the continuation …
-NEAR = 2
-#: … and at least so many samples.
-FEWEST_NEAR = 64
-#: Part of the kernel's sum of magnitudes within its reach.
-REACHED = 0.99
+COLOUR = 256  # reach of the noise's autocovariance, samples on either side
+NEAR = 2  # the response near an end is that within so many lengths of the continuation …
+FEWEST_NEAR = 64  # … and at least so many samples
+REACHED = 0.99  # part of the kernel's sum of magnitudes within its reach
 
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """One record's compensation.
+    """One record's compensation."""
 
-    Attributes:
-        sensor: the sensor.
-        band: the restored band.
-        rate: samples per second.
-        samples: of the record.
-        integrations: from rest, before the filter: 0, 1 or 2.
-        left_rest: whether the record is continued by rest before its first sample.
-        right_rest: and after its last.
-    """
-
-    sensor: IdentifiedSensor
-    band: Band
-    rate: float
-    samples: int
-    integrations: int
-    left_rest: bool
-    right_rest: bool
+    sensor: IdentifiedSensor  # the sensor
+    band: Band  # the restored band
+    rate: float  # samples per second
+    samples: int  # of the record
+    integrations: int  # from rest, before the filter: 0, 1 or 2
+    left_rest: bool  # whether the record is continued by rest before its first sample
+    right_rest: bool  # and after its last
 
     @classmethod
     def of(cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:

@@ -14,13 +14,10 @@ from vibrident.measure.lines import line_counts
 from vibrident.models.slopes import ComplexArray
 from vibrident.records import BoolArray, FloatArray
 
-#: Newton steps for the instant of the peak.
-STEPS = 6
-#: Maxima within this many standard deviations of the largest compete with it.
-COMPETES = 3.0
+STEPS = 6  # Newton steps for the instant of the peak
+COMPETES = 3.0  # maxima within this many standard deviations of the largest compete with it
 COVERAGE = 0.95
-#: A peak near a record's end counts if it is larger by so many standard deviations of the error at the end.
-ENDS = 2.0
+ENDS = 2.0  # a peak near a record's end counts if it is larger by so many standard deviations of the error at the end
 
 
 @dataclass(frozen=True)

@@ -20,59 +20,36 @@ from vibrident.records import BoolArray, FloatArray, Record
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
 #: which could be taken for rest.
 BEGINS_AT_REST = ("shock", "decay")
-#: Part of a record, at its beginning or end, that is tested for rest.
-REST_SHARE = 0.02
-#: Fewest samples of that part.
-FEWEST_REST = 32
-#: It is at rest if its standard deviation is below this part of the largest deviation from its level.
-STILL = 0.02
-#: Rest lasts until the response leaves the level by this many standard deviations.
-LEAVES = 6.0
-#: Part of the rest that is used.
-USED = 0.9
-#: Parts in which a rest is examined.
-PARTS = 8
-#: The last part may differ from the others by this many of their standard deviations.
-DEPARTS = 4.0
-#: Least samples at rest from which a spectrum of the noise is taken.
-FEWEST_FOR_SPECTRUM = 128
+REST_SHARE = 0.02  # part of a record, at its beginning or end, that is tested for rest
+FEWEST_REST = 32  # fewest samples of that part
+STILL = 0.02  # it is at rest if its standard deviation is below this part of the largest deviation from its level
+LEAVES = 6.0  # rest lasts until the response leaves the level by this many standard deviations
+USED = 0.9  # part of the rest that is used
+PARTS = 8  # parts in which a rest is examined
+DEPARTS = 4.0  # the last part may differ from the others by this many of their standard deviations
+FEWEST_FOR_SPECTRUM = 128  # least samples at rest from which a spectrum of the noise is taken
 #: Eighths of the rest, half overlapping, are worth so many independent averages (Welch 1967, Hann).
 WELCH_AVERAGES = 12.0
-#: Longest gap of the response over which an integral goes on, samples …
-SHORT = 4
-#: … with the error that bridges within so many samples beside it have.
-BESIDE = 32
+SHORT = 4  # longest gap of the response over which an integral goes on, samples …
+BESIDE = 32  # … with the error that bridges within so many samples beside it have
 #: Lines averaged when the noise is estimated beside the motion, and the bias of the least of so many averages.
 PLATEAU_LINES = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """A record besides its motion.
+    """A record besides its motion."""
 
-    Attributes:
-        rest_samples: samples at rest from the first one on; zero where the record begins in the middle of a motion.
-        rests_at_end: whether it also ends at rest.
-        offset: constant to be subtracted, response unit.
-        offset_uncertainty: its standard uncertainty.
-        offset_from: its origin, in words.
-        frequency_hz: of the spectrum, ascending from zero, shape (lines,).
-        spectrum: of the noise, response unit squared, shape (lines,).
-        spread: relative variance of a line of the spectrum.
-        noise_from: origin and assumption of the noise, in words.
-        degrees_of_freedom: of the noise's total variance.
-    """
-
-    rest_samples: int
-    rests_at_end: bool
-    offset: float
-    offset_uncertainty: float
-    offset_from: str
-    frequency_hz: FloatArray
-    spectrum: FloatArray
-    spread: float
-    noise_from: str
-    degrees_of_freedom: float
+    rest_samples: int  # samples at rest from the first one on; zero where the record begins in the middle of a motion
+    rests_at_end: bool  # whether it also ends at rest
+    offset: float  # constant to be subtracted, response unit
+    offset_uncertainty: float  # its standard uncertainty
+    offset_from: str  # its origin, in words
+    frequency_hz: FloatArray  # of the spectrum, ascending from zero, shape (lines,)
+    spectrum: FloatArray  # of the noise, response unit squared, shape (lines,)
+    spread: float  # relative variance of a line of the spectrum
+    noise_from: str  # origin and assumption of the noise, in words
+    degrees_of_freedom: float  # of the noise's total variance
 
     def noise(self, frequency_hz: FloatArray) -> FloatArray:
         """Spectrum of the noise at other frequencies, interpolated; constant beyond the last line."""

@@ -20,19 +20,12 @@ from vibrident.records import FloatArray, Record
 
 @dataclass(frozen=True)
 class DecayDeviation:
-    """A free decay against a model.
+    """A free decay against a model."""
 
-    Attributes:
-        record: its name.
-        parts: χ² of its stretches of time; initial state, offset and drift are the decay's own.
-        natural_frequency_hz: that the decay alone has.
-        damping_ratio: the same.
-    """
-
-    record: str
-    parts: Parts
-    natural_frequency_hz: float
-    damping_ratio: float
+    record: str  # its name
+    parts: Parts  # χ² of its stretches of time; initial state, offset and drift are the decay's own
+    natural_frequency_hz: float  # that the decay alone has
+    damping_ratio: float  # the same
 
     @property
     def words(self) -> str:

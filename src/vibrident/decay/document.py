@@ -36,11 +36,9 @@ from vibrident.result import (
 )
 from vibrident.tails import student_quantile
 
-#: A parameter is weakly determined above this relative standard uncertainty.
-WEAK = 0.1
+WEAK = 0.1  # a parameter is weakly determined above this relative standard uncertainty
 COVERAGE = 0.95
-#: Samples of an excerpt.
-MOST_SAMPLES = 600
+MOST_SAMPLES = 600  # samples of an excerpt
 METHOD = (
     "free decays: maximum likelihood of the free motion, each record with its own initial state, offset and noise; "
     "nothing measures the excitation, so there is no gain"
@@ -109,17 +107,11 @@ def require_one_oscillator(model: SensorModel) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """How well natural frequency and damping ratio are known.
+    """How well natural frequency and damping ratio are known."""
 
-    Attributes:
-        covariance: of (ln fn, δ), shape (2, 2).
-        degrees_of_freedom: behind it.
-        covers: what it covers, in words.
-    """
-
-    covariance: FloatArray
-    degrees_of_freedom: float
-    covers: str
+    covariance: FloatArray  # of (ln fn, δ), shape (2, 2)
+    degrees_of_freedom: float  # behind it
+    covers: str  # what it covers, in words
 
 
 def from_data(decays: Decays, *, inflate: bool) -> Known:

@@ -24,77 +24,48 @@ from vibrident.tails import chi2_tail
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
 MOST_PARTS, FEWEST_SAMPLES = 12, 8
-#: The motion has gone where its envelope is below this part of the noise's standard deviation.
-GONE = 0.3
-#: Rounds of noise and fit.
-ROUNDS = 2
-#: If the motion lasts for less than this part of the record, tones are estimated from the remainder.
-TAIL = 0.6
-#: A straight line is among the unknowns beyond so many standard deviations.
-DRIFTS = 8.0
+GONE = 0.3  # the motion has gone where its envelope is below this part of the noise's standard deviation
+ROUNDS = 2  # rounds of noise and fit
+TAIL = 0.6  # if the motion lasts for less than this part of the record, tones are estimated from the remainder
+DRIFTS = 8.0  # a straight line is among the unknowns beyond so many standard deviations
 #: A coarse recorder shows a motion of at least so many of its steps; the rounding of a smaller one follows it.
 STEPS_OF_MOTION = 6.0
 #: The beginning of a decay is compared with its end at these parts of it: what depends on the amplitude goes fast.
 SHARES = (0.1, 0.25, 0.5)
-#: Beginning and end of a decay differ below this probability.
-DIFFER = 1e-4
-#: What is left of a bend's shape must be this part of it, or the linear unknowns imitate it.
-IMITATED = 1e-3
-#: Largest standard uncertainty of ln fn and of δ with which beginning and end are compared.
-KNOWN = 0.05
+DIFFER = 1e-4  # beginning and end of a decay differ below this probability
+IMITATED = 1e-3  # what is left of a bend's shape must be this part of it, or the linear unknowns imitate it
+KNOWN = 0.05  # largest standard uncertainty of ln fn and of δ with which beginning and end are compared
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Squares of a decay's residual along the motion.
+    """Squares of a decay's residual along the motion."""
 
-    Attributes:
-        chi2: their sum in units of the noise.
-        degrees: of freedom: two a part less what initial state, offset and drift take.
-        freedom: samples behind the noise.
-    """
-
-    chi2: float
-    degrees: int
-    freedom: float
+    chi2: float  # their sum in units of the noise
+    degrees: int  # of freedom: two a part less what initial state, offset and drift take
+    freedom: float  # samples behind the noise
 
 
 @dataclass(frozen=True)
 class Change:
-    """Natural frequency and damping ratio at the beginning and at the end of a decay.
+    """Natural frequency and damping ratio at the beginning and at the end of a decay."""
 
-    Attributes:
-        record: its name.
-        frequency_hz: at the beginning and at the end.
-        damping: the same.
-        amplitude: rms of the motion there, response unit.
-        probability: that a linear sensor differs as much.
-    """
-
-    record: str
-    frequency_hz: tuple[float, float]
-    damping: tuple[float, float]
-    amplitude: tuple[float, float]
-    probability: float
+    record: str  # its name
+    frequency_hz: tuple[float, float]  # at the beginning and at the end
+    damping: tuple[float, float]  # the same
+    amplitude: tuple[float, float]  # rms of the motion there, response unit
+    probability: float  # that a linear sensor differs as much
 
 
 @dataclass(frozen=True, eq=False)
 class Decays:
-    """What free decays say.
+    """What free decays say."""
 
-    Attributes:
-        fit: of all together.
-        parts: one a record, at the joint values.
-        changes: records in which beginning and end differ.
-        covariance: of (ln fn, δ), from the noise, shape (2, 2).
-        freedom: degrees of freedom behind the noise.
-    """
-
-    fit: DecayFit
-    parts: tuple[Parts, ...]
-    changes: tuple[Change, ...]
-    covariance: FloatArray
-    freedom: float
+    fit: DecayFit  # of all together
+    parts: tuple[Parts, ...]  # one a record, at the joint values
+    changes: tuple[Change, ...]  # records in which beginning and end differ
+    covariance: FloatArray  # of (ln fn, δ), from the noise, shape (2, 2)
+    freedom: float  # degrees of freedom behind the noise
 
     @property
     def chi2(self) -> float:

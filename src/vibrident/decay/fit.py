@@ -16,43 +16,26 @@ from vibrident.decay.motion import free_motion, motion_slopes
 from vibrident.decay.noise import WHITE, Noise, tone_columns
 from vibrident.records import BoolArray, FloatArray
 
-#: Most steps of the descent.
-STEPS = 60
-#: It has settled where a step gains less than this part of the cost.
-SETTLED = 1e-13
-#: Singular values below this part of the largest belong to directions that the samples do not show.
-RANK = 1e-10
-#: Largest damping ratio of the search.
-MOST_DAMPING = 300.0
-#: Highest natural frequency of the search, in sampling rates.
-FASTEST = 20.0
+STEPS = 60  # most steps of the descent
+SETTLED = 1e-13  # it has settled where a step gains less than this part of the cost
+RANK = 1e-10  # singular values below this part of the largest belong to directions that the samples do not show
+MOST_DAMPING = 300.0  # largest damping ratio of the search
+FASTEST = 20.0  # highest natural frequency of the search, in sampling rates
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """The part of a record in which the sensor moves freely.
+    """The part of a record in which the sensor moves freely."""
 
-    Attributes:
-        name: of the record.
-        first: index of the stretch's first sample in the record.
-        response: shape (samples,), filled where not valid.
-        valid: shape (samples,).
-        rate_hz: samples per second.
-        noise: what whitens it.
-        scale: standard deviation of the whitened noise.
-        drift: whether a straight line is among the unknowns.
-        more: further unknowns' columns, shape (samples, n); None for no further unknowns.
-    """
-
-    name: str
-    first: int
-    response: FloatArray
-    valid: BoolArray
-    rate_hz: float
-    noise: Noise = WHITE
-    scale: float = 1.0
-    drift: bool = False
-    more: FloatArray | None = None
+    name: str  # of the record
+    first: int  # index of the stretch's first sample in the record
+    response: FloatArray  # shape (samples,), filled where not valid
+    valid: BoolArray  # shape (samples,)
+    rate_hz: float  # samples per second
+    noise: Noise = WHITE  # what whitens it
+    scale: float = 1.0  # standard deviation of the whitened noise
+    drift: bool = False  # whether a straight line is among the unknowns
+    more: FloatArray | None = None  # further unknowns' columns, shape (samples, n); None for no further unknowns
 
     @property
     def time_s(self) -> FloatArray:
@@ -83,42 +66,25 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """A stretch at one (fn, δ).
+    """A stretch at one (fn, δ)."""
 
-    Attributes:
-        residual: whitened, with the linear unknowns at their best, shape (rows,).
-        slopes: of the residual by (ln fn, δ), shape (rows, 2).
-        spanned: orthonormal basis of the linear unknowns' columns, shape (rows, n).
-        linear: the linear unknowns: the two of the motion first.
-    """
-
-    residual: FloatArray
-    slopes: FloatArray
-    spanned: FloatArray
-    linear: FloatArray
+    residual: FloatArray  # whitened, with the linear unknowns at their best, shape (rows,)
+    slopes: FloatArray  # of the residual by (ln fn, δ), shape (rows, 2)
+    spanned: FloatArray  # orthonormal basis of the linear unknowns' columns, shape (rows, n)
+    linear: FloatArray  # the linear unknowns: the two of the motion first
 
 
 @dataclass(frozen=True, eq=False)
 class DecayFit:
-    """What the stretches say together.
+    """What the stretches say together."""
 
-    Attributes:
-        natural_frequency_hz: value.
-        damping_ratio: value, zero or above.
-        covariance: of (ln fn, δ), shape (2, 2), for whitened noise of variance one.
-        stretches: with their noise.
-        locals: one a stretch, at the values.
-        costs: sum of squares at each iteration.
-        path: (fn, δ) at each iteration.
-    """
-
-    natural_frequency_hz: float
-    damping_ratio: float
-    covariance: FloatArray
-    stretches: tuple[Stretch, ...]
-    locals: tuple[Local, ...]
-    costs: tuple[float, ...]
-    path: tuple[tuple[float, float], ...]
+    natural_frequency_hz: float  # value
+    damping_ratio: float  # value, zero or above
+    covariance: FloatArray  # of (ln fn, δ), shape (2, 2), for whitened noise of variance one
+    stretches: tuple[Stretch, ...]  # with their noise
+    locals: tuple[Local, ...]  # one a stretch, at the values
+    costs: tuple[float, ...]  # sum of squares at each iteration
+    path: tuple[tuple[float, float], ...]  # (fn, δ) at each iteration
 
     @property
     def cost(self) -> float:

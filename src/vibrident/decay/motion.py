@@ -13,10 +13,8 @@ import numpy as np
 
 from vibrident.records import FloatArray
 
-#: Step of the central differences in (ln fn, δ): error and rounding are below 1e-9 of the motion.
-STEP = 1e-5
-#: Exponent of a motion that grows, as a fit may try on its way.
-MOST_GROWTH = 300.0
+STEP = 1e-5  # step of the central differences in (ln fn, δ): error and rounding are below 1e-9 of the motion
+MOST_GROWTH = 300.0  # exponent of a motion that grows, as a fit may try on its way
 
 
 def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray) -> FloatArray:

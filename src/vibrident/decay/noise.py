@@ -14,29 +14,20 @@ from numpy import fft
 from vibrident.measure.lines import fast_length
 from vibrident.records import BoolArray, FloatArray
 
-#: Highest order of the autoregression.
-MOST_ORDER = 64
-#: Fewest samples for each order.
-ORDER_SHARE = 20
+MOST_ORDER = 64  # highest order of the autoregression
+ORDER_SHARE = 20  # fewest samples for each order
 #: A line is a tone above this multiple of the levels around it; the false-alarm probability per line is e^-20.
 TONE_POWER = 20.0
-#: Lines over which a level is taken.
-AROUND_LINES = 64
-#: Most tones of a record.
-MOST_TONES = 8
+AROUND_LINES = 64  # lines over which a level is taken
+MOST_TONES = 8  # most tones of a record
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What whitens a record.
+    """What whitens a record."""
 
-    Attributes:
-        whitening: coefficients of the prediction-error filter, the first of them one; shape (order + 1,).
-        tones_hz: tones in the record beside the motion.
-    """
-
-    whitening: FloatArray
-    tones_hz: tuple[float, ...] = ()
+    whitening: FloatArray  # coefficients of the prediction-error filter, the first of them one; shape (order + 1,)
+    tones_hz: tuple[float, ...] = ()  # tones in the record beside the motion
 
     def applied(self, columns: FloatArray) -> FloatArray:
         """Columns, shape (samples, n), whitened; the first samples lack their past."""

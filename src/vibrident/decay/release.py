@@ -15,35 +15,24 @@ from vibrident.measure.lines import fast_length
 from vibrident.records import FloatArray, Record
 from vibrident.tails import chi2_tail
 
-#: The last sample of at least this part of the largest deviation lies after the release.
-SURELY_FREE = 0.7
+SURELY_FREE = 0.7  # the last sample of at least this part of the largest deviation lies after the release
 #: Damping ratios tried at every frequency.
 DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.5, 4.0, 8.0)
-#: Peaks of the spectrum that are tried.
-PEAKS = 5
-#: Frequencies tried beside the peaks.
-FREQUENCIES = 40
-#: Most samples of a trial.
-MOST_POINTS = 3000
-#: Best trials that are fitted.
-TRIED = 3
-#: A window is no free motion where its residual exceeds that of the windows after the release by so much.
-LARGER = 3.0
-#: Fewest samples of a window.
-FEWEST = 16
-#: A release is abrupt: a residual below this part of the motion may be the sensor's own bend.
-ABRUPT = 0.08
+PEAKS = 5  # peaks of the spectrum that are tried
+FREQUENCIES = 40  # frequencies tried beside the peaks
+MOST_POINTS = 3000  # most samples of a trial
+TRIED = 3  # best trials that are fitted
+LARGER = 3.0  # a window is no free motion where its residual exceeds that of the windows after the release by so much
+FEWEST = 16  # fewest samples of a window
+ABRUPT = 0.08  # a release is abrupt: a residual below this part of the motion may be the sensor's own bend
 #: Significant ratio of the rms of a part of the residual to that of the remainder, even for a few samples.
 ONE_PIECE = 2.0
 #: A few first samples do not belong to the motion below this probability: to leave them out costs little if chance did
 #: it.
 ALIEN = 0.01
-#: So many are a few.
-SOON = 2
-#: The probability where more are left out.
-ALIEN_LATER = 5e-4
-#: Numbers of first samples that are tried.
-TRIALS = 8
+SOON = 2  # so many are a few
+ALIEN_LATER = 5e-4  # the probability where more are left out
+TRIALS = 8  # numbers of first samples that are tried
 
 
 def free_stretch(record: Record) -> DecayFit:

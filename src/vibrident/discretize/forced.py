@@ -29,38 +29,24 @@ from vibrident.discretize.weights import Method, Weights, drive_size, legendre_s
 from vibrident.errors import ModelError
 from vibrident.models.base import Rational
 
-#: Methods whose step is an exact exponential.
-EXACT = ("zoh", "foh", "bandlimited")
+EXACT = ("zoh", "foh", "bandlimited")  # methods whose step is an exact exponential
 #: Nodes of the force in a step for |λ| Ts up to these values; beyond, the last.
 NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))
-#: Error of the iteration, relative to the response, for a spring that stiffens by a half.
-ROUNDS_TOLERANCE = 1e-10
-#: The same for the derivative, relative to itself; it is used for the steps and the covariance.
-SLOPE_TOLERANCE = 1e-4
-#: Fewest rounds of the iteration.
-FEWEST_ROUNDS = 2
-#: Most rounds for the force itself.
-MOST_ROUNDS = 24
+ROUNDS_TOLERANCE = 1e-10  # error of the iteration, relative to the response, for a spring that stiffens by a half
+SLOPE_TOLERANCE = 1e-4  # the same for the derivative, relative to itself; it is used for the steps and the covariance
+FEWEST_ROUNDS = 2  # fewest rounds of the iteration
+MOST_ROUNDS = 24  # most rounds for the force itself
 
 
 class ForcedWeights(NamedTuple):
-    """One step of the network with a force.
+    """One step of the network with a force."""
 
-    Attributes:
-        linear: Φ, Γ, C and D of the linear part, in observer form.
-        force: forces at the nodes → new state, shape (n, m).
-        force_output: forces at the nodes → output, shape (m,).
-        node_state: state → V at the nodes, shape (m, n).
-        node_drive: inputs → V at the nodes, shape (m, q).
-        node_force: G, forces at the nodes → V at the nodes, shape (m, m).
-    """
-
-    linear: Weights
-    force: Any
-    force_output: Any
-    node_state: Any
-    node_drive: Any
-    node_force: Any
+    linear: Weights  # Φ, Γ, C and D of the linear part, in observer form
+    force: Any  # forces at the nodes → new state, shape (n, m)
+    force_output: Any  # forces at the nodes → output, shape (m,)
+    node_state: Any  # state → V at the nodes, shape (m, n)
+    node_drive: Any  # inputs → V at the nodes, shape (m, q)
+    node_force: Any  # G, forces at the nodes → V at the nodes, shape (m, m)
 
 
 def accuracy(rate_times_step: float) -> tuple[int, tuple[int, int]]:

@@ -26,14 +26,10 @@ from numpy.typing import NDArray
 from vibrident.measure.lines import fast_length
 from vibrident.records import BoolArray, FloatArray
 
-#: Highest frequency, as a fraction of the sampling rate, for which band-limited inputs are accurate.
-USABLE_BAND = 0.4
-#: Samples used on either side of a step.
-HALF_WIDTH = 40
-#: Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate.
-KAISER_BETA = 20.0
-#: Truncation error allowed for the Legendre series, relative to the response.
-SERIES_TOLERANCE = 1e-10
+USABLE_BAND = 0.4  # highest frequency, as a fraction of the sampling rate, for which band-limited inputs are accurate
+HALF_WIDTH = 40  # samples used on either side of a step
+KAISER_BETA = 20.0  # Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate
+SERIES_TOLERANCE = 1e-10  # truncation error allowed for the Legendre series, relative to the response
 MAX_TERMS = 12
 
 
@@ -42,33 +38,21 @@ class StepInputs:
     """Legendre coefficients of the input over each step, aligned with the response samples.
 
     Step k's output, read at ``fraction`` of the step, belongs to response sample k.
-
-    Attributes:
-        coefficients: shape (steps, terms).
-        usable: shape (steps,), False where a sample that the coefficients need is missing or invalid.
-        fraction: where in the step the output is read, in [0, 1).
     """
 
-    coefficients: FloatArray
-    usable: BoolArray
-    fraction: float
+    coefficients: FloatArray  # shape (steps, terms)
+    usable: BoolArray  # shape (steps,), False where a sample that the coefficients need is missing or invalid
+    fraction: float  # where in the step the output is read, in [0, 1)
 
 
 @dataclass(frozen=True)
 class StepFilters:
-    """The filters of these coefficients: input j of step k is Σ_i filters[j, i] samples[k + first + i].
+    """The filters of these coefficients: input j of step k is Σ_i filters[j, i] samples[k + first + i]."""
 
-    Attributes:
-        filters: shape (terms, taps).
-        first: sample of the first tap, counted from the step's.
-        usable: shape (steps,); see :class:`StepInputs`.
-        fraction: see :class:`StepInputs`.
-    """
-
-    filters: FloatArray
-    first: int
-    usable: BoolArray
-    fraction: float
+    filters: FloatArray  # shape (terms, taps)
+    first: int  # sample of the first tap, counted from the step's
+    usable: BoolArray  # shape (steps,); see :class:`StepInputs`
+    fraction: float  # see :class:`StepInputs`
 
 
 def terms_needed(rate_times_step: float) -> int:

@@ -17,8 +17,7 @@ from vibrident.interferometer.setting import BoolArray, FloatArray
 
 #: Half the filter's length, by Kaiser's formula for a transition from 0.4 to 0.5 of the rate.
 HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * 0.1)))
-#: Samples lost at either end.
-LOST = HALF_FILTER + 1
+LOST = HALF_FILTER + 1  # samples lost at either end
 
 
 @functools.cache

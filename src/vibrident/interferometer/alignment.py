@@ -14,10 +14,8 @@ from vibrident.interferometer.demodulation import Demodulated
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import BLOCK
 
-#: Fewest samples that are kept of a period of a sine, and of a record of it.
-OF_SINE = 16.0, 1 << 14
-#: Fewest of a period of the highest frequency of other motion, and of a record of it …
-OF_OTHERS = 6.0, 1 << 10
+OF_SINE = 16.0, 1 << 14  # fewest samples that are kept of a period of a sine, and of a record of it
+OF_OTHERS = 6.0, 1 << 10  # fewest of a period of the highest frequency of other motion, and of a record of it …
 #: … and where light is lost: filters for a lower rate reach further beside the gap, over the pulse of a shock.
 BESIDE_GAPS = 48.0, 1 << 17
 #: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.

@@ -15,43 +15,28 @@ from vibrident.errors import InputError
 from vibrident.interferometer.decimation import HALF, PASS, Decimated, filtered, taps
 from vibrident.interferometer.setting import FloatArray, Signals
 
-#: Pieces of the signal in which the carrier is searched.
-PIECES = 48
-#: Samples of a piece.
-PIECE = 8192
-#: The carrier's band is above this part of the largest line.
-PART = 1e-4
-#: It is also above this multiple of the floor …
-FLOOR = 45.0
-#: … which is this quantile of the spectrum: a wide band fills most of it.
-QUIET = 0.05
-#: Band kept over the width of the carrier's band, at least …
-MARGIN = 1.6
+PIECES = 48  # pieces of the signal in which the carrier is searched
+PIECE = 8192  # samples of a piece
+PART = 1e-4  # the carrier's band is above this part of the largest line
+FLOOR = 45.0  # it is also above this multiple of the floor …
+QUIET = 0.05  # … which is this quantile of the spectrum: a wide band fills most of it
+MARGIN = 1.6  # band kept over the width of the carrier's band, at least …
 #: … and so much, as a cyclic error of order 4 has sidebands five times as wide: cut, its size would change with speed …
 WHOLE = 5.0
-#: … where the noise of the phase, rad, stays below this.
-CLEAR = 0.1
+CLEAR = 0.1  # … where the noise of the phase, rad, stays below this
 #: Least band, on either side, over the response's sampling rate: samples enough to show a cyclic error of fast sines …
 LEAST = 0.8
-#: … but over that of the signal at most this …
-MOST_OF_ALL = 1.0 / 32.0
-#: … and for a shock, whose pulse short filters keep apart from the ends of a record, this.
-MOST_OF_SHOCK = 1.0 / 8.0
-#: Usable part of the room beside the carrier.
-ROOM = 0.8
+MOST_OF_ALL = 1.0 / 32.0  # … but over that of the signal at most this …
+MOST_OF_SHOCK = 1.0 / 8.0  # … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+ROOM = 0.8  # usable part of the room beside the carrier
 
 
 @dataclass(frozen=True, eq=False)
 class Baseband(Decimated):
-    """A heterodyne signal, one, mixed down to two signals in quadrature.
+    """A heterodyne signal, one, mixed down to two signals in quadrature."""
 
-    Attributes:
-        carrier_hz: what it is mixed with.
-        offset: of the signal, removed: the filter lets it pass in part where the carrier's band is wide.
-    """
-
-    carrier_hz: float
-    offset: float
+    carrier_hz: float  # what it is mixed with
+    offset: float  # of the signal, removed: the filter lets it pass in part where the carrier's band is wide
 
     @staticmethod
     def around(raw: Signals, near_hz: float, response_hz: float, where: str, most: float = MOST_OF_ALL) -> Baseband:
@@ -104,15 +89,10 @@ class Baseband(Decimated):
 
 @dataclass(frozen=True, eq=False)
 class Turned:
-    """Two signals in quadrature turned back by what is left of their carrier: their phase is that of the motion alone.
+    """Two signals in quadrature turned back by what is left of their carrier: their phase is that of the motion alone."""
 
-    Attributes:
-        raw: the signals.
-        left: phase of the carrier that is left, rad, over the index of a sample.
-    """
-
-    raw: Signals
-    left: np.polynomial.Legendre
+    raw: Signals  # the signals
+    left: np.polynomial.Legendre  # phase of the carrier that is left, rad, over the index of a sample
 
     @property
     def samples(self) -> int:

@@ -13,32 +13,21 @@ from vibrident.interferometer.setting import FloatArray
 from vibrident.interferometer.summary import OpticalFinding
 from vibrident.interferometer.survey import Survey, sound
 
-#: Records share one ellipse unless their differences are less probable than this.
-CHANCE = 1e-3
-#: A change of centre, ratio or quadrature by this part of the amplitude is reported.
-UNSTABLE = 0.02
+CHANCE = 1e-3  # records share one ellipse unless their differences are less probable than this
+UNSTABLE = 0.02  # a change of centre, ratio or quadrature by this part of the amplitude is reported
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """An ellipse for a record.
+    """An ellipse for a record."""
 
-    Attributes:
-        ellipse: to be used, with its covariance.
-        knots: sample index and ellipse, where it changes within the record; else empty.
-        origin: its origin, in words.
-        group: records of one group share the error of the ellipse.
-        changes: change of the shape within the record.
-        findings: doubts.
-        error: amplitudes of a cyclic error to be taken out, rad, shape (6,); None if there is none.
-    """
-
-    ellipse: Ellipse
-    knots: tuple[tuple[float, Ellipse], ...]
-    origin: str
-    group: int
-    changes: float = 0.0
-    findings: tuple[OpticalFinding, ...] = ()
+    ellipse: Ellipse  # to be used, with its covariance
+    knots: tuple[tuple[float, Ellipse], ...]  # sample index and ellipse, where it changes within the record; else empty
+    origin: str  # its origin, in words
+    group: int  # records of one group share the error of the ellipse
+    changes: float = 0.0  # change of the shape within the record
+    findings: tuple[OpticalFinding, ...] = ()  # doubts
+    # amplitudes of a cyclic error to be taken out, rad, shape (6,); None if there is none
     error: FloatArray | None = None
 
 

@@ -17,25 +17,17 @@ from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.phase import ORDERS, TURN, Path, unwrapped, waves
 from vibrident.interferometer.setting import FloatArray, Held, Signals
 
-#: A harmonic is significant below this probability.
-CHANCE = 1e-4
-#: Most pieces of a record.
-PIECES = 64
-#: Samples of a piece, at least; of fast motion, fewer …
-USUAL = 256
-#: … but not below this.
-SHORTEST = 32
-#: Longest piece, samples.
-LONGEST = 1 << 15
-#: Fringes of a piece.
-FRINGES = 5.0
-#: Degree of the polynomial.
-DEGREE = 11
+CHANCE = 1e-4  # a harmonic is significant below this probability
+PIECES = 64  # most pieces of a record
+USUAL = 256  # samples of a piece, at least; of fast motion, fewer …
+SHORTEST = 32  # … but not below this
+LONGEST = 1 << 15  # longest piece, samples
+FRINGES = 5.0  # fringes of a piece
+DEGREE = 11  # degree of the polynomial
 #: Harmonic n of faster motion, rad a sample, is not seen whole: its sidebands, n + 1 times as fast, are filtered out
 #: where a carrier is mixed down.
 SLOW = TURN * PASS / (ORDERS[-1] + 1)
-#: Fewest pieces.
-FEWEST = 16
+FEWEST = 16  # fewest pieces
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
 _OF_ELLIPSE = np.array([
     [0.0, 1.0, 0.0, 0.0, 0.0],
@@ -49,19 +41,12 @@ _OF_ELLIPSE = np.array([
 
 @dataclass(frozen=True, eq=False)
 class Cyclic:
-    """Amplitudes of cos nφ and sin nφ for n = 1, 2, 4.
+    """Amplitudes of cos nφ and sin nφ for n = 1, 2, 4."""
 
-    Attributes:
-        waves: amplitudes, rad, shape (6,).
-        covariance: of them by noise, shape (6, 6).
-        freedom: its degrees of freedom.
-        by_ellipse: covariance of them by the uncertainty of the ellipse, shape (6, 6).
-    """
-
-    waves: FloatArray
-    covariance: FloatArray
-    freedom: float
-    by_ellipse: FloatArray
+    waves: FloatArray  # amplitudes, rad, shape (6,)
+    covariance: FloatArray  # of them by noise, shape (6, 6)
+    freedom: float  # its degrees of freedom
+    by_ellipse: FloatArray  # covariance of them by the uncertainty of the ellipse, shape (6, 6)
 
     def amplitude(self, index: int) -> tuple[float, float]:
         """Amplitude of one of the orders and its standard uncertainty, rad."""

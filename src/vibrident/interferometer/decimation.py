@@ -17,18 +17,13 @@ from scipy import signal
 
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 
-#: Edge of the pass band over the new rate.
-PASS = 0.4
-#: Edge of the stop band over the new rate.
-STOP = 0.6
-#: Attenuation of the stop band, dB.
-ATTENUATION_DB = 130.0
+PASS = 0.4  # edge of the pass band over the new rate
+STOP = 0.6  # edge of the stop band over the new rate
+ATTENUATION_DB = 130.0  # attenuation of the stop band, dB
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
-#: Samples that are filtered at once.
-AT_ONCE = 1 << 17
-#: Positions between two samples at which the interpolation filter is tabulated; linear between them.
-PLACES = 4096
+AT_ONCE = 1 << 17  # samples that are filtered at once
+PLACES = 4096  # positions between two samples at which the interpolation filter is tabulated; linear between them
 
 
 @functools.lru_cache(maxsize=8)
@@ -115,15 +110,10 @@ def _collected(blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[
 
 @dataclass(frozen=True, eq=False)
 class Decimated:
-    """Signals at a lower rate; subclasses make their samples.
+    """Signals at a lower rate; subclasses make their samples."""
 
-    Attributes:
-        raw: the signals.
-        factor: decimation.
-    """
-
-    raw: Signals
-    factor: int
+    raw: Signals  # the signals
+    factor: int  # decimation
 
     @property
     def samples(self) -> int:

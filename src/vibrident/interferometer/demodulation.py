@@ -20,40 +20,26 @@ from vibrident.interferometer.sine import Sine, fit_sine, without_slow_motion
 from vibrident.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.interferometer.survey import Survey
 
-#: Largest part of a record that may be left out.
-MOST_LEFT_OUT = 0.5
-#: Most gaps that are examined one by one.
-MOST_GAPS = 400
-#: Samples of the excerpt.
-EXCERPT = 2000
-#: Points kept for pictures.
-POINTS = 4000
-#: Rounds of the fits of carrier and sine.
-CARRIER_ROUNDS = 4
+MOST_LEFT_OUT = 0.5  # largest part of a record that may be left out
+MOST_GAPS = 400  # most gaps that are examined one by one
+EXCERPT = 2000  # samples of the excerpt
+POINTS = 4000  # points kept for pictures
+CARRIER_ROUNDS = 4  # rounds of the fits of carrier and sine
 #: If the phase jumps and elsewhere changes by more than this between samples, turns are missed there too.
 NEARLY_TOO_FAST = 2.3
 
 
 @dataclass(frozen=True, eq=False)
 class Demodulated:
-    """A displacement from optical signals.
+    """A displacement from optical signals."""
 
-    Attributes:
-        displacement_m: shape (n,).
-        valid: shape (n,), False where it is left out.
-        first: position of the first sample, in samples of the optical signals.
-        factor: distance of the samples, in those.
-        summary: what the signals show of their quality.
-        answer: effect of the ellipse's errors on this record.
-        carrier: what was left of the carrier beside a sine, rad, over the index of an optical sample; None for others.
-    """
-
-    displacement_m: FloatArray
-    valid: BoolArray
-    first: int
-    factor: int
-    summary: OpticalSummary
-    answer: effects.Answer
+    displacement_m: FloatArray  # shape (n,)
+    valid: BoolArray  # shape (n,), False where it is left out
+    first: int  # position of the first sample, in samples of the optical signals
+    factor: int  # distance of the samples, in those
+    summary: OpticalSummary  # what the signals show of their quality
+    answer: effects.Answer  # effect of the ellipse's errors on this record
+    # what was left of the carrier beside a sine, rad, over the index of an optical sample; None for others
     carrier: np.polynomial.Legendre | None = None
 
 

@@ -23,39 +23,25 @@ from vibrident.interferometer.cyclic import Cyclic
 from vibrident.interferometer.phase import ORDERS, waves
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
-#: Bands of motion that is not a sine.
-BANDS = 16
-#: Most samples used.
-MOST = 1 << 18
-#: Most patterns that are kept, the largest ones.
-MOST_PATTERNS = 24
-#: A pattern below this part of the noise of its points is dropped.
-NEGLIGIBLE = 0.05
+BANDS = 16  # bands of motion that is not a sine
+MOST = 1 << 18  # most samples used
+MOST_PATTERNS = 24  # most patterns that are kept, the largest ones
+NEGLIGIBLE = 0.05  # a pattern below this part of the noise of its points is dropped
 SOURCE = "ellipse of the interferometer"
 CYCLIC = "cyclic error of the interferometer"
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Effect of the ellipse's errors on the reference of one record.
+    """Effect of the ellipse's errors on the reference of one record."""
 
-    Attributes:
-        frequency_hz: shape (m,).
-        relative: change of the reference for one unit of p, q, b − a, e, complex, shape (4, m).
-        harmonics: the same for one radian of cos nφ and sin nφ, n = 1, 2, 4, shape (6, m).
-        noise: relative standard uncertainty of the reference by phase noise, shape (m,).
-        group: of records that share one ellipse.
-        covariance: of the ellipse's shape, shape (4, 4).
-        cyclic: the measured cyclic error; None if it cannot be measured.
-    """
-
-    frequency_hz: FloatArray
-    relative: np.ndarray
-    harmonics: np.ndarray
-    noise: FloatArray
-    group: int
-    covariance: FloatArray
-    cyclic: Cyclic | None
+    frequency_hz: FloatArray  # shape (m,)
+    relative: np.ndarray  # change of the reference for one unit of p, q, b − a, e, complex, shape (4, m)
+    harmonics: np.ndarray  # the same for one radian of cos nφ and sin nφ, n = 1, 2, 4, shape (6, m)
+    noise: FloatArray  # relative standard uncertainty of the reference by phase noise, shape (m,)
+    group: int  # of records that share one ellipse
+    covariance: FloatArray  # of the ellipse's shape, shape (4, 4)
+    cyclic: Cyclic | None  # the measured cyclic error; None if it cannot be measured
 
 
 def of_sine(amplitude: float, mean: float, frequency_hz: float) -> tuple[FloatArray, np.ndarray]:

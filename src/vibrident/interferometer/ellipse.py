@@ -24,22 +24,14 @@ from scipy import linalg
 from vibrident.interferometer import moments
 from vibrident.interferometer.setting import FloatArray
 
-#: Standard deviation of the prior of log(B/A) and of ε (rad).
-PRIOR = 0.25
-#: Least part of a direction's apparent information that is taken for real, the rest being noise.
-LEAST_PART = 0.02
-#: An ellipse is not determined where this part is smaller.
-LEAST_SHOWN = 0.08
-#: Most iterations of the fit.
-ITERATIONS = 100
-#: Length of a step, relative to the amplitudes, that ends them.
-TOLERANCE = 1e-9
-#: Longest step.
-LONGEST_STEP = 0.3
-#: Largest change of the area from the start; beyond it the samples do not determine the ellipse.
-FURTHEST = 10.0
-#: Fewest blocks of samples from which the scatter beyond white noise is estimated.
-FEWEST_BLOCKS = 20
+PRIOR = 0.25  # standard deviation of the prior of log(B/A) and of ε (rad)
+LEAST_PART = 0.02  # least part of a direction's apparent information that is taken for real, the rest being noise
+LEAST_SHOWN = 0.08  # an ellipse is not determined where this part is smaller
+ITERATIONS = 100  # most iterations of the fit
+TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
+LONGEST_STEP = 0.3  # longest step
+FURTHEST = 10.0  # largest change of the area from the start; beyond it the samples do not determine the ellipse
+FEWEST_BLOCKS = 20  # fewest blocks of samples from which the scatter beyond white noise is estimated
 #: Coefficients of |v|² − 1 and of c, s, c², s², s c in the six functions.
 _EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 _SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]
@@ -50,19 +42,12 @@ _BACK = _SHAPE.T / np.array([1.0, 1.0, 2.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Ellipse:
-    """An ellipse with the covariance of p, q, a, b, e, relative to its amplitudes.
+    """An ellipse with the covariance of p, q, a, b, e, relative to its amplitudes."""
 
-    Attributes:
-        centre: of the ellipse, shape (2,), in units of the signals.
-        matrix: M, shape (2, 2), lower triangular.
-        covariance: of (p, q, a, b, e), shape (5, 5).
-        noise: variances of the noise of a sample of both signals, shape (2,).
-    """
-
-    centre: FloatArray
-    matrix: FloatArray
-    covariance: FloatArray
-    noise: FloatArray
+    centre: FloatArray  # of the ellipse, shape (2,), in units of the signals
+    matrix: FloatArray  # M, shape (2, 2), lower triangular
+    covariance: FloatArray  # of (p, q, a, b, e), shape (5, 5)
+    noise: FloatArray  # variances of the noise of a sample of both signals, shape (2,)
 
     @property
     def amplitudes(self) -> tuple[float, float]:

@@ -12,10 +12,8 @@ import numpy as np
 
 from vibrident.interferometer.setting import FloatArray
 
-#: Samples in a product: few enough for the processor's cache.
-AT_ONCE = 1 << 13
-#: Powers of x and y of the six functions 1, x, y, x², xy, y².
-POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+AT_ONCE = 1 << 13  # samples in a product: few enough for the processor's cache
+POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of x and y of the six functions 1, x, y, x², xy, y²
 
 
 def sums(x: FloatArray, y: FloatArray) -> FloatArray:

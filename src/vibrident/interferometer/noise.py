@@ -9,12 +9,9 @@ from scipy import fft
 
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
-#: Samples of a piece.
-PIECE = 4096
-#: Bands of the spectrum.
-BANDS = 12
-#: Median of an exponential distribution over its mean.
-MEDIAN = float(np.log(2.0))
+PIECE = 4096  # samples of a piece
+BANDS = 12  # bands of the spectrum
+MEDIAN = float(np.log(2.0))  # median of an exponential distribution over its mean
 
 
 def displacement_noise(values: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:

@@ -16,39 +16,24 @@ from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 from vibrident.interferometer.survey import TOO_LARGE, lost_radius
 
-#: Samples in a block: few enough for the processor's cache.
-BLOCK = 1 << 16
-#: Largest change of phase from sample to sample, rad; beyond, a turn may be missed.
-FASTEST = 2.8
-#: Largest change of that change, rad.
-ROUGHEST = 2.5
-#: Samples left out on either side of a lost one.
-GUARD = 3
-#: Largest distance of samples in which fringes are counted, rad.
-CLOSE = 1.0
-#: Part of its amplitude that a signal must exceed to be counted.
-BEYOND = 0.5
-#: Most samples in which fringes are counted.
-MOST_COUNTED = 1 << 21
-#: Samples on either side, in lengths of the gap, tried in turn.
-BESIDE = (1, 4)
-#: Fewest samples on either side.
-FEWEST_BESIDE = 24
-#: Most samples on either side.
-MOST_BESIDE = 1 << 14
-#: Degrees of the polynomial through both sides.
-DEGREES = (3, 5, 7, 9)
-#: Largest distance of the step from a whole number of turns, turns.
-WHOLE = 0.12
-#: Largest uncertainty of the step, turns.
-SURE = 0.08
-#: Largest rms of the residual over the noise.
-ROUGH = 2.0
+BLOCK = 1 << 16  # samples in a block: few enough for the processor's cache
+FASTEST = 2.8  # largest change of phase from sample to sample, rad; beyond, a turn may be missed
+ROUGHEST = 2.5  # largest change of that change, rad
+GUARD = 3  # samples left out on either side of a lost one
+CLOSE = 1.0  # largest distance of samples in which fringes are counted, rad
+BEYOND = 0.5  # part of its amplitude that a signal must exceed to be counted
+MOST_COUNTED = 1 << 21  # most samples in which fringes are counted
+BESIDE = (1, 4)  # samples on either side, in lengths of the gap, tried in turn
+FEWEST_BESIDE = 24  # fewest samples on either side
+MOST_BESIDE = 1 << 14  # most samples on either side
+DEGREES = (3, 5, 7, 9)  # degrees of the polynomial through both sides
+WHOLE = 0.12  # largest distance of the step from a whole number of turns, turns
+SURE = 0.08  # largest uncertainty of the step, turns
+ROUGH = 2.0  # largest rms of the residual over the noise
 TURN = 2.0 * np.pi
 
 
-#: Orders of the cyclic error: harmonics of the phase.
-ORDERS = (1, 2, 4)
+ORDERS = (1, 2, 4)  # orders of the cyclic error: harmonics of the phase
 
 
 def waves(phase: FloatArray) -> FloatArray:

@@ -10,24 +10,16 @@ from vibrident.interferometer.phase import Path, unwrapped
 from vibrident.interferometer.setting import BoolArray, FloatArray, Held, Signals
 from vibrident.interferometer.sine import peak
 
-#: Samples in which a sine is looked for first.
-PIECE = 1 << 20
-#: Fewest periods in them; otherwise more samples are taken.
-PERIODS = 3.0
-#: Means made from them.
-MEANS = 1 << 14
-#: Most samples of a spectrum.
-LINES = 1 << 14
-#: Fewest spectra, half overlapping, less one: of fewer, a line of noise stands out by chance.
-SPECTRA = 8
-#: Lines that are averaged.
-SMOOTH = 5
-#: Motion is above this multiple of the floor.
-ABOVE = 6.0
+PIECE = 1 << 20  # samples in which a sine is looked for first
+PERIODS = 3.0  # fewest periods in them; otherwise more samples are taken
+MEANS = 1 << 14  # means made from them
+LINES = 1 << 14  # most samples of a spectrum
+SPECTRA = 8  # fewest spectra, half overlapping, less one: of fewer, a line of noise stands out by chance
+SMOOTH = 5  # lines that are averaged
+ABOVE = 6.0  # motion is above this multiple of the floor
 #: Band that is kept of slow signals, over the highest frequency that stands above the noise: 16 samples of its period.
 ROOM = 6.4
-#: Fewest samples that are kept of slow signals.
-FEWEST = 1 << 12
+FEWEST = 1 << 12  # fewest samples that are kept of slow signals
 
 
 def rough_frequency(signals: Signals, choice: Choice) -> float:

@@ -14,18 +14,12 @@ from scipy import fft
 
 from vibrident.interferometer.setting import BoolArray, FloatArray
 
-#: Most samples of the fit.
-MOST = 1 << 16
-#: Gauss–Newton steps of the frequency.
-ITERATIONS = 12
-#: Fewest periods.
-FEWEST_PERIODS = 0.9
-#: Part of the sine's frequency below which motion is slow.
-SLOW = 1.0 / 3.0
-#: Rounds of the joint fit of slow motion and sine.
-ROUNDS = 4
-#: An approximate frequency is right within this factor.
-NEAR = 1.3
+MOST = 1 << 16  # most samples of the fit
+ITERATIONS = 12  # Gauss–Newton steps of the frequency
+FEWEST_PERIODS = 0.9  # fewest periods
+SLOW = 1.0 / 3.0  # part of the sine's frequency below which motion is slow
+ROUNDS = 4  # rounds of the joint fit of slow motion and sine
+NEAR = 1.3  # an approximate frequency is right within this factor
 
 
 @dataclass(frozen=True)

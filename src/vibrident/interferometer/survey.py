@@ -14,66 +14,39 @@ from vibrident.interferometer import moments
 from vibrident.interferometer.ellipse import Ellipse
 from vibrident.interferometer.setting import BoolArray, FloatArray, Signals
 
-#: Pieces of the record for the first guess and for pictures.
-STRETCHES = 64
-#: Samples of a piece.
-STRETCH = 1024
-#: Samples in a block.
-BLOCK = 1 << 17
-#: Most samples for the fit of an ellipse; of longer records, pieces.
-MOST = 1 << 22
-#: Fewest blocks of a record that determine their scatter.
-FEWEST_BLOCKS = 64
-#: Fewest samples of a block.
-LEAST_BLOCK = 64
-#: A sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
-LOST_SIGMA = 6.0
-#: … but at least of this …
-LOST = 0.3
-#: … and at most of this.
-MOST_LOST = 0.6
-#: A sample is also lost above this radius.
-TOO_LARGE = 2.0
-#: Parts of the circle that are looked at, to see how much is covered.
-PARTS = 32
-#: Blocks with a lost sample are left out where this part of all is without.
-LEAST_WHOLE = 0.5
-#: Pieces of time of an ellipse that may change.
-PIECES = 16
-#: Largest uncertainty of a piece's ellipse over its amplitude.
-KNOWN = 0.05
-#: Probability below which a change is significant.
-CHANCE = 1e-5
-#: The amplitude fades if its variance between blocks is this many times that of noise.
-FADES = 8.0
-#: Signals of a larger correlation are one.
-ALIKE = 0.9999
-#: A signal is at a limit where more than this part of its samples has its extreme value …
-AT_LIMIT = 0.005
-#: … and so many times as many as have the value beside it.
-PILED = 10.0
-#: Fewest blocks to detect fading.
-FEWEST_TO_FADE = 12
+STRETCHES = 64  # pieces of the record for the first guess and for pictures
+STRETCH = 1024  # samples of a piece
+BLOCK = 1 << 17  # samples in a block
+MOST = 1 << 22  # most samples for the fit of an ellipse; of longer records, pieces
+FEWEST_BLOCKS = 64  # fewest blocks of a record that determine their scatter
+LEAST_BLOCK = 64  # fewest samples of a block
+LOST_SIGMA = 6.0  # a sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
+LOST = 0.3  # … but at least of this …
+MOST_LOST = 0.6  # … and at most of this
+TOO_LARGE = 2.0  # a sample is also lost above this radius
+PARTS = 32  # parts of the circle that are looked at, to see how much is covered
+LEAST_WHOLE = 0.5  # blocks with a lost sample are left out where this part of all is without
+PIECES = 16  # pieces of time of an ellipse that may change
+KNOWN = 0.05  # largest uncertainty of a piece's ellipse over its amplitude
+CHANCE = 1e-5  # probability below which a change is significant
+FADES = 8.0  # the amplitude fades if its variance between blocks is this many times that of noise
+ALIKE = 0.9999  # signals of a larger correlation are one
+AT_LIMIT = 0.005  # a signal is at a limit where more than this part of its samples has its extreme value …
+PILED = 10.0  # … and so many times as many as have the value beside it
+FEWEST_TO_FADE = 12  # fewest blocks to detect fading
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What the first look found.
+    """What the first look found."""
 
-    Attributes:
-        ellipse: of the whole record.
-        fitted: False for if the arc does not determine an ellipse.
-        covered_rad: part of the circle that the motion covers; 2π for a fringe or more.
-        points: some samples, shape (2, n).
-        knots: sample index and ellipse of pieces of time, where it changes; else empty.
-        at_limit: part of each signal's samples at its largest or smallest value, where that is a limit; (2,).
-    """
-
-    ellipse: Ellipse
-    fitted: bool
-    covered_rad: float
-    points: FloatArray
+    ellipse: Ellipse  # of the whole record
+    fitted: bool  # False for if the arc does not determine an ellipse
+    covered_rad: float  # part of the circle that the motion covers; 2π for a fringe or more
+    points: FloatArray  # some samples, shape (2, n)
+    # sample index and ellipse of pieces of time, where it changes; else empty
     knots: tuple[tuple[float, Ellipse], ...] = ()
+    # part of each signal's samples at its largest or smallest value, where that is a limit; (2,)
     at_limit: tuple[float, ...] = (0.0, 0.0)
 
     @property

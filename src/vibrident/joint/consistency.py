@@ -37,15 +37,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Consistency:
-    """The outcome of the comparison.
+    """The outcome of the comparison."""
 
-    Attributes:
-        whole: of all shared parameters together.
-        each: of each shared parameter by itself, by name.
-    """
-
-    whole: Verdict
-    each: dict[str, Verdict]
+    whole: Verdict  # of all shared parameters together
+    each: dict[str, Verdict]  # of each shared parameter by itself, by name
 
     @property
     def worst(self) -> str:

@@ -22,23 +22,14 @@ from vibrident.uncertainty.budget import DATA, BudgetRow
 
 @dataclass(frozen=True, eq=False)
 class FreeDecays:
-    """A calibration of decays alone.
+    """A calibration of decays alone."""
 
-    Attributes:
-        calibration: as read.
-        model: one oscillator.
-        records: that passed the screening.
-        findings: on them.
-        decays: what they say by themselves.
-        inflate: whether the misfit of one oscillator is in the uncertainties.
-    """
-
-    calibration: Calibration
-    model: SensorModel
-    records: tuple[Record, ...]
-    findings: tuple[Finding, ...]
-    decays: Decays
-    inflate: bool
+    calibration: Calibration  # as read
+    model: SensorModel  # one oscillator
+    records: tuple[Record, ...]  # that passed the screening
+    findings: tuple[Finding, ...]  # on them
+    decays: Decays  # what they say by themselves
+    inflate: bool  # whether the misfit of one oscillator is in the uncertainties
 
     @classmethod
     def of(cls, calibration: Calibration, model: str | None, *, inflate: bool) -> FreeDecays:

@@ -27,49 +27,32 @@ from vibrident.judge import Fitted
 from vibrident.problem import Local
 from vibrident.records import FloatArray
 
-#: Rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance.
-ROUNDS = 4
-#: Change of the joint coordinates, in standard uncertainties, that ends the rounds.
-SETTLED = 1e-3
-#: Most evaluations of the moments in a round.
-STEPS = 25
+ROUNDS = 4  # rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance
+SETTLED = 1e-3  # change of the joint coordinates, in standard uncertainties, that ends the rounds
+STEPS = 25  # most evaluations of the moments in a round
 #: A separate fit was not an optimum if the joint fit's cost is lower by this part; the moments have left it if its cost
 #: rises by this part.
 BETTERED = 0.2
-#: A separate fit whose frequencies differ by more than this factor from the joint one's …
-OTHER_FACTOR = 2.0
-#: … and by so many of its standard uncertainties is another optimum.
-OTHER_U = 5.0
-#: A coordinate with less than this part of the largest information is not identifiable.
-UNSEEN = 1e-24
+OTHER_FACTOR = 2.0  # a separate fit whose frequencies differ by more than this factor from the joint one's …
+OTHER_U = 5.0  # … and by so many of its standard uncertainties is another optimum
+UNSEEN = 1e-24  # a coordinate with less than this part of the largest information is not identifiable
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """The joint estimate.
+    """The joint estimate."""
 
-    Attributes:
-        numbers: the parameters of the joint fit.
-        places: of each calibration.
-        balance: the joint estimate.
-        near: each calibration's residual near it.
-        trace: of the optimiser.
-        alone: calibrations whose own estimate is used; the other fits are worse than the joint one on their own data,
-            or too far from it.
-        fitted: the separate fits, after repetition.
-        decays: calibrations of free decays alone.
-        beside: the places of these.
-    """
-
-    numbers: tuple[Joint, ...]
-    places: tuple[Place, ...]
-    balance: Balance
-    near: tuple[Score, ...]
-    trace: Trace
+    numbers: tuple[Joint, ...]  # the parameters of the joint fit
+    places: tuple[Place, ...]  # of each calibration
+    balance: Balance  # the joint estimate
+    near: tuple[Score, ...]  # each calibration's residual near it
+    trace: Trace  # of the optimiser
+    # calibrations whose own estimate is used; the other fits are worse than the joint one on their own data, or too far
+    # from it
     alone: tuple[int, ...]
-    fitted: tuple[Fitted, ...]
-    decays: tuple[FreeDecays, ...] = ()
-    beside: tuple[Place, ...] = ()
+    fitted: tuple[Fitted, ...]  # the separate fits, after repetition
+    decays: tuple[FreeDecays, ...] = ()  # calibrations of free decays alone
+    beside: tuple[Place, ...] = ()  # the places of these
 
 
 def summed(parts: Sequence[Place], local: Sequence[Callable[[FloatArray], Local]]) -> Callable[[Any, Any], Local]:
@@ -139,19 +122,12 @@ def _places_beside(
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """The joint estimate by moments.
+    """The joint estimate by moments."""
 
-    Attributes:
-        theta: joint coordinates, shape (q,).
-        covariance: of theta, shape (q, q).
-        information: of each calibration's coordinates, shapes (p, p).
-        steps: from the joint estimate to each calibration's own, to first order, shapes (p,).
-    """
-
-    theta: FloatArray
-    covariance: FloatArray
-    information: tuple[FloatArray, ...]
-    steps: tuple[FloatArray, ...]
+    theta: FloatArray  # joint coordinates, shape (q,)
+    covariance: FloatArray  # of theta, shape (q, q)
+    information: tuple[FloatArray, ...]  # of each calibration's coordinates, shapes (p, p)
+    steps: tuple[FloatArray, ...]  # from the joint estimate to each calibration's own, to first order, shapes (p,)
 
 
 def _moments(

@@ -23,25 +23,17 @@ from vibrident.joint.score import Score
 from vibrident.problem import Local
 from vibrident.records import FloatArray
 
-#: Scaled eigenvalues below this are rounding: such a direction is not identifiable.
-SMALLEST = 1e-12
+SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: such a direction is not identifiable
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """The score of a calibration.
+    """The score of a calibration."""
 
-    Attributes:
-        score: near the joint estimate.
-        offset: g(ẑ), shape (p,).
-        scale: square roots of the diagonal of M(ẑ), shape (p,).
-        inverse_colour: K⁻¹ in the scaled coordinates, shape (p, p).
-    """
-
-    score: Score
-    offset: FloatArray
-    scale: FloatArray
-    inverse_colour: FloatArray
+    score: Score  # near the joint estimate
+    offset: FloatArray  # g(ẑ), shape (p,)
+    scale: FloatArray  # square roots of the diagonal of M(ẑ), shape (p,)
+    inverse_colour: FloatArray  # K⁻¹ in the scaled coordinates, shape (p, p)
 
     @classmethod
     def of(cls, own: Score, z: FloatArray, covariance: FloatArray, near: Score) -> Moments:

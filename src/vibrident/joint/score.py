@@ -15,15 +15,10 @@ from vibrident.records import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Score(ABC):
-    """A calibration's residual.
+    """A calibration's residual."""
 
-    Attributes:
-        coordinates: its coordinates.
-        noise: standard deviation by which each record is weighted, shape (records,); None in frequency.
-    """
-
-    coordinates: Coordinates
-    noise: FloatArray | None
+    coordinates: Coordinates  # its coordinates
+    noise: FloatArray | None  # standard deviation by which each record is weighted, shape (records,); None in frequency
 
     @classmethod
     def of(cls, fitted: Fitted) -> Score:

@@ -17,21 +17,15 @@ from vibrident.models import ParameterSpec, SensorModel
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, FloatArray
 
-#: Kinds of coordinates that are logarithms.
-LOGARITHMIC = ("log", "duration")
+LOGARITHMIC = ("log", "duration")  # kinds of coordinates that are logarithms
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One number of the joint fit.
+    """One number of the joint fit."""
 
-    Attributes:
-        name: of the parameter.
-        members: calibration, and index in its model, of each parameter that is this number.
-    """
-
-    name: str
-    members: tuple[tuple[int, int], ...]
+    name: str  # of the parameter
+    members: tuple[tuple[int, int], ...]  # calibration, and index in its model, of each parameter that is this number
 
 
 def joined(
@@ -95,15 +89,10 @@ def _check_common(numbers: Sequence[Joint], share: Sequence[str] | None, calibra
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a calibration's coordinates lie in those of the joint fit: z = offset + matrix @ theta.
+    """Where a calibration's coordinates lie in those of the joint fit: z = offset + matrix @ theta."""
 
-    Attributes:
-        offset: shape (p,).
-        matrix: one entry a row, shape (p, q).
-    """
-
-    offset: FloatArray
-    matrix: FloatArray
+    offset: FloatArray  # shape (p,)
+    matrix: FloatArray  # one entry a row, shape (p, q)
 
     def z(self, theta: FloatArray) -> FloatArray:
         """The calibration's coordinates, shape (p,), at those of the joint fit, shape (q,)."""

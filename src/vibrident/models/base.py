@@ -103,10 +103,8 @@ class Derived:
         _require_identifier(self.name)
 
 
-#: Name → value.
-Values = Mapping[str, Any]
-#: Takes and gives values by name, real or complex; analytic.
-Relabelling = Callable[[Values], dict[str, Any]]
+Values = Mapping[str, Any]  # name → value
+Relabelling = Callable[[Values], dict[str, Any]]  # takes and gives values by name, real or complex; analytic
 
 
 @dataclass(frozen=True)

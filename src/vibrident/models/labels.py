@@ -18,8 +18,7 @@ import numpy as np
 from vibrident.models.base import Labels, Relabelling, SensorModel
 from vibrident.records import FloatArray
 
-#: Step of the complex-step derivative: no difference is taken, so nothing is lost.
-_STEP = 1e-30
+_STEP = 1e-30  # step of the complex-step derivative: no difference is taken, so nothing is lost
 
 
 def labels_of(model: SensorModel) -> Labels | None:

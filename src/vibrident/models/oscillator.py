@@ -6,8 +6,7 @@ import numpy as np
 
 from vibrident.models.base import Derived, Parameters, ParameterSpec
 
-#: Names of natural frequency and damping ratio.
-OSCILLATOR = ("natural_frequency", "damping_ratio")
+OSCILLATOR = ("natural_frequency", "damping_ratio")  # names of natural frequency and damping ratio
 #: Damping ratios from which start values are looked for.
 _DAMPINGS = (0.0005, 0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
 

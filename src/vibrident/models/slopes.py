@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from vibrident.models.base import SensorModel, polynomial
 from vibrident.records import FloatArray, Quantity
 
-#: Imaginary step, in units of the parameter: its square is nothing beside one.
-STEP = 1e-100
+STEP = 1e-100  # imaginary step, in units of the parameter: its square is nothing beside one
 
 ComplexArray = NDArray[np.complex128]
 

@@ -16,22 +16,15 @@ from vibrident.models.base import Rational, array_library
 
 @dataclass(frozen=True)
 class StateSpace:
-    """ẋ = A x + B a,  y = C x + Σ_m D_m dᵐa/dtᵐ.
+    """ẋ = A x + B a,  y = C x + Σ_m D_m dᵐa/dtᵐ."""
 
-    Attributes:
-        a: shape (n, n), 1/s.
-        b: shape (n,).
-        c: shape (n,).
-        d: tuple of scalars D_0, D_1, …; empty where the system is strictly proper. D_1 and on appear where a
-            velocity pickup is fed with displacement: its response then contains the derivative of the input.
-        scale: w, rad/s.
-    """
-
-    a: Any
-    b: Any
-    c: Any
+    a: Any  # shape (n, n), 1/s
+    b: Any  # shape (n,)
+    c: Any  # shape (n,)
+    # tuple of scalars D_0, D_1, …; empty where the system is strictly proper. D_1 and on appear where a velocity pickup
+    # is fed with displacement: its response then contains the derivative of the input.
     d: tuple[Any, ...]
-    scale: Any
+    scale: Any  # w, rad/s
 
     @property
     def order(self) -> int:

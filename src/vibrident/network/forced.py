@@ -31,10 +31,8 @@ from vibrident.network.unroll import (
     start_states,
 )
 
-#: Most Newton steps.
-MOST_STEPS = 20
-#: Relative change of the states that ends them.
-SETTLED = 1e-12
+MOST_STEPS = 20  # most Newton steps
+SETTLED = 1e-12  # relative change of the states that ends them
 
 Force = Callable[[Any], Any]
 

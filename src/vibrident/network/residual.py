@@ -25,8 +25,7 @@ from vibrident.models import SensorModel
 from vibrident.models.add_ons.mode2 import in_parallel
 from vibrident.models.base import AddOn, Parameters, ParameterSpec, Rational
 
-#: Start of the neurons' slopes, over the largest response.
-SLOPE = 0.5
+SLOPE = 0.5  # start of the neurons' slopes, over the largest response
 
 
 def _memory(parameters: Parameters, core: Rational) -> Rational:

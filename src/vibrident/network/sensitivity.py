@@ -34,23 +34,14 @@ from vibrident.network.unroll import (
 
 
 class Normal(NamedTuple):
-    """Accumulated least-squares problem of P parameters, initial states and offsets projected out.
+    """Accumulated least-squares problem of P parameters, initial states and offsets projected out."""
 
-    Attributes:
-        matrix: JᵀJ, shape (P, P), J = ∂(weighted response)/∂parameters.
-        gradient: Jᵀr, shape (P,), r the weighted residual measured − network.
-        cost: rᵀr.
-        squares: Σ r² of every segment, not weighted by the noise, shape (S,).
-        response: the network's response with the best initial states and offsets, shape (L, M).
-        columns: P columns of J, initial states and offsets projected out, each of shape (L, M).
-    """
-
-    matrix: Any
-    gradient: Any
-    cost: Any
-    squares: Any
-    response: Any
-    columns: Any
+    matrix: Any  # JᵀJ, shape (P, P), J = ∂(weighted response)/∂parameters
+    gradient: Any  # Jᵀr, shape (P,), r the weighted residual measured − network
+    cost: Any  # rᵀr
+    squares: Any  # Σ r² of every segment, not weighted by the noise, shape (S,)
+    response: Any  # the network's response with the best initial states and offsets, shape (L, M)
+    columns: Any  # P columns of J, initial states and offsets projected out, each of shape (L, M)
 
 
 def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int) -> Normal:

@@ -22,22 +22,14 @@ class Lanes(NamedTuple):
     """Records cut into chunks: L steps a chunk, M chunks ("lanes") in all, R distinct sets of weights, S segments.
 
     A segment is an unbroken run of steps with a state of its own: a whole record, or a part between gaps.
-
-    Attributes:
-        inputs: shape (L, q, M).
-        response: shape (L, M), zero where ``weight`` is zero.
-        weight: shape (L, M), one where the sample counts, zero where not.
-        first: shape (M,), True at a segment's first chunk.
-        segment: shape (M,), int.
-        rate: shape (M,), int: which sampling interval.
     """
 
-    inputs: Any
-    response: Any
-    weight: Any
-    first: Any
-    segment: Any
-    rate: Any
+    inputs: Any  # shape (L, q, M)
+    response: Any  # shape (L, M), zero where ``weight`` is zero
+    weight: Any  # shape (L, M), one where the sample counts, zero where not
+    first: Any  # shape (M,), True at a segment's first chunk
+    segment: Any  # shape (M,), int
+    rate: Any  # shape (M,), int: which sampling interval
 
 
 class Nuisance(NamedTuple):
@@ -68,17 +60,11 @@ def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
 
 
 class Projection(NamedTuple):
-    """Projection of a signal on the response to initial states and offsets.
+    """Projection of a signal on the response to initial states and offsets."""
 
-    Attributes:
-        rows: C Φ^k, shape (L, R, n).
-        carry: Φ^{L c} of each lane's place c in its segment, shape (n, n, M).
-        inverse: inverse of the segments' normal matrices, shape (S, n + 1, n + 1).
-    """
-
-    rows: Any
-    carry: Any
-    inverse: Any
+    rows: Any  # C Φ^k, shape (L, R, n)
+    carry: Any  # Φ^{L c} of each lane's place c in its segment, shape (n, n, M)
+    inverse: Any  # inverse of the segments' normal matrices, shape (S, n + 1, n + 1)
 
 
 def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:

@@ -24,10 +24,8 @@ REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(
 )
 
 LARGEST = 1e30  # of a channel's largest value in its unit; the least is one over it
-#: Standard acceleration of free fall, m/s² (CGPM 1901; ISO 80000-3).
-STANDARD_GRAVITY = 9.80665
-#: The sensor model of a calibration that names no model.
-USUAL_MODEL = "accelerometer"
+STANDARD_GRAVITY = 9.80665  # standard acceleration of free fall, m/s² (CGPM 1901; ISO 80000-3)
+USUAL_MODEL = "accelerometer"  # the sensor model of a calibration that names no model
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

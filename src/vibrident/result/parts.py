@@ -26,8 +26,7 @@ class _Listed:
         return handler.generate_schema(tuple[float | None, ...])
 
 
-#: Shape (points,); made of any sequence, whose None becomes NaN.
-Numbers = Annotated[FloatArray, _Listed()]
+Numbers = Annotated[FloatArray, _Listed()]  # shape (points,); made of any sequence, whose None becomes NaN
 
 
 class _OfNumbers:

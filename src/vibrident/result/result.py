@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from vibrident.sensor import IdentifiedSensor
 
-#: Most bytes of a result file; one with hundreds of records has a few millions.
-MOST_BYTES = 200_000_000
+MOST_BYTES = 200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
 _MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
 _MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
 

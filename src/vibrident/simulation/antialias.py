@@ -19,12 +19,9 @@ from vibrident.records import FloatArray
 #: Ratio of the simulated rate to the sampling rate. For a corner's 1/f² spectrum, aliasing at the fine rate is smaller
 #: by its square.
 OVERSAMPLING = 64
-#: Edge of the pass band over the sampling rate.
-PASS_BAND = 0.32
-#: Edge of the stop band over the sampling rate.
-STOP_BAND = 0.42
-#: Attenuation of the stop band, dB.
-DEPTH_DB = 160.0
+PASS_BAND = 0.32  # edge of the pass band over the sampling rate
+STOP_BAND = 0.42  # edge of the stop band over the sampling rate
+DEPTH_DB = 160.0  # attenuation of the stop band, dB
 
 
 @functools.cache

@@ -24,10 +24,8 @@ from vibrident.simulation.grid import SampleGrid
 
 Linear = Callable[[SampleGrid], FloatArray]
 
-#: Largest phase of the fastest motion in a step, rad.
-PHASE = 0.15
-#: A steady state is reached when the free motion has decayed to this.
-FORGOTTEN = 1e-14
+PHASE = 0.15  # largest phase of the fastest motion in a step, rad
+FORGOTTEN = 1e-14  # a steady state is reached when the free motion has decayed to this
 
 #: Stages of DOP853: instants in the step, and weights of the slopes before each stage and at the end.
 PLACES = tuple(DOP853.C.tolist())

@@ -12,8 +12,7 @@ from vibrident.simulation.checks import require, require_positive
 
 #: A limit may be given by its nominal value, which lies up to 1.2 % (0.05 steps) from the exact one.
 _LIMIT_TOLERANCE = 0.1
-#: Relative distance within which a frequency counts as an exact one-third-octave frequency.
-_NAME_TOLERANCE = 1e-4
+_NAME_TOLERANCE = 1e-4  # relative distance within which a frequency counts as an exact one-third-octave frequency
 
 
 def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:

@@ -9,8 +9,7 @@ import numpy as np
 
 from vibrident.records import FloatArray
 
-#: An instant this close to a sample, in samples, is that sample.
-_COINCIDENT = 1e-9
+_COINCIDENT = 1e-9  # an instant this close to a sample, in samples, is that sample
 
 
 @dataclass(frozen=True)

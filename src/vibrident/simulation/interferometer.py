@@ -18,10 +18,8 @@ from vibrident.simulation.scheme import Seed, Take
 from vibrident.simulation.sensors import Sensor
 
 COLUMNS = ("u1", "u2")
-#: Largest turn of phase between samples, rad, by which the rate of the optical signals is chosen.
-LARGEST_TURN = 1.0
-#: Carrier over the rate of the optical signals.
-CARRIER = 0.25
+LARGEST_TURN = 1.0  # largest turn of phase between samples, rad, by which the rate of the optical signals is chosen
+CARRIER = 0.25  # carrier over the rate of the optical signals
 
 
 def drawn(optics: Optics, seed: int) -> Optics:

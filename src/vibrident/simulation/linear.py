@@ -19,27 +19,18 @@ from vibrident.simulation.checks import require
 from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.tones import ComplexArray
 
-#: Largest condition number of the eigenvectors that are used.
-_PARALLEL = 100.0
+_PARALLEL = 100.0  # largest condition number of the eigenvectors that are used
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """ẋ = A x + b a,  y = c x + d a; the states are x, ẋ/w, ẍ/w², … in units of the angular scale w.
+    """ẋ = A x + b a,  y = c x + d a; the states are x, ẋ/w, ẍ/w², … in units of the angular scale w."""
 
-    Attributes:
-        a: shape (n, n), 1/s.
-        b: shape (n,).
-        c: shape (n,).
-        d: direct part.
-        scale: w, rad/s.
-    """
-
-    a: FloatArray
-    b: FloatArray
-    c: FloatArray
-    d: float
-    scale: float
+    a: FloatArray  # shape (n, n), 1/s
+    b: FloatArray  # shape (n,)
+    c: FloatArray  # shape (n,)
+    d: float  # direct part
+    scale: float  # w, rad/s
 
     @classmethod
     def of(cls, rational: Rational) -> LinearSystem:

@@ -16,8 +16,7 @@ from vibrident.simulation.checks import require, require_not_negative, require_p
 from vibrident.simulation.motion import Tonal
 from vibrident.simulation.tones import Tones
 
-#: Upper band limit as a fraction of the sampling rate.
-DEFAULT_BAND = 0.4
+DEFAULT_BAND = 0.4  # upper band limit as a fraction of the sampling rate
 #: The noise repeats after this many times the record's length, so that its end is independent of its beginning.
 _PERIOD = 1.25
 

@@ -13,10 +13,8 @@ from vibrident.simulation.scheme import Seed
 from vibrident.simulation.streams import stream
 from vibrident.simulation.truth import displacement_on
 
-#: Orders of the cyclic error that can be given.
-ORDERS = (1, 2, 4)
-#: Part of a converter's range that the signals use.
-USED = 0.85
+ORDERS = (1, 2, 4)  # orders of the cyclic error that can be given
+USED = 0.85  # part of a converter's range that the signals use
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,9 @@ from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.linear import LinearSystem, accumulate, exponential
 from vibrident.simulation.motion import Motion
 
-#: Change of the response, relative to its largest value, at which refinement stops.
-TOLERANCE = 1e-12
-#: Nodes a panel, tried in turn.
-_NODES = (6, 9, 14, 21, 32, 48)
-#: Largest |λ| times panel length, λ the sensor's fastest pole.
-_PANEL_RATE = 8.0
+TOLERANCE = 1e-12  # change of the response, relative to its largest value, at which refinement stops
+_NODES = (6, 9, 14, 21, 32, 48)  # nodes a panel, tried in turn
+_PANEL_RATE = 8.0  # largest |λ| times panel length, λ the sensor's fastest pole
 
 
 def driven_states(system: LinearSystem, motion: Motion, grid: SampleGrid) -> FloatArray:

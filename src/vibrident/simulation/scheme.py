@@ -27,10 +27,8 @@ from vibrident.simulation.streams import stream
 Seed = int | np.random.SeedSequence
 
 KINDS = ("sine", "multisine", "sweep", "random", "shock", "decay")
-#: A random excitation repeats after this many times the record's length.
-_RANDOM_PERIOD = 1.25
-#: Fewest samples of a shock's pulse.
-_SHOCK_SAMPLES = 4
+_RANDOM_PERIOD = 1.25  # a random excitation repeats after this many times the record's length
+_SHOCK_SAMPLES = 4  # fewest samples of a shock's pulse
 
 
 @dataclass(frozen=True)
@@ -153,16 +151,12 @@ class Plan:
 class ExcitationNoiseLevel:
     """Level of the noise motion on top of every excitation.
 
-    Attributes:
-        snr_db: rms of the excitation within the record over rms of the noise, dB; None for none.
-        band_hz: of the noise; None: up to 0.4 of the sampling rate.
-
     Raises:
         InputError: the ratio is not finite.
     """
 
-    snr_db: float | None
-    band_hz: tuple[float, float] | None
+    snr_db: float | None  # rms of the excitation within the record over rms of the noise, dB; None for none
+    band_hz: tuple[float, float] | None  # of the noise; None: up to 0.4 of the sampling rate
 
     def __post_init__(self) -> None:
         require_finite("simulate", excitation_snr_db=self.snr_db or 0.0)

@@ -13,25 +13,18 @@ from vibrident.simulation.grid import SampleGrid
 
 ComplexArray = NDArray[np.complex128]
 
-#: Tones evaluated at once; bounds the memory.
-_BLOCK = 4096
-#: From this many tones on, harmonics of a fundamental that fits the grid are summed by FFT.
-_FFT_FROM = 64
+_BLOCK = 4096  # tones evaluated at once; bounds the memory
+_FFT_FROM = 64  # from this many tones on, harmonics of a fundamental that fits the grid are summed by FFT
 _LONGEST_FFT = 2**24
 
 
 @dataclass(frozen=True, eq=False)
 class Tones:
-    """a(t) = Re Σ_m p_m e^{j 2π f_m t}.
+    """a(t) = Re Σ_m p_m e^{j 2π f_m t}."""
 
-    Attributes:
-        frequency_hz: f_m, shape (tones,), positive.
-        phasor: p_m, complex, shape (tones,), in the unit of the signal (peak, not rms).
-        fundamental_hz: the frequency of which all f_m are distinct whole multiples, if any; else None.
-    """
-
-    frequency_hz: FloatArray
-    phasor: ComplexArray
+    frequency_hz: FloatArray  # f_m, shape (tones,), positive
+    phasor: ComplexArray  # p_m, complex, shape (tones,), in the unit of the signal (peak, not rms)
+    # the frequency of which all f_m are distinct whole multiples, if any; else None
     fundamental_hz: float | None = None
 
     def scaled_by(self, factor: ComplexArray) -> Tones:

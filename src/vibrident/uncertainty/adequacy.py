@@ -27,34 +27,22 @@ if TYPE_CHECKING:
 #: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
 #: show.
 RANDOM_ENOUGH = 4.0
-#: Terms of the polynomial that such residuals must not follow.
-SMOOTH_TERMS = 6
-#: Probability that random residuals are taken to follow it.
-PATTERN = 1e-5
+SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
+PATTERN = 1e-5  # probability that random residuals are taken to follow it
 
 
 @dataclass(frozen=True, eq=False)
 class Adequacy:
-    """Points to compare, and the verdict.
+    """Points to compare, and the verdict."""
 
-    Attributes:
-        frequency_hz: shape (n,).
-        measured: measured complex sensitivity, shape (n,).
-        relative_deviation: standard deviation of its real part over its size, shape (n,).
-        record: name of the record of each point.
-        chi2_reduced: None where nothing is known of the points' uncertainty.
-        degrees_of_freedom: 2 n − p (n − p for magnitudes).
-        adequate: the verdict.
-        phase_deviation: standard deviation of the measured phase, rad, shape (n,); None: the relative deviation.
-    """
-
-    frequency_hz: FloatArray
-    measured: ComplexArray
-    relative_deviation: FloatArray
-    record: tuple[str, ...]
-    chi2_reduced: float | None
-    degrees_of_freedom: int
-    adequate: bool
+    frequency_hz: FloatArray  # shape (n,)
+    measured: ComplexArray  # measured complex sensitivity, shape (n,)
+    relative_deviation: FloatArray  # standard deviation of its real part over its size, shape (n,)
+    record: tuple[str, ...]  # name of the record of each point
+    chi2_reduced: float | None  # None where nothing is known of the points' uncertainty
+    degrees_of_freedom: int  # 2 n − p (n − p for magnitudes)
+    adequate: bool  # the verdict
+    # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
     phase_deviation: FloatArray | None = None
 
 

@@ -16,8 +16,7 @@ from vibrident.uncertainty.linearised import Linearised
 #: Estimates of the same data by different estimators differ by less than this many of their joint standard
 #: uncertainties.
 SIGNIFICANT = 4.0
-#: Shifts of the coordinates (relative, nearly) below this are of no use to anybody.
-IRRELEVANT = 1e-4
+IRRELEVANT = 1e-4  # shifts of the coordinates (relative, nearly) below this are of no use to anybody
 
 
 def estimators_disagree(

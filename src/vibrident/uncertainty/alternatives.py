@@ -26,31 +26,20 @@ from vibrident.result import ResultWarning
 
 #: Another optimum fits as well where its χ² is larger by less than this: it would be the true one in 1 of 370 cases …
 ALIKE = 9.0
-#: … and it is another one where a parameter differs by so many of its standard uncertainties …
-FAR = 5.0
-#: … and by this part of its value.
-DIFFERENT = 0.01
-#: A parameter is held so many of its standard uncertainties away …
-FAR_HELD = 6.0
-#: … unless it is known to no better than this part: that is said already.
-KNOWN = 0.1
-#: Steps on the way down.
-STEPS = 30
-#: Other optima that are tried.
-MOST = 4
+FAR = 5.0  # … and it is another one where a parameter differs by so many of its standard uncertainties …
+DIFFERENT = 0.01  # … and by this part of its value
+FAR_HELD = 6.0  # a parameter is held so many of its standard uncertainties away …
+KNOWN = 0.1  # … unless it is known to no better than this part: that is said already
+STEPS = 30  # steps on the way down
+MOST = 4  # other optima that are tried
 
 
 @dataclass(frozen=True)
 class Solution:
-    """An estimate, in the one form of its labels.
+    """An estimate, in the one form of its labels."""
 
-    Attributes:
-        values: of the parameters, by name.
-        uncertainty: standard uncertainty of each.
-    """
-
-    values: Mapping[str, float]
-    uncertainty: Mapping[str, float]
+    values: Mapping[str, float]  # of the parameters, by name
+    uncertainty: Mapping[str, float]  # standard uncertainty of each
 
 
 def other_solutions(

@@ -15,15 +15,12 @@ from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 from vibrident.uncertainty.linearised import Linearised
 
-#: The effect counts beyond this many standard deviations …
-SIGNIFICANT = 4.5
-#: … above this relative size …
-LEAST = 1e-3
+SIGNIFICANT = 4.5  # the effect counts beyond this many standard deviations …
+LEAST = 1e-3  # … above this relative size …
 #: … where it leaves of χ² no more than this part of what it explains, or than noise does. A model that lacks something
 #: else misses tones near a resonance, which are the large ones.
 UNEXPLAINED = 0.1
-#: … in standard deviations of χ².
-OF_NOISE = 4.0
+OF_NOISE = 4.0  # … in standard deviations of χ²
 #: The part of the effect's shape that the parameters cannot follow must be so many times, in squares, the part that
 #: noise of the amplitudes makes. For a sensor that is flat over the tones only the latter is left.
 CLEAR = 10.0
@@ -31,15 +28,10 @@ CLEAR = 10.0
 
 @dataclass(frozen=True)
 class AmplitudeDependence:
-    """An effect found.
+    """An effect found."""
 
-    Attributes:
-        largest: its largest relative size at any tone.
-        sigma: its size in standard deviations.
-    """
-
-    largest: float
-    sigma: float
+    largest: float  # its largest relative size at any tone
+    sigma: float  # its size in standard deviations
 
 
 def amplitude_dependence(

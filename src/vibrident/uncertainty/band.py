@@ -15,16 +15,11 @@ from vibrident.result import ResultWarning
 from vibrident.uncertainty.identifiability import WEAK
 from vibrident.uncertainty.linearised import Linearised
 
-#: Part of the frequencies that is cut off, at either end.
-CUT = 1.0 / 3.0
-#: A shift counts beyond this many of its standard deviations …
-SIGNIFICANT = 4.5
-#: … each at least this part of the parameter's own.
-LEAST = 0.1
-#: Fewer degrees of freedom of a row's standard deviation count as so many.
-FEWEST_FREEDOM = 6.0
-#: Shifts of the coordinates (relative, nearly) below this are of no use to anybody.
-IRRELEVANT = 1e-4
+CUT = 1.0 / 3.0  # part of the frequencies that is cut off, at either end
+SIGNIFICANT = 4.5  # a shift counts beyond this many of its standard deviations …
+LEAST = 0.1  # … each at least this part of the parameter's own
+FEWEST_FREEDOM = 6.0  # fewer degrees of freedom of a row's standard deviation count as so many
+IRRELEVANT = 1e-4  # shifts of the coordinates (relative, nearly) below this are of no use to anybody
 
 
 def band_sensitive(

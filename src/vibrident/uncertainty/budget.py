@@ -30,31 +30,20 @@ from vibrident.records import Calibration, FloatArray, Quantity, SystematicEffec
 from vibrident.uncertainty.linearised import Linearised, log_slopes
 from vibrident.uncertainty.parameters import reference_direction
 
-#: Relative step of the central difference in frequency.
-STEP = 1e-5
-#: Kind of a row of type A.
-DATA = "data"
+STEP = 1e-5  # relative step of the central difference in frequency
+DATA = "data"  # kind of a row of type A
 
 
 @dataclass(frozen=True, eq=False)
 class BudgetRow:
-    """A row of the budget.
+    """A row of the budget."""
 
-    Attributes:
-        source: of the contribution.
-        kind: as in the module's table; ``data`` for the type A part.
-        standard_uncertainty: of the effect, in ``unit``; None for the type A part.
-        unit: of that.
-        degrees_of_freedom: behind it; infinite where it is taken as known.
-        covariance: what it adds to the covariance of z, shape (p, p).
-    """
-
-    source: str
-    kind: str
-    standard_uncertainty: float | None
-    unit: str
-    degrees_of_freedom: float
-    covariance: FloatArray
+    source: str  # of the contribution
+    kind: str  # as in the module's table; ``data`` for the type A part
+    standard_uncertainty: float | None  # of the effect, in ``unit``; None for the type A part
+    unit: str  # of that
+    degrees_of_freedom: float  # behind it; infinite where it is taken as known
+    covariance: FloatArray  # what it adds to the covariance of z, shape (p, p)
 
 
 def rows_of_effects(

@@ -24,8 +24,7 @@ from vibrident.uncertainty.linearised import Linearised
 
 #: Weighted deviations, given z and a change of log H at each point.
 Weighted = Callable[[FloatArray, np.ndarray], FloatArray]
-#: An effect is in the data if they reduce the prior variance of a_k by at least this part.
-SEEN = 1e-3
+SEEN = 1e-3  # an effect is in the data if they reduce the prior variance of a_k by at least this part
 #: Largest shift of the estimate, in its standard deviations by noise and effects: a larger one is another optimum, not
 #: an effect.
 MOST_MOVED = 5.0
@@ -33,21 +32,13 @@ MOST_MOVED = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What effects explain.
+    """What effects explain."""
 
-    Attributes:
-        amounts: a_k of each effect, in its standard uncertainties, shape (K,).
-        chi2: what is left of Σ squares, the a_k counted in.
-        removed: factor on the measured response that takes the effects out of it, complex, shape (n,).
-        z: the estimate that this response gives, shape (p,).
-        probability: of a_k at least as large.
-    """
-
-    amounts: FloatArray
-    chi2: float
-    removed: np.ndarray
-    z: FloatArray
-    probability: float
+    amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
+    chi2: float  # what is left of Σ squares, the a_k counted in
+    removed: np.ndarray  # factor on the measured response that takes the effects out of it, complex, shape (n,)
+    z: FloatArray  # the estimate that this response gives, shape (p,)
+    probability: float  # of a_k at least as large
 
 
 def patterns(

@@ -19,12 +19,9 @@ WEAK = 0.1
 TRADE = 5.0
 #: Beyond this a relative standard uncertainty (of a delay: in rad) is no number to state: nothing is known.
 NOTHING = 1e3
-#: A frequency at the end of its range is compared with one so many times nearer to the band.
-NEARER = 10.0
-#: Frequencies of the band at which one parameter is traded for others.
-TRADED_POINTS = 50
-#: A parameter is at the end of its range if its relative distance from it is less than this.
-MARGIN = 1e-3
+NEARER = 10.0  # a frequency at the end of its range is compared with one so many times nearer to the band
+TRADED_POINTS = 50  # frequencies of the band at which one parameter is traded for others
+MARGIN = 1e-3  # a parameter is at the end of its range if its relative distance from it is less than this
 
 
 def doubts(

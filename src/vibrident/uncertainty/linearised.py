@@ -21,21 +21,13 @@ from vibrident.sensor import IdentifiedSensor
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Weighted rows ``matrix @ dz ≈ rest``, two a point (magnitude, phase), or one where there is no phase.
+    """Weighted rows ``matrix @ dz ≈ rest``, two a point (magnitude, phase), or one where there is no phase."""
 
-    Attributes:
-        frequency_hz: of each row, shape (m,).
-        matrix: shape (m, p), in standard deviations.
-        rest: what the measurement has beyond the model, in standard deviations, shape (m,).
-        is_phase: whether a row is of the phase, shape (m,).
-        weight: one over the standard deviation of log H, shape (m,).
-    """
-
-    frequency_hz: FloatArray
-    matrix: FloatArray
-    rest: FloatArray
-    is_phase: BoolArray
-    weight: FloatArray
+    frequency_hz: FloatArray  # of each row, shape (m,)
+    matrix: FloatArray  # shape (m, p), in standard deviations
+    rest: FloatArray  # what the measurement has beyond the model, in standard deviations, shape (m,)
+    is_phase: BoolArray  # whether a row is of the phase, shape (m,)
+    weight: FloatArray  # one over the standard deviation of log H, shape (m,)
 
     @classmethod
     def of_points(

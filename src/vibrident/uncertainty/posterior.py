@@ -27,18 +27,12 @@ from vibrident.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.problem.frequency_domain import response_residual
 from vibrident.records import FloatArray
 
-#: Largest standard deviation that scales the coordinates; an open direction has no finite one.
-WIDEST = 3.0
-#: Chains agree where the largest R̂ is below this (Vehtari et al. 2021) …
-AGREE = 1.02
-#: … and a smaller part of the steps than this diverges.
-MOST_DIVERGING = 0.01
-#: Probability of a credible interval.
-COVERAGE = 0.95
-#: Draws are near an end of the range searched within this part of it.
-NEAR = 0.05
-#: The range, and not the data, ends a distribution of which more than this part is near an end.
-ENDED = 0.01
+WIDEST = 3.0  # largest standard deviation that scales the coordinates; an open direction has no finite one
+AGREE = 1.02  # chains agree where the largest R̂ is below this (Vehtari et al. 2021) …
+MOST_DIVERGING = 0.01  # … and a smaller part of the steps than this diverges
+COVERAGE = 0.95  # probability of a credible interval
+NEAR = 0.05  # draws are near an end of the range searched within this part of it
+ENDED = 0.01  # the range, and not the data, ends a distribution of which more than this part is near an end
 PRIOR = (
     "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit searches; flat in gain "
     "and delay; half-Cauchy of scale 1 for damping ratios; Cauchy of scale 1 for the share of a second mode"
@@ -142,21 +136,13 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
 
 @dataclass(frozen=True, eq=False)
 class _Unbounded:
-    """The sampler's coordinates v, without bounds, and the optimiser's z.
+    """The sampler's coordinates v, without bounds, and the optimiser's z."""
 
-    Attributes:
-        low: lowest z, shape (p,); −∞ where there is no bound.
-        high: highest z, likewise.
-        damping: index of the core's damping ratio; −1 if it has no damping ratio.
-        frequency: index of its natural frequency.
-        at: z of the natural frequency that damping is taken over.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    damping: int
-    frequency: int
-    at: float
+    low: FloatArray  # lowest z, shape (p,); −∞ where there is no bound
+    high: FloatArray  # highest z, likewise
+    damping: int  # index of the core's damping ratio; −1 if it has no damping ratio
+    frequency: int  # index of its natural frequency
+    at: float  # z of the natural frequency that damping is taken over
 
     @classmethod
     def of(cls, coordinates: Coordinates, z: FloatArray) -> _Unbounded:

@@ -24,26 +24,16 @@ from vibrident.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.records.basis import distinct
 from vibrident.uncertainty.adequacy import Adequacy
 
-#: An effect counts from so many standard deviations of all points together.
-LEAST = 0.3
-#: A line holds motion if its power exceeds that of rounding errors by this factor.
-STANDS_OUT = 30.0
-#: The record is faded at either end over one part in so many.
-FADED = 16
-#: The band of the motion ends so many lines behind the last line that holds motion.
-BEHIND = 3
-#: The band of a sine ends at so many times its frequency.
-SINE_BAND = 1.5
-#: Noise is estimated up to this part of the sampling rate.
-HIGHEST = 0.45
-#: Fewest lines beyond the band from which noise is estimated.
-FEWEST_BEYOND = 10
-#: Sines are one motion if their frequencies differ by less than this part of a spectral line …
-SAME_LINE = 0.1
-#: … and their sizes by less than this part of a step.
-SAME_SIZE = 0.5
-#: Quantile of the power of these lines; the stronger lines may hold leakage of the motion.
-QUIET = 0.1
+LEAST = 0.3  # an effect counts from so many standard deviations of all points together
+STANDS_OUT = 30.0  # a line holds motion if its power exceeds that of rounding errors by this factor
+FADED = 16  # the record is faded at either end over one part in so many
+BEHIND = 3  # the band of the motion ends so many lines behind the last line that holds motion
+SINE_BAND = 1.5  # the band of a sine ends at so many times its frequency
+HIGHEST = 0.45  # noise is estimated up to this part of the sampling rate
+FEWEST_BEYOND = 10  # fewest lines beyond the band from which noise is estimated
+SAME_LINE = 0.1  # sines are one motion if their frequencies differ by less than this part of a spectral line …
+SAME_SIZE = 0.5  # … and their sizes by less than this part of a step
+QUIET = 0.1  # quantile of the power of these lines; the stronger lines may hold leakage of the motion
 
 SOURCE = "steps of the converters"
 

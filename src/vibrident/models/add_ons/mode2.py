@@ -48,8 +48,7 @@ def _sum(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
 
 _MODE = ("mode2_frequency", "mode2_damping")
 _QUESTION = "which mode is the main one; the shares of the static response are equal within their uncertainty"
-#: Shares nearer to equal than so many standard uncertainties leave open which mode is the main one.
-UNDECIDED = 3.0
+UNDECIDED = 3.0  # shares nearer to equal than so many standard uncertainties leave open which mode is the main one
 
 
 def _others(core: Core, values: Values) -> tuple[Relabelling, ...]:
