@@ -47,10 +47,8 @@ def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> 
     Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the data were taken at
     nominal values (160.00 Hz) than at exact ones.
 
-    Args:
-        low_hz: lower end of the band, positive.
-        high_hz: upper end of the band.
-        measured_hz: frequencies at which there are data.
+    ``low_hz``: lower end of the band, positive; ``high_hz``: upper end of the band; ``measured_hz``: frequencies at
+    which there are data.
     """
     if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
         return ()

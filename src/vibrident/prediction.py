@@ -121,10 +121,7 @@ def root_mean_square(values: FloatArray) -> float | None:
 def prediction_document(predictions: Predictions, files: Sequence[str], unit: str) -> dict[str, Any]:
     """What ``prediction.json`` says: plain values.
 
-    Args:
-        predictions: of :func:`predict`.
-        files: name of each prediction's own file.
-        unit: of the response.
+    ``predictions``: of :func:`predict`; ``files``: name of each prediction's own file; ``unit``: of the response.
     """
     rows = [
         {

@@ -104,11 +104,9 @@ def posterior_table(result: Result) -> Shown:
 def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibration data") -> Shown:
     """Rows of values under headings made of their keys: records, points, corrected peaks.
 
-    Args:
-        rows: column name to value; columns in the order in which they first appear, ``frequency_hz`` shown as
-            ``frequency / Hz``; numbers to five digits, None as –, flags as yes and no, sequences joined by commas.
-            What is the same in all of three or more rows is said once, below the table.
-        title: heading of the table.
+    ``rows``: column name to value; columns in the order in which they first appear, ``frequency_hz`` shown as
+    ``frequency / Hz``; numbers to five digits, None as –, flags as yes and no, sequences joined by commas. What is the
+    same in all of three or more rows is said once, below the table; ``title``: heading of the table.
     """
     keys = list(dict.fromkeys(key for row in rows for key in row))
     same = _same_everywhere(rows, keys)

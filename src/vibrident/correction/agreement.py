@@ -64,12 +64,8 @@ def agreement_with(
 ) -> Agreement | None:
     """Compare where both are known; None if they never are.
 
-    Args:
-        record: with its reference.
-        quantity: of the reference.
-        acceleration: compensated, shape (samples,), NaN where it is not known.
-        components: its standard uncertainty by origin.
-        reference: as acceleration in the same band, shape (samples,).
+    ``acceleration``: compensated, shape (samples,), NaN where it is not known; ``components``: its standard uncertainty
+    by origin; ``reference``: as acceleration in the same band, shape (samples,).
     """
     known = np.isfinite(acceleration) & record.mask & record.reference_mask
     if not known.any():

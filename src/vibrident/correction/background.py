@@ -84,10 +84,8 @@ def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]
 
     Only the last: motion after a shock decays, a disturbance stays.
 
-    Args:
-        values: response, shape (samples,).
-        rest: samples at rest before the motion.
-        inner: away from the record's ends, shape (samples,).
+    ``values``: response, shape (samples,); ``rest``: samples at rest before the motion; ``inner``: away from the
+    record's ends, shape (samples,).
     """
     count = max(FEWEST, values.size // PARTS)
     largest, index = float(np.max(np.abs(values))), np.arange(count)

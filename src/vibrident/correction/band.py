@@ -124,13 +124,8 @@ def content(
 ) -> Content:
     """Spectra of a record's acceleration and noise.
 
-    Args:
-        values: response without its offset, shape (samples,).
-        rate: samples per second.
-        sensor: the sensor.
-        around: the record's noise.
-        event: part of the record with motion, 0 to 1.
-        highest: highest frequency used, Hz.
+    ``values``: response without its offset, shape (samples,); ``event``: part of the record with motion, 0 to 1;
+    ``highest``: highest frequency used, Hz.
     """
     count = values.size
     transient = around.rest_samples > 0 and around.rests_at_end
@@ -210,11 +205,8 @@ def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str
 def choose(found: Content, rate: float, highest: float, *, low_edge: bool) -> Band:
     """The band with the least sum of noise and removed part.
 
-    Args:
-        found: spectra of the record.
-        rate: samples per second.
-        highest: frequency at which the low-pass must be zero, Hz.
-        low_edge: whether a lower edge is needed, because the sensor has no response to constant acceleration.
+    ``found``: spectra of the record; ``highest``: frequency at which the low-pass must be zero, Hz; ``low_edge``:
+    whether a lower edge is needed, because the sensor has no response to constant acceleration.
     """
     least = PERIODS * rate / found.samples
     high = _candidates(min(least, 0.25 * highest), 0.5 * highest)

@@ -179,8 +179,7 @@ class Compensation:
     def end_deviation(self, values: FloatArray) -> FloatArray:
         """Standard deviation of the continuation's error, shape (samples,).
 
-        Args:
-            values: response without its offset.
+        ``values``: response without its offset.
         """
         total = np.zeros(self.samples)
         if self.left_rest and self.right_rest:

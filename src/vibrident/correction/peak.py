@@ -54,12 +54,8 @@ def find_peak(
 ) -> Peak | None:
     """The peak of a record; None if no sample is known.
 
-    Args:
-        acceleration: shape (samples,), NaN where it is not known.
-        spectrum: transform of the acceleration, continued beyond the record's ends.
-        compensation: what made it.
-        around: the record's noise.
-        components: standard uncertainty of every sample by origin.
+    ``acceleration``: shape (samples,), NaN where it is not known; ``spectrum``: transform of the acceleration,
+    continued beyond the record's ends; ``components``: standard uncertainty of every sample by origin.
     """
     known = np.isfinite(acceleration)
     if not known.any():

@@ -64,9 +64,8 @@ class Surroundings:
 def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     """Look at a record's response before any model.
 
-    Args:
-        record: with valid samples marked.
-        noise: standard deviation of white noise of the response, response unit; None: estimated.
+    ``record``: with valid samples marked; ``noise``: standard deviation of white noise of the response, response unit;
+    None: estimated.
     """
     values = filled(record)
     rest = _rest(values) if record.excitation in BEGINS_AT_REST else 0
@@ -103,9 +102,7 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
 def screened(given: Sequence[Record], unit: str) -> tuple[list[Record], list[Finding]]:
     """The records as screened for a fit, but by their response: samples of the reference alone are not needed.
 
-    Args:
-        given: the records.
-        unit: of the response.
+    ``unit``: of the response.
 
     Raises:
         InputError: no record is left.

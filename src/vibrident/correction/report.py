@@ -14,9 +14,7 @@ from vibrident.correction.acceleration import ORIGINS, Correction, Corrections
 def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
     """The content of ``correction.json``: plain values.
 
-    Args:
-        corrections: of :func:`correct`.
-        files: name of each correction's own file.
+    ``corrections``: of :func:`correct`; ``files``: name of each correction's own file.
     """
     return {
         "model": corrections.model,

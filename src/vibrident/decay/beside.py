@@ -70,10 +70,7 @@ def decay_deviations(
 ) -> tuple[DecayDeviation, ...]:
     """How far each decay is from a linear model.
 
-    Args:
-        records: any; those that are no decays are passed over.
-        model: the sensor model.
-        values: of its parameters.
+    ``records``: any; those that are no decays are passed over; ``values``: of its parameters.
     """
     found = []
     for record in records:

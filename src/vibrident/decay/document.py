@@ -48,10 +48,8 @@ METHOD = (
 def identify_decays(calibration: Calibration, model: str | None = None, *, inflate: bool = True) -> Result:
     """Identify natural frequency and damping ratio from free decays.
 
-    Args:
-        calibration: of decays alone.
-        model: name of the sensor model; None for that of the calibration.
-        inflate: whether the misfit of a rejected model is in the uncertainties (Birge ratio).
+    ``calibration``: of decays alone; ``model``: name of the sensor model; None for that of the calibration;
+    ``inflate``: whether the misfit of a rejected model is in the uncertainties (Birge ratio).
 
     Raises:
         InputError: no record can be used, or the model has further parameters, which a decay does not determine.
@@ -69,9 +67,7 @@ def identify_decays(calibration: Calibration, model: str | None = None, *, infla
 def require_plain(estimator: object, *, sampled: bool) -> None:
     """Refuse what is not made for decays alone.
 
-    Args:
-        estimator: as requested.
-        sampled: whether the posterior was requested.
+    ``estimator``: as requested; ``sampled``: whether the posterior was requested.
 
     Raises:
         ModelError: another estimator than ``auto`` or ``ml``, or samples, are requested.

@@ -87,8 +87,7 @@ class Decays:
 def examine(records: Sequence[Record]) -> Decays:
     """Fit one oscillator to free decays.
 
-    Args:
-        records: screened, of excitation ``decay``.
+    ``records``: screened, of excitation ``decay``.
     """
     stretches, starts = [], []
     for record in records:
@@ -259,9 +258,8 @@ def parts_of(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float
 def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
     """Whether the beginning of a decay and its end have the same oscillator.
 
-    Args:
-        found: one decay by itself.
-        together: probability of as much change with the amplitude in several decays, of which this is one.
+    ``found``: one decay by itself; ``together``: probability of as much change with the amplitude in several decays, of
+    which this is one.
     """
     stretch = found.stretches[0]
     alive = int(live_s(stretch, found) * stretch.rate_hz)

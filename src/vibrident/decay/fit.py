@@ -112,13 +112,7 @@ def local(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -
 
 
 def fit(stretches: Sequence[Stretch], natural_frequency_hz: float, damping_ratio: float) -> DecayFit:
-    """Levenberg-Marquardt on (ln fn, δ) from a start.
-
-    Args:
-        stretches: one or more.
-        natural_frequency_hz: start.
-        damping_ratio: start.
-    """
+    """Levenberg-Marquardt on (ln fn, δ) from a start."""
     theta: FloatArray = np.array([np.log(natural_frequency_hz), damping_ratio])
     longest = max(s.response.size / s.rate_hz for s in stretches)
     edges = np.log([1e-3 / longest, FASTEST * max(s.rate_hz for s in stretches)])

@@ -20,10 +20,8 @@ MOST_GROWTH = 300.0  # exponent of a motion that grows, as a fit may try on its 
 def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray) -> FloatArray:
     """The two functions that span the free motion, shape (samples, 2).
 
-    Args:
-        natural_frequency_hz: of the undamped oscillator.
-        damping_ratio: any; slightly negative values are what a fit passes on its way.
-        time_s: from the beginning of the motion, shape (samples,).
+    ``natural_frequency_hz``: of the undamped oscillator; ``damping_ratio``: any; slightly negative values are what a
+    fit passes on its way; ``time_s``: from the beginning of the motion, shape (samples,).
     """
     angle = 2.0 * np.pi * natural_frequency_hz * np.asarray(time_s, dtype=float)
     square = damping_ratio**2 - 1.0

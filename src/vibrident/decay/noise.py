@@ -54,11 +54,8 @@ def tones_of(
 ) -> tuple[float, ...]:
     """Significant tones of a residual, after the known ones.
 
-    Args:
-        residual: shape (samples,); zero where it is not known.
-        rate_hz: samples per second.
-        skip_hz: band in which a line is motion and no tone.
-        known_hz: tones that were taken out already.
+    ``residual``: shape (samples,); zero where it is not known; ``skip_hz``: band in which a line is motion and no tone;
+    ``known_hz``: tones that were taken out already.
     """
     rest, tones = np.array(residual), []
     for _ in range(MOST_TONES - len(known_hz)):

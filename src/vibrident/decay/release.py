@@ -38,8 +38,7 @@ TRIALS = 8  # numbers of first samples that are tried
 def free_stretch(record: Record) -> DecayFit:
     """The free part of a record, fitted with equal weights.
 
-    Args:
-        record: screened, with a response that changes.
+    ``record``: screened, with a response that changes.
     """
     valid = record.mask
     index = np.arange(record.samples)

@@ -19,10 +19,8 @@ MEANING = {
 def weight_table(weights: Weights, state_scaling: Any | None = None) -> dict[str, dict[str, Any]]:
     """W1…W4 with layer and meaning, as plain lists.
 
-    Args:
-        weights: one set of weights (no leading axis).
-        state_scaling: factors to the paper's states V, V̇, …, shape (n,), from
-            :func:`vibrident.models.state_space.state_scaling`; None leaves the states as they are.
+    ``weights``: one set of weights (no leading axis); ``state_scaling``: factors to the paper's states V, V̇, …, shape
+    (n,), from :func:`vibrident.models.state_space.state_scaling`; None leaves the states as they are.
     """
     t = np.ones(np.shape(weights.output)[0]) if state_scaling is None else np.asarray(state_scaling)
     physical = Weights(

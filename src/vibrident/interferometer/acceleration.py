@@ -40,10 +40,7 @@ def _filter() -> FloatArray:
 def accelerated(displacement: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, BoolArray]:
     """Acceleration and its validity, both ``LOST`` samples shorter at either end.
 
-    Args:
-        displacement: shape (n,), m.
-        valid: shape (n,).
-        rate_hz: samples per second.
+    ``displacement``: shape (n,), m; ``valid``: shape (n,).
     """
     second = np.diff(displacement, 2) * rate_hz**2
     bad = np.convolve(~valid, np.ones(2 * LOST + 1), "valid") > 0.5

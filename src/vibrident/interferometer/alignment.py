@@ -43,11 +43,8 @@ class Aligned:
 def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float, int]) -> int:
     """Factor by which a response is decimated.
 
-    Args:
-        samples: of it.
-        rate_hz: of them.
-        highest_hz: frequency of a sine, or the highest that stands above the noise.
-        kept: fewest samples of a period of it and of the record: a sine has harmonics, other motion only noise above.
+    ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the noise; ``kept``:
+    fewest samples of a period of it and of the record: a sine has harmonics, other motion only noise above.
     """
     per_period, fewest = kept
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)

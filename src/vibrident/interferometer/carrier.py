@@ -89,7 +89,7 @@ class Baseband(Decimated):
 
 @dataclass(frozen=True, eq=False)
 class Turned:
-    """Two signals in quadrature turned back by what is left of their carrier: their phase is that of the motion alone."""
+    """Two signals in quadrature, turned back by what is left of their carrier: their phase is the motion's alone."""
 
     raw: Signals  # the signals
     left: np.polynomial.Legendre  # phase of the carrier that is left, rad, over the index of a sample

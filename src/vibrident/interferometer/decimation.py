@@ -153,10 +153,8 @@ def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> Bo
 def at_positions(values: FloatArray, positions: FloatArray, spacing: float) -> FloatArray:
     """A signal at positions between its samples, low-passed for a new rate.
 
-    Args:
-        values: shape (n,).
-        positions: in samples, shape (m,); from ``reach(spacing)`` to n − 1 − ``reach(spacing)``.
-        spacing: of the new samples, in old ones; 1 or more.
+    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1 −
+    ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more.
     """
     half, table = reach(spacing), _table(spacing)
     offsets = np.arange(-half, half + 2)

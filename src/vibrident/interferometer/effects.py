@@ -83,9 +83,7 @@ def effects(
 ) -> tuple[SystematicEffect, ...]:
     """The systematic effects of ellipses, and of what remains of cyclic errors, on a calibration.
 
-    Args:
-        answers: of its records.
-        cyclic: records that share a cyclic error, with the covariance of what remains of its amplitudes, shape (6, 6).
+    ``cyclic``: records that share a cyclic error, with the covariance of what remains of its amplitudes, shape (6, 6).
     """
     grid = np.unique(np.concatenate([answer.frequency_hz for answer in answers]))
     found = []

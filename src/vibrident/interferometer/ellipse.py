@@ -151,9 +151,8 @@ def circle(u: FloatArray) -> Ellipse:
 def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
     """Fit an ellipse to sums of powers in the signals' own units; None if the samples do not determine it.
 
-    Args:
-        blocks: of pieces of the signals, each of shape (5, 5).
-        start: to begin with; the ratio of its noise variances is kept.
+    ``blocks``: of pieces of the signals, each of shape (5, 5); ``start``: to begin with; the ratio of its noise
+    variances is kept.
     """
     whole = np.sum(blocks, axis=0)
     ellipse, found = replace(start, noise=_noise(whole, start)), False
@@ -181,9 +180,7 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
 def as_circle(u: FloatArray, samples: float) -> Ellipse:
     """A circle through a short arc, with the uncertainty that the prior of the ellipse leaves.
 
-    Args:
-        u: samples, shape (2, n).
-        samples: number of all samples.
+    ``u``: samples, shape (2, n); ``samples``: number of all samples.
     """
     found = circle(u)
     c, s = found.round(u) / np.hypot(*found.round(u))

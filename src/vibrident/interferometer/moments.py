@@ -46,9 +46,7 @@ def matrix(found: FloatArray) -> FloatArray:
 def without_noise(found: FloatArray, noise: FloatArray) -> FloatArray:
     """Expected sums of the samples without noise.
 
-    Args:
-        found: shape (5, 5).
-        noise: covariance of the noise of a sample, shape (2, 2).
+    ``found``: shape (5, 5); ``noise``: covariance of the noise of a sample, shape (2, 2).
     """
     once = _step(found, noise)
     return found + once + 0.5 * _step(once, noise)

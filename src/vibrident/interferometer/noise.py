@@ -19,10 +19,7 @@ def displacement_noise(values: FloatArray, valid: BoolArray, rate_hz: float) -> 
 
     Medians over the lines of each band, of pieces under a window with low side lobes, so that a tone is in few lines.
 
-    Args:
-        values: shape (n,), m.
-        valid: shape (n,).
-        rate_hz: samples per second.
+    ``values``: shape (n,), m; ``valid``: shape (n,).
     """
     length = min(PIECE, values.shape[0])
     if length < 64:

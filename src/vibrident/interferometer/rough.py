@@ -41,10 +41,7 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[fl
 
     All of the record is looked at: a shock may be anywhere in it, and a sweep is fast at its end.
 
-    Args:
-        signals: two in quadrature.
-        choice: the ellipse.
-        factor: by which the phase may be decimated.
+    ``factor``: by which the phase may be decimated.
     """
     path = Path()
     phase = decimated(unwrapped(signals, choice.ellipse, choice.knots, path), signals.samples, factor)

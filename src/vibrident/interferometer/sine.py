@@ -121,11 +121,7 @@ def without_slow_motion(
 ) -> tuple[FloatArray, Sine | None]:
     """The values without slow motion, and the sine in them; None for less than a period.
 
-    Args:
-        values: shape (n,).
-        valid: shape (n,).
-        rate_hz: samples per second.
-        near_hz: approximate frequency of the sine.
+    ``values``: shape (n,); ``valid``: shape (n,); ``near_hz``: approximate frequency of the sine.
     """
     found = fit_sine(values, valid, rate_hz, near_hz)
     if found is None:

@@ -33,11 +33,8 @@ def joined(
 ) -> tuple[Joint, ...]:
     """The numbers of the joint fit: each shared parameter once, each other one for itself.
 
-    Args:
-        calibrations: of one sensor.
-        models: of each.
-        share: names of the parameters to share, these and no others; None: the mechanics, and the parameters of equal
-            outputs.
+    ``models``: of each; ``share``: names of the parameters to share, these and no others; None: the mechanics, and the
+    parameters of equal outputs.
 
     Raises:
         InputError: a name is not a parameter, or not one that two calibrations can share.

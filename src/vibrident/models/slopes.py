@@ -26,11 +26,8 @@ def response_and_slopes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Frequency response, shape (points,), and its derivatives with the parameters, shape (parameters, points).
 
-    Args:
-        model: the sensor model; of a nonlinear one, its linearisation for small signals.
-        values: name → value.
-        frequency_hz: shape (points,).
-        quantity: what the reference is.
+    ``model``: the sensor model; of a nonlinear one, its linearisation for small signals; ``frequency_hz``: shape
+    (points,); ``quantity``: what the reference is.
     """
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
     system = model.rational(values, quantity)

@@ -93,10 +93,8 @@ def with_residual(model: SensorModel, structure: tuple[str, ...]) -> SensorModel
 def initial_weights(structure: tuple[str, ...], response_size: float, memory: Mapping[str, float]) -> dict[str, float]:
     """Parameters of a network with zero output.
 
-    Args:
-        structure: its parts.
-        response_size: largest response, response unit.
-        memory: frequency (Hz) and damping of the recurrent neurons.
+    ``structure``: its parts; ``response_size``: largest response, response unit; ``memory``: frequency (Hz) and damping
+    of the recurrent neurons.
     """
     values = {**memory, "memory_weight": 0.0} if "memory" in structure else {}
     if "neurons" in structure:

@@ -47,12 +47,8 @@ class Normal(NamedTuple):
 def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any, segments: int) -> Normal:
     """Normal equations at ``weights``.
 
-    Args:
-        weights: one set a sampling interval (leading axis R).
-        slopes: ∂weights/∂parameters, each with a trailing axis of P.
-        lanes: the data.
-        noise: standard deviation of the response noise, by lane, shape (M,).
-        segments: number of segments.
+    ``weights``: one set a sampling interval (leading axis R); ``slopes``: ∂weights/∂parameters, each with a trailing
+    axis of P; ``noise``: standard deviation of the response noise, by lane, shape (M,).
     """
     known = _known(weights, lanes, segments)
     p, proj = slopes.output.shape[-1], known.projection

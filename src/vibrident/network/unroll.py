@@ -50,11 +50,8 @@ def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance) -> Any:
 def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
     """True state at the start of every lane, shape (n, M).
 
-    Args:
-        power: Φ^L, shape (R, n, n).
-        ends: end states of the lanes from rest, shape (n, M).
-        lanes: the lanes.
-        initial: state at the start of every segment, shape (S, n).
+    ``power``: Φ^L, shape (R, n, n); ``ends``: end states of the lanes from rest, shape (n, M); ``initial``: state at
+    the start of every segment, shape (S, n).
     """
     return _starts(per_lane(power, lanes.rate), ends, lanes.first, initial[lanes.segment].T)
 

@@ -134,9 +134,7 @@ class Calibration:
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
 
-        Args:
-            unit: of the response of the result.
-            without_records: the problem that a table is, in words.
+        ``unit``: of the response of the result; ``without_records``: the problem that a table is, in words.
 
         Raises:
             InputError: it is a table, or in another unit.

@@ -43,10 +43,7 @@ def margin_samples() -> int:
 def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int) -> FloatArray:
     """A channel sampled behind the filter; at rest before its first sample.
 
-    Args:
-        fine: from (sampling rate, number of samples) to the channel's values, from t = 0 on.
-        sampling_rate_hz: of the record.
-        samples: of the record.
+    ``fine``: from (sampling rate, number of samples) to the channel's values, from t = 0 on.
     """
     taps = _filter()
     half = len(taps) // 2

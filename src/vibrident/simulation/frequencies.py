@@ -45,8 +45,7 @@ def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
 def nominal_frequency_name(frequency_hz: float) -> str:
     """Nominal name of an exact one-third-octave frequency (158.49 → "160"); any other frequency as it is.
 
-    Args:
-        frequency_hz: Hz, positive.
+    ``frequency_hz``: Hz, positive.
     """
     n = round(10.0 * math.log10(frequency_hz))
     if abs(frequency_hz / 10.0 ** (n / 10.0) - 1.0) > _NAME_TOLERANCE:

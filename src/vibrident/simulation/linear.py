@@ -132,10 +132,7 @@ def propagate(a: FloatArray, state: FloatArray, grid: SampleGrid) -> FloatArray:
 def accumulate(a: FloatArray, interval_s: float, steps: FloatArray) -> FloatArray:
     """x_k = e^{A h} x_{k−1} + g_k with x_{−1} = 0, shape (n, samples), by recursive doubling (Kogge & Stone 1973).
 
-    Args:
-        a: shape (n, n).
-        interval_s: h.
-        steps: g_k, shape (n, samples).
+    ``a``: shape (n, n); ``interval_s``: h; ``steps``: g_k, shape (n, samples).
     """
     states, reach = steps, 1
     while reach < steps.shape[1]:

@@ -11,10 +11,8 @@ PURPOSES = {"excitation": 0, "excitation noise": 1, "reference": 2, "response": 
 def stream(seed: int | np.random.SeedSequence, record: int, purpose: str) -> np.random.Generator:
     """Generator of one record's stream, as ``SeedSequence(seed).spawn`` would give it.
 
-    Args:
-        seed: of the whole calibration; for Monte Carlo one seed (or spawned sequence) a run.
-        record: index of the record.
-        purpose: key of ``PURPOSES``.
+    ``seed``: of the whole calibration; for Monte Carlo one seed (or spawned sequence) a run; ``record``: index of the
+    record; ``purpose``: key of ``PURPOSES``.
     """
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     key = (*root.spawn_key, record, PURPOSES[purpose])

@@ -83,10 +83,8 @@ def shift_without(linear: Linearised, keep: BoolArray, freedom: FloatArray | Non
     estimated, with ν degrees of freedom each, prefer rows whose noise seems small by chance; what these add scatters
     ν/(ν − 4) times as much as the weights say.
 
-    Args:
-        linear: m rows, linearised at any coordinates nearby.
-        keep: rows of the part, shape (m,).
-        freedom: degrees of freedom of each row's standard deviation, shape (m,); None: known.
+    ``linear``: m rows, linearised at any coordinates nearby; ``keep``: rows of the part, shape (m,); ``freedom``:
+    degrees of freedom of each row's standard deviation, shape (m,); None: known.
     """
     (part, of_part), (whole, of_whole) = linear.solve(keep), linear.solve()
     of_rows = np.where(keep, of_part @ linear.matrix.T, 0.0) - of_whole @ linear.matrix.T

@@ -51,12 +51,8 @@ def rows_of_effects(
 ) -> list[BudgetRow]:
     """A row for each systematic effect.
 
-    Args:
-        effects: as stated in the calibration file.
-        coordinates: the map from z to parameters.
-        z: the estimate, shape (p,).
-        quantity: of the reference.
-        linear: the fit, linearised at ``z``.
+    ``effects``: as stated in the calibration file; ``z``: the estimate, shape (p,); ``linear``: the fit, linearised at
+    ``z``.
     """
     rows: list[BudgetRow] = []
     for effect in effects:
@@ -127,10 +123,7 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
 def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
     """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
 
-    Args:
-        rows: the budget.
-        names: of the parameters.
-        slopes: ∂parameter/∂z, shape (p,).
+    ``rows``: the budget; ``slopes``: ∂parameter/∂z, shape (p,).
     """
     table = []
     for row in rows:

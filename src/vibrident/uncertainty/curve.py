@@ -26,10 +26,8 @@ def frequencies(
     The points nearest to the frequencies of a certificate (nominal one-third octaves, the reference) are moved there,
     so that the result holds its values; their number, and with it the compiled program, stays the same.
 
-    Args:
-        band_hz: band of the data.
-        measured_hz: frequencies at which there are data; they tell nominal from exact frequencies.
-        reference_hz: the requested reference frequency.
+    ``band_hz``: band of the data; ``measured_hz``: frequencies at which there are data; they tell nominal from exact
+    frequencies; ``reference_hz``: the requested reference frequency.
     """
     low, high = band_hz
     if not high > low:
@@ -53,9 +51,7 @@ def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
     Around each they lie by its half width (|Re p| / 2π), densely within two of these and then ever wider apart, until
     the grid takes over.
 
-    Args:
-        grid_hz: logarithmic, ascending.
-        system: the sensor's transfer function.
+    ``grid_hz``: logarithmic, ascending; ``system``: the sensor's transfer function.
     """
     if grid_hz.size < 2:
         return grid_hz

@@ -114,10 +114,8 @@ def deviation_uncertainty(linear: Linearised, shape: np.ndarray, scatter: float 
     The model follows the points: noise by the leverage of each, and of an effect all that its parameters can imitate.
     What it does not follow is left: (1 − h) of the noise's variance, and the rest of each pattern.
 
-    Args:
-        linear: m rows, magnitudes first, phases (if any) after them.
-        shape: patterns of the effects at the n points, shape (n, K).
-        scatter: standard deviation of the noise in units of the rows' weights.
+    ``linear``: m rows, magnitudes first, phases (if any) after them; ``shape``: patterns of the effects at the n
+    points, shape (n, K); ``scatter``: standard deviation of the noise in units of the rows' weights.
 
     Returns:
         Of log H, shape (m,): relative for magnitudes, rad for phases; NaN for a point that any value would fit.

@@ -170,10 +170,8 @@ def unit_fields(calibration: Calibration) -> dict[str, str]:
 def fields_of_units(response: str, reference: str, *, drive: bool) -> dict[str, str]:
     """The same from the units: of the response, and of what the sensitivity is per.
 
-    Args:
-        response: unit of the response.
-        reference: of the drive, or of acceleration.
-        drive: whether the reference is a drive, whose integral has no separate unit.
+    ``response``: unit of the response; ``reference``: of the drive, or of acceleration; ``drive``: whether the
+    reference is a drive, whose integral has no separate unit.
     """
     return {
         "response": response,

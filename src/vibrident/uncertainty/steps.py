@@ -46,11 +46,8 @@ def effects_of_steps(
 ) -> list[SystematicEffect]:
     """The effects that are not negligible; empty if the noise exceeds the steps.
 
-    Args:
-        records: as they were fitted.
-        predicted: response of each by the model, NaN where it is not defined.
-        response: function from frequencies to the model's complex sensitivity.
-        points: where the fit is judged.
+    ``predicted``: response of each by the model, NaN where it is not defined; ``response``: function from frequencies
+    to the model's complex sensitivity; ``points``: where the fit is judged.
     """
     rows = []
     owner = {record.name: index for index, record in enumerate(records)}
