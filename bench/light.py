@@ -35,8 +35,7 @@ from vibrident.interferometer.setting import Interferometer
 from vibrident.models import parse
 from vibrident.records import FloatArray
 from vibrident.simulation import sensor_named
-from vibrident.simulation.interferometer import CARRIER, drawn, write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import CARRIER, Optics, drawn, write_optical_calibration
 
 FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
 AMPLITUDE = 10.0

@@ -9,8 +9,8 @@ from tests.support.discrete_sensors import PAPER, accelerometer, matrices, recur
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import METHODS, Weights, method
-from vibrident.discretize.exponential import expm
 from vibrident.discretize.inputs import MAX_TERMS, SERIES_TOLERANCE, USABLE_BAND, terms_needed
+from vibrident.discretize.weights import expm
 from vibrident.errors import ModelError
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling

@@ -14,8 +14,7 @@ from vibrident.interferometer.phase import Path, unwrapped
 from vibrident.interferometer.setting import Held
 from vibrident.interferometer.sine import fit_sine
 from vibrident.interferometer.survey import survey
-from vibrident.simulation.interferometer import write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import Optics, write_optical_calibration
 
 FREQUENCIES = [150.0, 400.0, 1000.0]
 COMMON = {"start": "steady", "sampling_rate_hz": 4e5, "samples": 60_000, "response_noise": 1e-3}

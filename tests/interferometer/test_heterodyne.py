@@ -9,8 +9,7 @@ import vibrident
 from vibrident.interferometer.setting import Interferometer
 from vibrident.interferometer.sine import fit_sine
 from vibrident.simulation import sensor_named
-from vibrident.simulation.interferometer import write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import Optics, write_optical_calibration
 
 SETTING = Interferometer("heterodyne", 632.991e-9, carrier_hz=2.0e5, direction=-1)
 

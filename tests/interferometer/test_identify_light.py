@@ -10,8 +10,7 @@ import vibrident
 from vibrident.errors import InputError
 from vibrident.interferometer.sine import fit_sine
 from vibrident.simulation import sensor_named
-from vibrident.simulation.interferometer import write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import Optics, write_optical_calibration
 
 COMMON = {"start": "steady", "sampling_rate_hz": 2e5, "samples": 24_000, "response_noise": 1e-3, "amplitude": 10.0}
 

@@ -10,12 +10,11 @@ import pytest
 
 import vibrident
 from vibrident.errors import InputError
-from vibrident.interferometer.acceleration import LOST, accelerated
+from vibrident.interferometer.alignment import LOST, accelerated
 from vibrident.interferometer.setting import Interferometer
 from vibrident.measure.quality import screen
 from vibrident.simulation import sensor_named, simulate
-from vibrident.simulation.interferometer import write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import Optics, write_optical_calibration
 
 
 @pytest.mark.parametrize(("cycles", "off"), [(0.001, 1e-6), (0.2, 1e-6), (0.35, 5e-6), (0.4, 1e-3)])

@@ -15,8 +15,7 @@ from vibrident.interferometer.rough import highest_frequency, rough_frequency, s
 from vibrident.interferometer.setting import Held, Interferometer
 from vibrident.interferometer.survey import survey
 from vibrident.io import read
-from vibrident.simulation.interferometer import write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import Optics, write_optical_calibration
 
 SETTING = Interferometer("quadrature", 632.991e-9, direction=1)
 HERTZ, SECONDS, SLOWEST = 1e4, 0.04, 4e5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibrident.discretize import METHODS, Weights, method
-from vibrident.discretize.table import weight_table
+from vibrident.discretize.weights import weight_table
 from vibrident.errors import ModelError
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling

@@ -8,8 +8,8 @@ from scipy import signal
 
 from vibrident.errors import InputError
 from vibrident.simulation import ChannelNoise, excitation_noise
-from vibrident.simulation.grid import SampleGrid
-from vibrident.simulation.streams import PURPOSES, stream
+from vibrident.simulation.motion import SampleGrid
+from vibrident.simulation.scheme import PURPOSES, stream
 
 RATE, SAMPLES = 51200.0, 16000
 

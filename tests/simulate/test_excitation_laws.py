@@ -21,9 +21,7 @@ from vibrident.simulation import (
     one_third_octave,
     random_phases,
 )
-from vibrident.simulation.grid import SampleGrid
-from vibrident.simulation.motion import acceleration_on
-from vibrident.simulation.tones import Tones
+from vibrident.simulation.motion import SampleGrid, Tones, acceleration_on
 
 
 def test_one_third_octave_counts_and_values_of_iso_266():

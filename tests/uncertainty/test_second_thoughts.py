@@ -13,7 +13,7 @@ from vibrident.models import parse
 from vibrident.problem import Coordinates
 from vibrident.records import Calibration, ResponseTable
 from vibrident.simulation import SENSORS, ChannelNoise, simulate, with_noise
-from vibrident.uncertainty.band import shift_without
+from vibrident.uncertainty.agreement import shift_without
 from vibrident.uncertainty.linearised import Linearised
 
 TONES = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]

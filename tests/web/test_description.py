@@ -8,8 +8,7 @@ import vibrident
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import read_calibration_file
 from vibrident.io.guess import guess_columns
-from vibrident.simulation.interferometer import write_optical_calibration
-from vibrident.simulation.optics import Optics
+from vibrident.simulation.optics import Optics, write_optical_calibration
 from vibrident.web.columns import merged
 from vibrident.web.description import Description, calibration_text, described
 from vibrident.web.looks import chart, guess

@@ -47,8 +47,7 @@ def optics_of(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
         InputError: a key is unknown, or a value is not a number.
     """
     from vibrident.interferometer.setting import Interferometer
-    from vibrident.simulation.interferometer import CARRIER, drawn
-    from vibrident.simulation.optics import Optics
+    from vibrident.simulation.optics import CARRIER, Optics, drawn
 
     given = _given(text)
     carrier = None
@@ -108,7 +107,7 @@ def _number(key: str, value: str) -> float:
 def write_optical(folder: Path, sensor: str, excitation: str, optics: Optics, *, seed: int, **settings: Any) -> None:
     """Write a simulated calibration with an interferometer's raw signals, and its truth."""
     from vibrident.simulation import sensor_named
-    from vibrident.simulation.interferometer import write_optical_calibration
+    from vibrident.simulation.optics import write_optical_calibration
     from vibrident.workflow.truth import write_truth
 
     chosen = sensor_named(sensor)

@@ -10,8 +10,7 @@ import numpy as np
 
 from vibrident.decay.document import amplitude_words
 from vibrident.decay.examine import Parts, change_of, parts_of, weighed
-from vibrident.decay.fit import DecayFit
-from vibrident.decay.motion import free_motion
+from vibrident.decay.fit import DecayFit, free_motion
 from vibrident.decay.release import free_stretch
 from vibrident.measure.quality import Finding
 from vibrident.models import SensorModel

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.decay.fit import DecayFit, Local, Stretch, fit, local, shortened
-from vibrident.decay.motion import free_motion
+from vibrident.decay.fit import DecayFit, Local, Stretch, fit, free_motion, local, shortened
 from vibrident.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.decay.release import free_stretch, trimmed, without_first
 from vibrident.measure.drift import significant_rise

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy import fft
 
-from vibrident.decay.fit import DecayFit, Stretch, fit, shortened
-from vibrident.decay.motion import free_motion
+from vibrident.decay.fit import DecayFit, Stretch, fit, free_motion, shortened
 from vibrident.measure.lines import fast_length
 from vibrident.records import FloatArray, Record
 from vibrident.tails import chi2_tail

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from vibrident.backend import jax, jnp
-from vibrident.discretize.exponential import expm
-from vibrident.discretize.weights import Method, Weights, drive_size, legendre_shift
+from vibrident.discretize.weights import Method, Weights, drive_size, expm, legendre_shift
 from vibrident.errors import ModelError
 from vibrident.models.base import Rational
 

@@ -20,8 +20,7 @@ from vibrident.errors import NotConverged
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.information import inverse_normal
 from vibrident.joint.decays import FreeDecays
-from vibrident.joint.moments import Moments
-from vibrident.joint.score import Score
+from vibrident.joint.moments import Moments, Score
 from vibrident.joint.sharing import Joint, Place, places
 from vibrident.judge import Fitted
 from vibrident.problem import Local

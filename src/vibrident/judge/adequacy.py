@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.decay import decay_deviations
 from vibrident.discretize import Weights
-from vibrident.discretize.table import weight_table
+from vibrident.discretize.weights import weight_table
 from vibrident.errors import InputError
 from vibrident.estimators import Estimate
 from vibrident.estimators.residual_tones import network_problem, residual_tones
@@ -32,7 +32,7 @@ from vibrident.uncertainty.adequacy import (
     looks_random,
     tone_points,
 )
-from vibrident.uncertainty.effects import deviation_uncertainty, patterns
+from vibrident.uncertainty.budget import deviation_uncertainty, patterns
 from vibrident.uncertainty.identifiability import NOTHING
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.steps import effects_of_steps

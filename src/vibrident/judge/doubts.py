@@ -29,11 +29,10 @@ from vibrident.records.basis import distinct
 from vibrident.result import ResultWarning
 from vibrident.tails import f_tail
 from vibrident.uncertainty.adequacy import Adequacy, Points
-from vibrident.uncertainty.agreement import estimators_disagree
+from vibrident.uncertainty.agreement import band_sensitive, estimators_disagree
 from vibrident.uncertainty.alternatives import Solution, other_solutions
 from vibrident.uncertainty.amplitude import amplitude_dependence
-from vibrident.uncertainty.band import band_sensitive
-from vibrident.uncertainty.effects import patterns
+from vibrident.uncertainty.budget import patterns
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import parameter_units
 

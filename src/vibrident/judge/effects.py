@@ -16,8 +16,7 @@ from vibrident.naming import amount, plain
 from vibrident.problem import Evidence
 from vibrident.records import FloatArray, SystematicEffect
 from vibrident.result import MeasuredCurve
-from vibrident.uncertainty.budget import DATA, BudgetRow, effects_of
-from vibrident.uncertainty.effects import Explained, Weighted, explain, patterns
+from vibrident.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
 
 
 def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffect]:

@@ -9,7 +9,7 @@ from dataclasses import astuple, replace
 import numpy as np
 
 from vibrident.discretize import method
-from vibrident.discretize.table import weight_table
+from vibrident.discretize.weights import weight_table
 from vibrident.models import parse
 from vibrident.models.state_space import realise, state_scaling
 from vibrident.paper import claims, methods, published

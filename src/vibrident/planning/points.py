@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.decay.motion import free_motion
+from vibrident.decay.fit import free_motion
 from vibrident.errors import InputError
 from vibrident.measure.tones import measure_tones
 from vibrident.models import SensorModel

@@ -17,8 +17,7 @@ from vibrident.records.basis import (
     Quantity,
 )
 from vibrident.records.calibration import Calibration
-from vibrident.records.record import Record
-from vibrident.records.table import ResponseTable
+from vibrident.records.record import Record, ResponseTable
 
 __all__ = [
     "EXCITATIONS",

@@ -14,8 +14,7 @@ from vibrident.brief import brief
 from vibrident.effects import SystematicEffect
 from vibrident.errors import InputError, unknown
 from vibrident.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, Quantity
-from vibrident.records.record import Record
-from vibrident.records.table import ResponseTable
+from vibrident.records.record import Record, ResponseTable
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,10 @@ from vibrident.simulation.excitation import (
     Sweep,
     random_phases,
 )
-from vibrident.simulation.frequencies import nominal_frequency_name, one_third_octave
 from vibrident.simulation.motion import Motion, Superposition
-from vibrident.simulation.noise import ChannelNoise
-from vibrident.simulation.noise_motion import ExcitationNoise, excitation_noise
+from vibrident.simulation.noise import ChannelNoise, ExcitationNoise, excitation_noise
 from vibrident.simulation.rk4 import rk4_response
+from vibrident.simulation.scheme import nominal_frequency_name, one_third_octave
 from vibrident.simulation.sensors import SENSORS, Sensor, sensor_named
 from vibrident.simulation.truth import exact_reference, exact_response
 

@@ -20,7 +20,7 @@ from scipy.integrate import DOP853
 from vibrident.backend import jax, jnp, lax
 from vibrident.records import FloatArray
 from vibrident.simulation.checks import require
-from vibrident.simulation.grid import SampleGrid
+from vibrident.simulation.motion import SampleGrid
 
 Linear = Callable[[SampleGrid], FloatArray]
 

@@ -20,8 +20,7 @@ from vibrident.simulation.checks import (
     require_positive,
     require_usable,
 )
-from vibrident.simulation.motion import Tonal
-from vibrident.simulation.tones import Tones
+from vibrident.simulation.motion import Tonal, Tones
 
 
 @dataclass(frozen=True)

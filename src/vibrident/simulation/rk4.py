@@ -16,9 +16,8 @@ from vibrident.models import SensorModel
 from vibrident.records import FloatArray
 from vibrident.simulation.checks import require, require_usable
 from vibrident.simulation.excitation import Decay
-from vibrident.simulation.grid import SampleGrid
 from vibrident.simulation.linear import LinearSystem
-from vibrident.simulation.motion import Motion, acceleration_on
+from vibrident.simulation.motion import Motion, SampleGrid, acceleration_on
 from vibrident.simulation.truth import Start, initial_state
 
 Derivative = Callable[[FloatArray, FloatArray], FloatArray]

@@ -3,7 +3,7 @@
 Sums of tones: steady response through the frequency response, plus the free motion that satisfies the initial
 condition.
 Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
-Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.quadrature`). Cubic stiffness: its part of the
+Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.linear`). Cubic stiffness: its part of the
 response, integrated (:mod:`vibrident.simulation.cubic`). An average over a window: the difference of
 the response's integral at the window's ends.
 """
@@ -21,10 +21,8 @@ from vibrident.models.base import DERIVATIVES, Rational
 from vibrident.records import FloatArray, Quantity
 from vibrident.simulation.checks import require
 from vibrident.simulation.excitation import Decay, HalfSineShock
-from vibrident.simulation.grid import SampleGrid
-from vibrident.simulation.linear import LinearSystem, exponential, propagate
-from vibrident.simulation.motion import Motion, Superposition, Tonal, acceleration_on
-from vibrident.simulation.quadrature import driven_states
+from vibrident.simulation.linear import LinearSystem, driven_states, exponential, propagate
+from vibrident.simulation.motion import Motion, SampleGrid, Superposition, Tonal, acceleration_on
 
 #: ``rest``: mass and base at rest until t = 0. ``steady``: tones without beginning. Shocks, sweeps and decays begin at
 #: or after t = 0; for them the two are the same.
