@@ -113,3 +113,17 @@ def test_noise_of_the_reference_does_not_lead_shocks_to_a_resonance_at_infinity(
     assert found.standard_uncertainty is not None
     assert abs(found.value - 600.0) < 4.0 * found.standard_uncertainty
     assert result.fit.adequate
+
+
+@pytest.mark.parametrize("left", [0.3, 0.9])
+def test_a_fit_that_leaves_most_of_the_response_is_no_better_for_the_few_bands_it_is_tested_in(monkeypatch, left):
+    """Eight shocks whose reference was displacement, said to be acceleration: of 87 % of the response's power left, and
+    rejected in 44 bands, it went to 99 % left, adequate in 12, and 276 standard uncertainties from the truth."""
+    made = simulate(("accelerometer", FIRST), "random", samples=1000, seed=1)
+    bands = measure_bands(made.records)
+    evidence = Evidence(None, parse("accelerometer"), made.records, None, bands, ())  # type: ignore[arg-type]
+    estimate, judgement = fitted(SECOND, "spectrum", 0.6)
+    other = estimate, replace(judgement, predicted=tuple((1.0 - left**0.5) * r.response for r in made.records))
+    monkeypatch.setattr(attempts, "_once", lambda *_: other)
+    best = attempts.Attempt(evidence, *fitted(FIRST, "white", 9.0, adequate=False), None, silent)  # type: ignore[arg-type]
+    assert (attempts._fitted_from(SECOND, best) is best) == (left > 0.5)

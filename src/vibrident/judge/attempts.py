@@ -16,6 +16,7 @@ from vibrident.judge.adequacy import Judgement, judge_records, judge_table
 from vibrident.judge.doubts import linearised
 from vibrident.judge.effects import allowing_for_effects
 from vibrident.measure import Finding
+from vibrident.measure.explained import part_left
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import give_back_after
 from vibrident.problem import Evidence, FrequencyProblem
@@ -29,6 +30,8 @@ MORE_STARTS = 2
 COMPARABLE = 10.0
 #: Another fit is taken if its χ² is less than this part of the first one's.
 CLEARLY_LESS = 0.8
+#: … which says nothing where it leaves more than this part of the response's power: few bands then tell of it.
+MOST_LEFT = 0.5
 #: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most,
 #: five standard deviations of one parameter, …
 NO_WORSE = 25.0
@@ -179,13 +182,17 @@ def _tried(start: Mapping[str, float], best: Attempt) -> Attempt:
 
 
 def _fitted_from(start: Mapping[str, float], best: Attempt) -> Attempt:
-    """The same, whatever equal weights say of the start: noise of the reference draws these aside."""
+    """The same, whatever equal weights say of the start: noise of the reference draws these aside.
+
+    A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
+    """
     try:
         other = best.begun_at(start)
     except (NotConverged, InputError):
         return best
     declared, least = (one.judgement.adequacy.chi2_reduced for one in (best, other))
-    return other if (least or np.inf) < CLEARLY_LESS * (declared or 0.0) else best
+    lost = part_left(other.evidence.records, other.judgement.predicted) > MOST_LEFT
+    return best if lost or not (least or np.inf) < CLEARLY_LESS * (declared or 0.0) else other
 
 
 def _weighed_start(found: Attempt) -> Mapping[str, float] | None:

@@ -15,6 +15,7 @@ from vibrident.estimators import Estimate
 from vibrident.information import inverse_where_shown
 from vibrident.judge.attempts import Attempt
 from vibrident.measure.drift import beside_slow_motion, slow_tones, without_drift
+from vibrident.measure.explained import part_left
 from vibrident.measure.hum import Tones, hum_tones, without_tones
 from vibrident.measure.verdict import rejected
 from vibrident.problem import Evidence, network_of
@@ -48,18 +49,9 @@ def without_dead_records(first: Attempt) -> Attempt:
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
     records, predicted = first.evidence.records, first.judgement.predicted
     kept = [index for index, record in enumerate(records) if any(record is other for other in others.records)]
-    left = _unexplained(others, better.judgement.predicted), _unexplained(others, [predicted[i] for i in kept])
+    left = [part_left(others.records, p) for p in (better.judgement.predicted, [predicted[i] for i in kept])]
     spoilt = chi2[0] < chi2[1] / MUCH_BETTER or left[0] < left[1] / MUCH_BETTER
     return better if spoilt else first
-
-
-def _unexplained(evidence: Evidence, predicted: Sequence[FloatArray]) -> float:
-    """Mean square of the responses' deviations from the prediction, each over its response's."""
-    parts = []
-    for record, expected in zip(evidence.records, predicted, strict=True):
-        used = record.mask & np.isfinite(expected)
-        parts.append(float(np.var((record.response - expected)[used]) / np.var(record.response[used])))
-    return float(np.mean(parts))
 
 
 def with_phase_scatter(first: Attempt) -> Attempt:

@@ -58,11 +58,22 @@ def unexplained(records: Sequence[Record], predicted: Sequence[FloatArray]) -> U
         if used.sum() >= 8:
             left = np.where(used, record.response - series, 0.0)
             parts.append((replace(record, valid=used, reference_valid=None), left))
-    if not parts or np.mean([_share(record, left) for record, left in parts]) < LEAST_LEFT:
+    if part_left(records, predicted) < LEAST_LEFT:
         return None
     white = [found for part in parts if (found := _whitened(*part)) is not None]
     looks = (_compared(look) for look in (parts, white) if look)
     return next((found for found in looks if found is not None), None)
+
+
+def part_left(records: Sequence[Record], predicted: Sequence[FloatArray]) -> float:
+    """Mean square of the responses' deviations from the prediction, each over its response's; zero without records."""
+    parts = []
+    for record, series in zip(records, predicted, strict=True):
+        used = record.mask & np.isfinite(series)
+        response = record.response[used]
+        if used.any():
+            parts.append(float(np.var(response - series[used]) / max(float(np.var(response)), np.finfo(float).tiny)))
+    return float(np.mean(parts or [0.0]))
 
 
 def _compared(parts: Sequence[tuple[Record, FloatArray]]) -> Unexplained | None:
@@ -82,12 +93,6 @@ def _whitened(record: Record, left: FloatArray) -> tuple[Record, FloatArray] | N
     """Record and what is left of its response, through the filter that whitens the response."""
     white, rest = whitened(record), whitened(replace(record, reference=left))
     return None if white is None or rest is None or rest.reference is None else (white, rest.reference)
-
-
-def _share(record: Record, left: FloatArray) -> float:
-    """Part of a response's power that is left of it."""
-    used = record.mask
-    return float(np.var(left[used]) / max(float(np.var(record.response[used])), np.finfo(float).tiny))
 
 
 def _bands(record: Record, left: FloatArray) -> FloatArray:
