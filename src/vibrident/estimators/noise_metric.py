@@ -31,6 +31,12 @@ NOTHING_KNOWN = 1e-12
 SIDE_BY_SIDE = 1 << 17
 #: Rounds of spectrum and step at one evaluation of the network.
 ROUNDS = 2
+#: The step, in standard deviations, at which no further evaluation is needed.
+SETTLED = 0.02
+#: Nor is one behind a step whose length in standard deviations times that in coordinates is less, which is straight, …
+STRAIGHT = 3e-4
+#: … if the noise was read so many standard deviations from its end: there it leads a tenth of that further.
+READ_NEAR = 0.2
 #: Lines averaged for the covariance on either side of each: this part of the spectrum …
 SHARE = 1 / 128
 #: … but at least so many …
@@ -78,6 +84,7 @@ class Place:
         gradient: shape (p,).
         covariance: of the estimate, shape (p, p).
         cost: weighted sum of squares.
+        read_at: the step behind which the spectra were read, shape (p,).
     """
 
     z: FloatArray
@@ -86,12 +93,25 @@ class Place:
     gradient: FloatArray
     covariance: FloatArray
     cost: float
+    read_at: FloatArray
 
     @property
     def far(self) -> float:
         """Length of the full step, in standard deviations."""
-        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        return float(np.max(np.abs(self.inverse @ self.gradient) / deviation))
+        return self._length(self.inverse @ self.gradient)
+
+    def _length(self, step: FloatArray) -> float:
+        return float(np.max(np.abs(step) / np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))))
+
+    @property
+    def end(self) -> FloatArray | None:
+        """Where the step leads, shape (p,), if that is the optimum without another evaluation of the network.
+
+        It is if the noise was read there, and is the response's alone: that of the reference moves with the network.
+        """
+        step = self.inverse @ self.gradient
+        straight = self.far * float(np.max(np.abs(step))) <= STRAIGHT and not self.seen
+        return self.z + step if straight and self._length(step - self.read_at) <= READ_NEAR else None
 
     def ahead(self, damping: float, bent: Bent | None, part: float = 1.0) -> FloatArray:
         """The end of a step, shape (p,): a part of the way straight on, or along the valley where that leads up."""
@@ -138,10 +158,10 @@ def place_at(
     step = np.zeros(len(z))
     for last in range(ROUNDS):
         shares, variances, read = [], [], list[NoiseSpectrum]()
-        final = settled is not None or last == ROUNDS - 1
+        final, read_at = settled is not None or last == ROUNDS - 1, step
         for some in together(lines):
             before = [spectra.pop(0) for _ in lines[some]]
-            weighed = _Weighed.at(lines[some], motions[some], step, before)
+            weighed = _Weighed.at(lines[some], motions[some], step, before, known=not final)
             while weighed:
                 own = weighed.pop(0)
                 read.append(own.spectrum)
@@ -157,7 +177,8 @@ def place_at(
         step = inverse @ gradient
         if final:
             covariance = inverse @ np.sum(variances, axis=0) @ inverse
-            place = Place(z, tuple(spectra), inverse, gradient, covariance, sum(share.cost for share in shares))
+            cost = sum(share.cost for share in shares)
+            place = Place(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
             if settled is None or last == ROUNDS - 1 or place.far <= settled:
                 return place
     return None
@@ -208,17 +229,25 @@ class _Weighed:
         motions: Sequence[MotionOf],
         step: FloatArray,
         before: list[NoiseSpectrum],
+        *,
+        known: bool,
     ) -> list[_Weighed]:
-        """Of records, after a step, shape (p,), from the noise as read before it; the list of which is emptied."""
-        tones, unknowns, rests = [], [], []
+        """Of records, after a step, shape (p,), from the noise as read before it; the list of which is emptied.
+
+        ``known``: that was read here; it is read again only where tones hid it.
+        """
+        tones, unknowns, rests, found = [], [], [], list[NoiseSpectrum]()
         for record in lines:
             spectrum = before.pop(0)
             n = max(record.samples, 1)
             tones.append(spectrum.tones)
             unknowns.append(_unknowns(record, spectrum))
             rests.append(_left(record, step, unknowns[-1], record.twice / (n * spectrum.level)))
+            found += [spectrum] if known and not spectrum.tones else []
             del spectrum  # of a long record each copy counts
-        found = spectra_of(lines, motions, [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)])
+        if len(found) < len(rests):
+            used = [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)]
+            found = spectra_of(lines, motions, used)
         return [cls._weighed(*each) for each in zip(lines, tones, unknowns, rests, found, strict=True)]
 
     @classmethod

@@ -26,7 +26,17 @@ import numpy as np
 
 from vibrident.estimators.coloured import sandwich
 from vibrident.estimators.findings import LineNoise, doubtful
-from vibrident.estimators.noise_metric import Place, beside_hum, equal, equal_cost, motion_of, place_at, products, width
+from vibrident.estimators.noise_metric import (
+    SETTLED,
+    Place,
+    beside_hum,
+    equal,
+    equal_cost,
+    motion_of,
+    place_at,
+    products,
+    width,
+)
 from vibrident.estimators.noise_motion import NEAREST
 from vibrident.estimators.noise_spectrum import DOUBT, NoiseSpectrum
 from vibrident.estimators.optimise import Bent
@@ -39,9 +49,7 @@ from vibrident.tails import chi2_tail
 
 #: Evaluations of the network at most, straight on and along a valley.
 EVALUATIONS, ALONG_A_VALLEY = 16, 30
-#: The step, in standard deviations, at which no further evaluation is needed …
-SETTLED = 0.02
-#: … and beyond which the last is no optimum.
+#: The step, in standard deviations, beyond which the last place is no optimum.
 ASTRAY = 0.3
 #: Largest step, over the coordinate or one, for which the linearisation is valid.
 FARTHEST = 3.0
@@ -101,8 +109,9 @@ def reweighted(
     lines = problem.lines(z, coordinates, noise)
     cost, motions = equal_cost(lines), [motion_of(record) for record in lines]
     spectra = beside_hum(lines, motions)
-    spread, information = _spread(lines, spectra), _equal_information(lines)
+    alike = None  # equal weights here: only where the way leads on, or begins elsewhere
     if start is not None:
+        alike = _spread(lines, spectra), _equal_information(lines)
         lines = problem.lines(start, coordinates, noise)
         if not equal_cost(lines) <= FARTHEST_START * cost:
             return None
@@ -112,13 +121,17 @@ def reweighted(
     del motions, spectra  # of a long record each copy counts
     if here is None:
         return None
+    if here.end is None and alike is None:
+        alike = _spread(lines, here.spectra), _equal_information(lines)
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
     here = _down(here, lines, evaluate, COSTLIER * cost, bent)
-    if not here.far <= ASTRAY:
+    end = here.end
+    if end is None and not here.far <= ASTRAY:
         return None
     if lines[0].z is not here.z:
         lines = problem.lines(here.z, coordinates, noise)
-    if not here.seen and _improbable(here.z - z, spread, equal_cost(lines) - cost, information):
+    end = here.z if end is None else end
+    if alike is not None and not here.seen and _improbable(end - z, equal_cost(lines) - cost, *alike):
         return None  # noise of the reference alone draws equal weights aside
     inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
@@ -126,7 +139,7 @@ def reweighted(
     untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
     untold = untold.reshape(-1, len(z))
     return Reweighted(
-        here.z,
+        end,
         covariance,
         sum(4.0 * (width(record) - NEAREST) for record in lines),
         LineNoise(
@@ -151,7 +164,13 @@ def _down(
     """The last place of a descent; ``lines`` hold the records at the last place that was tried."""
     damping, part, rejected, slow = 0.0, 1.0, 0, 0
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
-        if here.far <= SETTLED or not np.isfinite(here.far) or damping > MOST_DAMPED or slow > MOST_SLOW:
+        if (
+            here.end is not None
+            or here.far <= SETTLED
+            or not np.isfinite(here.far)
+            or damping > MOST_DAMPED
+            or slow > MOST_SLOW
+        ):
             break
         trial, there = here.ahead(damping, bent, part), None
         if np.all(np.abs(trial - here.z) <= FARTHEST * np.maximum(np.abs(here.z), 1.0)):
@@ -179,15 +198,15 @@ def _equal_information(lines: Sequence[RecordLines]) -> FloatArray:
     return np.sum([products(slopes_of(record), equal(record)) for record in lines], axis=0)
 
 
-def _improbable(shift: FloatArray, spread: FloatArray, more: float, information: FloatArray) -> bool:
+def _improbable(shift: FloatArray, more: float, spread: FloatArray, information: FloatArray) -> bool:
     """Whether equal weights would end so far from the optimum by chance in fewer than one of a million cases.
 
     By the shift, and by what it costs: along a curved valley it is far for little.
 
     Args:
         shift: of the coordinates, shape (p,).
-        spread: covariance of the estimate with equal weights, shape (p, p).
         more: sum of squares with equal weights, beyond its least.
+        spread: covariance of the estimate with equal weights, shape (p, p).
         information: with equal weights, shape (p, p).
     """
     far = float(shift @ np.linalg.pinv(spread, hermitian=True) @ shift)
