@@ -31,6 +31,8 @@ EASED = 0.2
 STIFFENED = 5.0
 #: No coordinate moves further at once.
 LONGEST = 0.7
+#: A candidate arrived where a step of hardly any damping leads no further than this, and not down.
+NO_STEP = 1e-6
 #: Residuals beyond so many times the common size, or so many standard deviations, count for less than their square.
 UNCOMMON = 8.0
 #: What is positive stays above this part of one unit.
@@ -272,12 +274,14 @@ def descend(
         places.append(u.copy())
         costs.append(cost.copy())
         for _ in range(part):
-            trial = u - _steps(off, slopes * free, damping)
+            step = _steps(off, slopes * free, damping)
+            trial = u - step
             new, new_slopes = _bounded(*_evaluated(chart, trial, sign, residual), limit)
             new_cost = np.sum(new**2, axis=1)
             better = new_cost < cost
             gained = np.where(better, cost - new_cost, 0.0)
             settled = better & (gained < 1e-3 * np.minimum(1.0, cost)) | (damping > 1e8)
+            settled |= ~better & (damping < 1.0) & (np.max(np.abs(step), axis=1) < NO_STEP)
             u[better], off[better], slopes[better] = trial[better], new[better], new_slopes[better]
             cost = np.where(better, new_cost, cost)
             damping = np.where(better, damping * EASED, damping * STIFFENED)
