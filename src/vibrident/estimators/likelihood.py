@@ -17,7 +17,7 @@ from vibrident.errors import ModelError
 from vibrident.estimators.base import Estimate, refuse_nonlinear
 from vibrident.estimators.findings import Findings
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
-from vibrident.estimators.residual_tones import network_problem, residual_tones
+from vibrident.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
 from vibrident.estimators.start import find_start
 from vibrident.information import inverse_normal
 from vibrident.measure import MeasuredResponse
@@ -28,9 +28,9 @@ from vibrident.records import FloatArray
 
 #: Bisections for the model error: a relative step of 2e-5 at the end.
 MODEL_ERROR_STEPS = 20
-#: Most rounds of fit and refreshed tones, and the change of the coordinates (relative, nearly) that needs no further
-#: one.
-ROUNDS, SETTLED = 4, 1e-4
+#: Most rounds of fit and refreshed tones, and the change, in standard deviations, that needs no further one: that would
+#: change the coordinates by a hundredth of it; of two modes, which trade against each other, by a tenth.
+ROUNDS, SETTLED, OF_TWO_MODES = 4, 3.0, 0.3
 
 
 def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
@@ -54,13 +54,16 @@ def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
         return replace(_estimate(name, coordinates, trace, first, np.inf), begin=begin)
     z = coordinates.first
     network = network_problem(evidence, start)
+    rough = roughly_cleaned(evidence, network, coordinates, z)
+    z = z if rough is None else _descend(coordinates, z, rough, progress).last
+    settled = OF_TWO_MODES if model.shares else SETTLED
     for _ in range(ROUNDS):
         tones = residual_tones(evidence, network, coordinates, z)
         problem = weighted_problem(tones, model, coordinates.values(z), evidence)
         trace = _descend(coordinates, z, problem, progress)
-        moved = float(np.max(np.abs(trace.last - z)))
-        z = trace.last
-        if moved < SETTLED:
+        moved, z = np.abs(trace.last - z), trace.last
+        deviation = np.sqrt(np.maximum(np.diag(inverse_normal(problem.normal(z, coordinates).matrix)), 0.0))
+        if np.all(moved < settled * deviation):
             break
     problem = weighted_problem(tones, model, coordinates.values(z), evidence)
     freedom = float(np.sum(tones.degrees_of_freedom))

@@ -21,7 +21,7 @@ from vibrident.measure import MeasuredResponse, measure_tones
 from vibrident.measure.lines import hann
 from vibrident.measure.response import ComplexArray
 from vibrident.measure.tones import turning
-from vibrident.problem import Coordinates, Evidence, NetworkProblem, network_of
+from vibrident.problem import Coordinates, Evidence, FrequencyProblem, NetworkProblem, network_of
 from vibrident.records import FloatArray, Record
 
 #: Interpolation by so many samples on either side is good to 1e-5.
@@ -88,6 +88,31 @@ def residual_tones(
         return cleaned
     fewer = [np.full_like(p, np.nan) if worse else p for p, worse in zip(predicted, loud, strict=True)]
     return _cleaned(evidence, plain, fewer, values, poles)[0]
+
+
+def roughly_cleaned(
+    evidence: Evidence, problem: NetworkProblem | None, coordinates: Coordinates, z: FloatArray
+) -> FrequencyProblem | None:
+    """The first look without transients: each tone of the network's residual at ``z`` by one sum under Hann's window.
+
+    None where the network reaches no record.
+    """
+    first, plain = evidence.first_look, evidence.tones
+    if problem is None or first is None or plain is None:
+        return None
+    predicted, values = problem.predict(coordinates, z), coordinates.values(z)
+    frequency, reference, response, deviation = first.data
+    explained = reference * evidence.model.frequency_response(values, frequency, evidence.quantity)
+    cleaned = np.array(response)
+    for place, index in enumerate(plain.record):
+        record, series = evidence.records[index], predicted[index]
+        used = record.mask & np.isfinite(series)
+        window = hann(record.samples) * used
+        if used.sum() > 0.5 * record.mask.sum():
+            wave = turning(record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz)
+            left = np.where(used, record.response - series, 0.0) * window
+            cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
+    return replace(first, data=(frequency, reference, cleaned, deviation))
 
 
 def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
