@@ -215,7 +215,7 @@ def _improbable(shift: FloatArray, more: float, spread: FloatArray, information:
     return chi2_tail(len(shift), far) < DIFFERENT and chi2_tail(len(shift), more / largest) < DIFFERENT
 
 
-def _spread(lines: list[RecordLines], spectra: list[NoiseSpectrum]) -> FloatArray:
+def _spread(lines: list[RecordLines], spectra: Sequence[NoiseSpectrum]) -> FloatArray:
     """Covariance of the estimate with equal weights in the noise that is there."""
     levels = [spectrum.level for spectrum in spectra]
     return sandwich([(record.slopes, equal(record), level) for record, level in zip(lines, levels, strict=True)])
