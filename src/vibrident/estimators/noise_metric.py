@@ -5,19 +5,18 @@ Formulas and their source: :mod:`vibrident.estimators.reweighting`.
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.estimators.noise_motion import NEAREST, Motion
+from vibrident.estimators.noise_motion import NEAREST, MotionOf, through_of
 from vibrident.estimators.noise_spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.estimators.optimise import Bent
 from vibrident.information import SMALLEST, inverse_where_shown
 from vibrident.lines import LinesAt, RecordLines
-from vibrident.measure.lines import MOST_KEPT, in_blocks, mean_around, power_of
+from vibrident.measure.lines import in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import FloatArray
 
@@ -43,15 +42,10 @@ SHARE = 1 / 128
 FEWEST = 12
 #: … and at most so many.
 MOST = 200
-#: Fewest samples for a spectrum.
-SHORTEST = 256
 #: A spectrum is steep where its least is below this part of its mean.
 STEEP = 1e-2
 #: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
 LEAST_INFORMATION = 0.2
-
-#: Gives what the model says of a record; None if it has too few lines above the noise.
-MotionOf = Callable[[], Motion | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,34 +321,10 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
 
 def beside_hum(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
     """The spectra of the records' residuals, with the tones that are known beside those that were found."""
-    found = [each for some in together(lines) for each in _residuals_of(lines[some], motions[some])]
+    found: list[NoiseSpectrum] = []
+    for some in together(lines):
+        found += spectra_of(lines[some], motions[some], [record.residual for record in lines[some]])
     return [replace(own, tones=(record.hum + own.tones)[:TONES]) for record, own in zip(lines, found, strict=True)]
-
-
-def _residuals_of(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
-    return spectra_of(lines, motions, [record.residual for record in lines])
-
-
-def motion_of(record: RecordLines) -> MotionOf:
-    """What gives the model's prediction of the record; of a long one it is made each time."""
-    if record.samples > MOST_KEPT:
-        return functools.partial(_motion_of, record)
-    found = _motion_of(record)
-    return lambda: found
-
-
-def _motion_of(record: RecordLines) -> Motion | None:
-    if record.count < SHORTEST or record.free is None:
-        return None
-    return Motion.of(record.predicted, record.count, _through(record), record.colour)
-
-
-def _through(record: RecordLines) -> FloatArray | None:
-    """Power of noise of the reference, of unit variance, behind the sensor, shape (lines,)."""
-    if record.model is None:
-        return None
-    squares = record.model.power()
-    return squares if isinstance(record.colour, float) else squares * record.colour
 
 
 def spectra_of(
@@ -377,7 +347,7 @@ def _of_few(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
     """The spectrum of a residual of too few lines: all of one level."""
     power = float(np.sum(record.twice * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
-    through = _through(record)
+    through = through_of(record)
     most = 0.0 if through is None else level / float(np.max(through))
     flat, nothing, one = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0))
     return NoiseSpectrum(flat, 0.0, nothing, lambda: np.broadcast_to(most * record.colour, record.twice.shape), one)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.lines import RecordLines
 from vibrident.measure.lines import MOST_KEPT, in_blocks, mean_around, power_of
 from vibrident.measure.response import ComplexArray
 from vibrident.records import BoolArray, FloatArray
@@ -30,6 +31,8 @@ NEAREST = 2
 OUTSTANDING = 20.0
 #: Lines on either side that are the nearest.
 CLOSE = 8
+#: Fewest samples for a spectrum.
+SHORTEST = 256
 #: Lines beyond this many times their surroundings are left out of the mean (one of 400 white ones is: allowed for).
 FAR = 6.0
 
@@ -96,6 +99,32 @@ class Motion:
             power[part] = power_of(self.windowed(part)) / self.count
         own = typical(power, lines_around(self.through))
         return own, power < FAR * own
+
+
+#: Gives what the model says of a record; None if it has too few lines above the noise.
+MotionOf = Callable[[], Motion | None]
+
+
+def motion_of(record: RecordLines) -> MotionOf:
+    """What gives the model's prediction of the record; of a long one it is made each time."""
+    if record.samples > MOST_KEPT:
+        return functools.partial(_motion_of, record)
+    found = _motion_of(record)
+    return lambda: found
+
+
+def _motion_of(record: RecordLines) -> Motion | None:
+    if record.count < SHORTEST or record.free is None:
+        return None
+    return Motion.of(record.predicted, record.count, through_of(record), record.colour)
+
+
+def through_of(record: RecordLines) -> FloatArray | None:
+    """Power of noise of the reference, of unit variance, behind the sensor, shape (lines,)."""
+    if record.model is None:
+        return None
+    squares = record.model.power()
+    return squares if isinstance(record.colour, float) else squares * record.colour
 
 
 def _lines_close_by(power: FloatArray) -> BoolArray:

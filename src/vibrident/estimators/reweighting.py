@@ -32,12 +32,11 @@ from vibrident.estimators.noise_metric import (
     beside_hum,
     equal,
     equal_cost,
-    motion_of,
     place_at,
     products,
     width,
 )
-from vibrident.estimators.noise_motion import NEAREST
+from vibrident.estimators.noise_motion import NEAREST, motion_of
 from vibrident.estimators.noise_spectrum import DOUBT, NoiseSpectrum
 from vibrident.estimators.optimise import Bent
 from vibrident.lines import RecordLines
