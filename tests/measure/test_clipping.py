@@ -108,7 +108,7 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
     assert found <= (1 if motion == "sine" else 0)
 
 
-@pytest.mark.draws(10, 300)
+@pytest.mark.draws(60, 300)
 def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Generator) -> None:
     """Their steps are ten times as coarse above one as below it."""
     for _ in range(draws):

@@ -174,12 +174,15 @@ def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same
 
 
 def _ties_by_chance(top: FloatArray, count: float) -> float:
-    """Chance that so many values are equal at the top, by the distance of the values below them and the steps."""
+    """Chance that so many values are equal at the top, by the distance of the values below them and the steps there.
+
+    Numbers of few digits have finer steps farther down.
+    """
     below = int(count) + BELOW - 1
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(1.0, BELOW * _quantisation(top) / distance) ** (count - 1.0)
+    return min(1.0, BELOW * _quantisation(top[: below + FIRST]) / distance) ** (count - 1.0)
 
 
 def _quantisation(values: FloatArray) -> float:
