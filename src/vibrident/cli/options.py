@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -29,24 +28,36 @@ FORMATS = ("html", "pdf", "md")
 Names = Sequence[str] | Callable[[], Sequence[str]]
 
 
-def argument(metavar: str, help: str, default: str = "") -> Any:
-    """An argument of a command; ``default`` says in words what holds without it."""
-    return typer.Argument(metavar=metavar, help=help, show_default=default or False)
+# ``value``: that of a command's parameter without the option (...: there is none, it must be given). ``default``: what
+# holds without it, in words, or whether to print the value.
+
+
+def argument(metavar: str, help: str, value: Any = ..., default: str = "") -> Any:
+    """An argument of a command."""
+    return typer.Argument(value, metavar=metavar, help=help, show_default=default or False)
 
 
 def option(
-    name: str, metavar: str, help: str, default: str | bool = True, panel: str | None = None, **more: Any
+    name: str,
+    metavar: str,
+    help: str,
+    value: Any = None,
+    default: str | bool = True,
+    panel: str | None = None,
+    **more: Any,
 ) -> Any:
-    """An option with a value; ``default``: what holds without it, in words, or whether to print the default."""
-    return typer.Option(name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more)
+    """An option with a value."""
+    return typer.Option(value, name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more)
 
 
-def flag(*names: str, help: str, panel: str | None = None, hidden: bool = False) -> Any:
+def flag(*names: str, help: str, value: bool | None = False, panel: str | None = None, hidden: bool = False) -> Any:
     """An option without a value."""
-    return typer.Option(*names, help=help, rich_help_panel=panel, hidden=hidden)
+    return typer.Option(value, *names, help=help, rich_help_panel=panel, hidden=hidden)
 
 
-def between(name: str, metavar: str, help: str, low: float, high: float, default: str | bool = True) -> Any:
+def between(
+    name: str, metavar: str, help: str, low: float, high: float, value: Any = None, default: str | bool = True
+) -> Any:
     """An option that takes a number between two limits, or one of them."""
 
     def check(value: float | None) -> float | None:
@@ -60,11 +71,17 @@ def between(name: str, metavar: str, help: str, low: float, high: float, default
             remedy=f"give another number, or leave {name} out",
         )
 
-    return option(name, metavar, help, default, callback=check)
+    return option(name, metavar, help, value, default, callback=check)
 
 
 def choice(
-    name: str, allowed: Names, help: str, metavar: str = "", default: str | bool = True, panel: str | None = None
+    name: str,
+    allowed: Names,
+    help: str,
+    value: Any = None,
+    metavar: str = "",
+    default: str | bool = True,
+    panel: str | None = None,
 ) -> Any:
     """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them.
 
@@ -74,6 +91,7 @@ def choice(
         name,
         metavar or "|".join(_given(allowed)),
         help,
+        value,
         default,
         panel,
         callback=lambda value: None if value is None else one_of(name, value, _given(allowed)),
@@ -81,9 +99,9 @@ def choice(
     )
 
 
-CalibrationFile = Annotated[Path, argument("CAL.toml", "Calibration file.")]
-ResultFile = Annotated[Path, argument("RESULT", "result.json of an identification.")]
-ResultFiles = Annotated[list[Path], argument("RESULT...", "result.json, one or more.")]
+CALIBRATION_FILE = argument("CAL.toml", "Calibration file.")
+RESULT_FILE = argument("RESULT", "result.json of an identification.")
+RESULT_FILES = argument("RESULT...", "result.json, one or more.")
 
 
 def _given(names: Names) -> Sequence[str]:

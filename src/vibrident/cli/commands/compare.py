@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
@@ -38,21 +38,17 @@ class Method:
 
 
 def compare(
-    files: Annotated[list[Path], argument("CAL.toml | RESULT...", "A calibration file, or results.")],
-    estimators: Annotated[
-        str | None, option("--estimators", "A,B", "Of {estimators by name}.", "all that suit the data")
-    ] = None,
-    models: Annotated[str | None, option("--models", "A,B", "Sensor models.", "the file's")] = None,
-    discretisations: Annotated[
-        str | None, option("--discretisations", "A,B", f"Network: of {', '.join(options.DISCRETISATIONS)}.", False)
-    ] = None,
-    truth: Annotated[Path | None, option("--truth", "FILE", "truth.json of a simulation, as the reference.")] = None,
-    validate: Annotated[
-        bool, flag("--cross-validate", help="Fit again without each fifth of the records, and predict it.")
-    ] = False,
-    folder: Annotated[Path, option("--out", "DIR", "Folder for comparison.json, and each result.")] = Path(
-        "vibrident-comparison"
+    files: list[Path] = argument("CAL.toml | RESULT...", "A calibration file, or results."),
+    estimators: str | None = option(
+        "--estimators", "A,B", "Of {estimators by name}.", default="all that suit the data"
     ),
+    models: str | None = option("--models", "A,B", "Sensor models.", default="the file's"),
+    discretisations: str | None = option(
+        "--discretisations", "A,B", f"Network: of {', '.join(options.DISCRETISATIONS)}.", default=False
+    ),
+    truth: Path | None = option("--truth", "FILE", "truth.json of a simulation, as the reference."),
+    validate: bool = flag("--cross-validate", help="Fit again without each fifth of the records, and predict it."),
+    folder: Path = option("--out", "DIR", "Folder for comparison.json, and each result.", Path("vibrident-comparison")),
 ) -> None:
     """Compare methods side by side: parameters, fit, and time; deviations are from the first one.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from vibrident.cli import options
 from vibrident.cli.console import out, warn, wrote
@@ -16,17 +16,16 @@ _CHOSEN = "chosen from noise, motion, sensor and sampling rate"
 
 
 def correct(
-    result: options.ResultFile,
-    calibration: options.CalibrationFile,
-    folder: Annotated[
-        Path, option("--out", "DIR", "Folder for the CSV files, correction.json and the picture.")
-    ] = Path("vibrident-correction"),
-    band: Annotated[str | None, option("--band", "LOW:HIGH", "Hz: the band to restore.", _CHOSEN)] = None,
-    noise: Annotated[
-        float | None,
-        option("--noise", "RMS", "White noise of the response, in its unit.", "estimated from each record"),
-    ] = None,
-    no_plots: Annotated[bool, flag("--no-pictures", "--no-plots", help="Draw no picture.")] = False,
+    result: Path = options.RESULT_FILE,
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path = option(
+        "--out", "DIR", "Folder for the CSV files, correction.json and the picture.", Path("vibrident-correction")
+    ),
+    band: str | None = option("--band", "LOW:HIGH", "Hz: the band to restore.", default=_CHOSEN),
+    noise: float | None = option(
+        "--noise", "RMS", "White noise of the response, in its unit.", default="estimated from each record"
+    ),
+    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from vibrident.cli.console import out, printable
 from vibrident.cli.options import option
@@ -22,7 +22,7 @@ SHOWN_HZ = (10.0, 160.0, 630.0, 1000.0)
 
 
 def demo(
-    folder: Annotated[Path, option("--out", "DIR", "Folder for everything; other files in it stay.")] = Path("demo"),
+    folder: Path = option("--out", "DIR", "Folder for everything; other files in it stay.", Path("demo")),
 ) -> None:
     """Simulate a calibration, identify the sensor, compare with the truth, write a report."""
     with written_whole(folder) as output:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 from vibrident.cli import options
 from vibrident.cli.console import wrote
@@ -14,33 +13,23 @@ from vibrident.workflow.results import load_result
 
 
 def export(
-    result: options.ResultFile,
-    form: Annotated[str, choice("--format", EXPORTS.names, "Format to write.", "{exports}", False)],
-    folder: Annotated[Path | None, option("--out", "DIR", "Folder for the files.", "beside the result")] = None,
-    rate: Annotated[
-        float | None,
-        option("--rate", "HZ", "Sampling rate of {exports: rate_hz}.", "the network's, where there is one"),
-    ] = None,
-    band: Annotated[str | None, option("--band", "LOW:HIGH", "Band of use in Hz.", "that of the data")] = None,
-    without: Annotated[
-        str | None,
-        option(
-            "--without",
-            "NAMES",
-            "Leave out {add-ons apart}, if a format cannot hold them; the file states the error.",
-            callback=options.listed("--without", options.not_rational),
-        ),
-    ] = None,
-    name: Annotated[str, option("--name", "NAME", "Name of files and functions.")] = "sensor",
-    schema: Annotated[
-        Path | None, option("--schema", "XSD", "{exports: schema}: validate against this schema.")
-    ] = None,
-    country: Annotated[
-        str | None, option("--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country.")
-    ] = None,
-    channel: Annotated[
-        str | None, option("--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel.")
-    ] = None,
+    result: Path = options.RESULT_FILE,
+    form: str = choice("--format", EXPORTS.names, "Format to write.", ..., "{exports}", False),
+    folder: Path | None = option("--out", "DIR", "Folder for the files.", default="beside the result"),
+    rate: float | None = option(
+        "--rate", "HZ", "Sampling rate of {exports: rate_hz}.", default="the network's, where there is one"
+    ),
+    band: str | None = option("--band", "LOW:HIGH", "Band of use in Hz.", default="that of the data"),
+    without: str | None = option(
+        "--without",
+        "NAMES",
+        "Leave out {add-ons apart}, if a format cannot hold them; the file states the error.",
+        callback=options.listed("--without", options.not_rational),
+    ),
+    name: str = option("--name", "NAME", "Name of files and functions.", "sensor"),
+    schema: Path | None = option("--schema", "XSD", "{exports: schema}: validate against this schema."),
+    country: str | None = option("--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country."),
+    channel: str | None = option("--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel."),
 ) -> None:
     """Write a result in another program's format, from the result alone.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -26,50 +26,41 @@ _LINE_S = 30.0
 
 
 def fleet(
-    patterns: Annotated[
-        list[str],
-        argument("PATTERN...", "Calibration files; folders, for all .toml files in and below them; globs in quotes."),
-    ],
-    folder: Annotated[Path, option("--out", "DIR", "Folder for the table, the page and the parts needed to resume.")],
-    workers: Annotated[int | None, option("--workers", "N", "Processes on this machine.", "all cores", min=1)] = None,
-    scheduler: Annotated[
-        str | None,
-        option(
-            "--scheduler",
-            "ADDRESS|FILE.json",
-            "A running Dask scheduler, in place of this machine's processes; extra cluster.",
-        ),
-    ] = None,
-    model: Annotated[str | None, option("--model", "NAME", "Sensor model for all, in place of each file's.")] = None,
-    estimator: Annotated[
-        str,
-        choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", "{estimators}"),
-    ] = AUTO,
-    device: Annotated[
-        str,
-        choice(
-            "--device", ("cpu", "gpu"), "Where tones and lines are fitted; gpu: not measured on one, see docs/fleet.md."
-        ),
-    ] = "cpu",
-    resume: Annotated[bool, flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.")] = True,
-    time_limit_s: Annotated[float, between("--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9)] = 300.0,
-    memory_limit_mb: Annotated[
-        float | None,
-        between(
-            "--memory-limit", "MB", "Most memory of one process.", 1.0, 1e9, "its share of the machine's, 4 GB or more"
-        ),
-    ] = None,
-    limits: Annotated[
-        Path | None, option("--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page.")
-    ] = None,
-    results: Annotated[bool, flag("--results/--no-results", help="Keep whole results in DIR/results.")] = True,
-    store: Annotated[
-        str | None, option("--store", "URL", "Add the results to this history too; see `vibrident history`.")
-    ] = None,
-    strict: Annotated[
-        bool, flag("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful.")
-    ] = False,
-    quiet: Annotated[bool, flag("--quiet", "-q", help="Print nothing but errors.")] = False,
+    patterns: list[str] = argument(
+        "PATTERN...", "Calibration files; folders, for all .toml files in and below them; globs in quotes."
+    ),
+    folder: Path = option("--out", "DIR", "Folder for the table, the page and the parts needed to resume.", ...),
+    workers: int | None = option("--workers", "N", "Processes on this machine.", default="all cores", min=1),
+    scheduler: str | None = option(
+        "--scheduler",
+        "ADDRESS|FILE.json",
+        "A running Dask scheduler, in place of this machine's processes; extra cluster.",
+    ),
+    model: str | None = option("--model", "NAME", "Sensor model for all, in place of each file's."),
+    estimator: str = choice(
+        "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", AUTO, "{estimators}"
+    ),
+    device: str = choice(
+        "--device",
+        ("cpu", "gpu"),
+        "Where tones and lines are fitted; gpu: not measured on one, see docs/fleet.md.",
+        "cpu",
+    ),
+    resume: bool = flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.", value=True),
+    time_limit_s: float = between("--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9, 300.0),
+    memory_limit_mb: float | None = between(
+        "--memory-limit",
+        "MB",
+        "Most memory of one process.",
+        1.0,
+        1e9,
+        default="its share of the machine's, 4 GB or more",
+    ),
+    limits: Path | None = option("--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page."),
+    results: bool = flag("--results/--no-results", help="Keep whole results in DIR/results.", value=True),
+    store: str | None = option("--store", "URL", "Add the results to this history too; see `vibrident history`."),
+    strict: bool = flag("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful."),
+    quiet: bool = flag("--quiet", "-q", help="Print nothing but errors."),
 ) -> None:
     """Identify many sensors: DIR/fleet.parquet, a row each, and DIR/fleet.html.
 

@@ -6,13 +6,13 @@ import datetime
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from vibrident.cli.console import note, out, printable, wrote
 from vibrident.cli.history_options import question, read_date, read_tolerance
-from vibrident.cli.options import ResultFiles, argument, between, choice, one_of, option
+from vibrident.cli.options import RESULT_FILES, argument, between, choice, one_of, option
 from vibrident.errors import InputError
 from vibrident.workflow.folder import write_json, written_whole
 from vibrident.workflow.results import load_result
@@ -27,49 +27,39 @@ FORMS = ("text", "json")
 KINDS = ("repaired", "recalled", "superseded")
 PICTURES = (".png", ".svg", ".pdf")
 
-_Store = Annotated[
-    str | None,
-    option(
-        "--store",
-        "URL",
-        "sqlite:///FILE, FILE.db or postgresql://USER@HOST/DATABASE.",
-        "VIBRIDENT_STORE, else a file in the user's data folder",
-    ),
-]
-_Serial = Annotated[str, argument("SERIAL", "Serial number.")]
-_Calibration = Annotated[int, argument("ID", "Number of the calibration.")]
-_Type = Annotated[str | None, option("--type", "TYPE", "Of sensors with one serial number.")]
-_Maker = Annotated[str | None, option("--manufacturer", "NAME", "Of sensors with one serial number.")]
-_Axis = Annotated[str | None, option("--axis", "AXIS", "Of sensors with several.")]
-_Form = Annotated[str, choice("--format", FORMS, "Tables, or one JSON document.")]
-_By = Annotated[str | None, option("--by", "NAME", "Author of the entry.", "the account")]
-_Note = Annotated[str, option("--note", "TEXT", "Why.")]
-_Quantity = Annotated[
-    str | None,
-    option(
-        "--quantity",
-        "NAME",
-        "A parameter of the results, such as natural_frequency.",
-        "the sensitivity at the reference frequency",
-    ),
-]
-_Frequency = Annotated[float | None, option("--frequency", "HZ", "The sensitivity at this nominal frequency.", False)]
-_Tolerance = Annotated[str | None, option("--tolerance", "REL", "Tolerance: 1% or 0.01.", False)]
-_Nominal = Annotated[float | None, option("--nominal", "VALUE", "Value it is used with.", "the last calibration's")]
-_Limits = Annotated[
-    Path | None, option("--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`.")
-]
-_Interval = Annotated[
-    float | None, between("--interval", "YEARS", "In force, years.", 1e-3, 1e3, "between the last two calibrations")
-]
+_STORE = option(
+    "--store",
+    "URL",
+    "sqlite:///FILE, FILE.db or postgresql://USER@HOST/DATABASE.",
+    default="VIBRIDENT_STORE, else a file in the user's data folder",
+)
+_SERIAL = argument("SERIAL", "Serial number.")
+_CALIBRATION = argument("ID", "Number of the calibration.")
+_TYPE = option("--type", "TYPE", "Of sensors with one serial number.")
+_MAKER = option("--manufacturer", "NAME", "Of sensors with one serial number.")
+_AXIS = option("--axis", "AXIS", "Of sensors with several.")
+_FORM = choice("--format", FORMS, "Tables, or one JSON document.", "text")
+_BY = option("--by", "NAME", "Author of the entry.", default="the account")
+_NOTE = option("--note", "TEXT", "Why.", "")
+_QUANTITY = option(
+    "--quantity",
+    "NAME",
+    "A parameter of the results, such as natural_frequency.",
+    default="the sensitivity at the reference frequency",
+)
+_FREQUENCY = option("--frequency", "HZ", "The sensitivity at this nominal frequency.", default=False)
+_TOLERANCE = option("--tolerance", "REL", "Tolerance: 1% or 0.01.", default=False)
+_NOMINAL = option("--nominal", "VALUE", "Value it is used with.", default="the last calibration's")
+_LIMITS = option("--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`.")
+_INTERVAL = between("--interval", "YEARS", "In force, years.", 1e-3, 1e3, default="between the last two calibrations")
 
 
 @history.command("add")
 def add(
-    results: ResultFiles,
-    store: _Store = None,
-    serial: Annotated[str | None, option("--serial", "SERIAL", "For results without one.")] = None,
-    date: Annotated[str | None, option("--date", "DATE", "Of the calibration, for results without one.")] = None,
+    results: list[Path] = RESULT_FILES,
+    store: str | None = _STORE,
+    serial: str | None = option("--serial", "SERIAL", "For results without one."),
+    date: str | None = option("--date", "DATE", "Of the calibration, for results without one."),
 ) -> None:
     """Add results. An existing result stays unchanged."""
     day = read_date(date, "--date")
@@ -91,7 +81,7 @@ def add(
 
 
 @history.command("list")
-def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "text") -> None:
+def list_sensors(store: str | None = _STORE, type_name: str | None = _TYPE, form: str = _FORM) -> None:
     """List the sensors, with the number of their calibrations and the dates of the first and the last."""
     from vibrident.history import query, tables
     from vibrident.history.document import listed
@@ -104,20 +94,20 @@ def list_sensors(store: _Store = None, type_name: _Type = None, form: _Form = "t
 
 @history.command("show")
 def show(
-    serial: _Serial,
-    store: _Store = None,
-    type_name: _Type = None,
-    axis: _Axis = None,
-    maker: _Maker = None,
-    quantity: _Quantity = None,
-    frequency: _Frequency = None,
-    at: Annotated[str | None, option("--at", "DATE", "Predict for it.", "the end of the interval")] = None,
-    tolerance: _Tolerance = None,
-    nominal: _Nominal = None,
-    limits: _Limits = None,
-    interval: _Interval = None,
-    form: _Form = "text",
-    target: Annotated[Path | None, option("--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too.")] = None,
+    serial: str = _SERIAL,
+    store: str | None = _STORE,
+    type_name: str | None = _TYPE,
+    axis: str | None = _AXIS,
+    maker: str | None = _MAKER,
+    quantity: str | None = _QUANTITY,
+    frequency: float | None = _FREQUENCY,
+    at: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
+    tolerance: str | None = _TOLERANCE,
+    nominal: float | None = _NOMINAL,
+    limits: Path | None = _LIMITS,
+    interval: float | None = _INTERVAL,
+    form: str = _FORM,
+    target: Path | None = option("--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too."),
 ) -> None:
     """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
     from vibrident.history import page, query
@@ -135,18 +125,18 @@ def show(
 
 @history.command("due")
 def due(
-    serial: Annotated[str | None, argument("[SERIAL]", "Serial number.", "all sensors")] = None,
-    tolerance: _Tolerance = None,
-    store: _Store = None,
-    type_name: _Type = None,
-    axis: _Axis = None,
-    maker: _Maker = None,
-    quantity: _Quantity = None,
-    frequency: _Frequency = None,
-    nominal: _Nominal = None,
-    limits: _Limits = None,
-    interval: _Interval = None,
-    form: _Form = "text",
+    serial: str | None = argument("[SERIAL]", "Serial number.", None, "all sensors"),
+    tolerance: str | None = _TOLERANCE,
+    store: str | None = _STORE,
+    type_name: str | None = _TYPE,
+    axis: str | None = _AXIS,
+    maker: str | None = _MAKER,
+    quantity: str | None = _QUANTITY,
+    frequency: float | None = _FREQUENCY,
+    nominal: float | None = _NOMINAL,
+    limits: Path | None = _LIMITS,
+    interval: float | None = _INTERVAL,
+    form: str = _FORM,
 ) -> None:
     """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
     given = read_tolerance(tolerance, nominal)
@@ -180,10 +170,10 @@ def due(
 
 @history.command("approve")
 def approve(
-    number: _Calibration,
-    store: _Store = None,
-    by: _By = None,
-    note_text: _Note = "",
+    number: int = _CALIBRATION,
+    store: str | None = _STORE,
+    by: str | None = _BY,
+    note_text: str = _NOTE,
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
     from vibrident.history import edit
@@ -197,16 +187,16 @@ def approve(
 
 @history.command("event")
 def event(
-    serial: _Serial,
-    kind: Annotated[str, choice("--kind", KINDS, "What happened.", default=False)],
-    date: Annotated[str | None, option("--date", "DATE", "When.", "today")] = None,
-    calibration: Annotated[int | None, option("--calibration", "ID", "Of this calibration, not of the sensor.")] = None,
-    note_text: _Note = "",
-    by: _By = None,
-    store: _Store = None,
-    type_name: _Type = None,
-    axis: _Axis = None,
-    maker: _Maker = None,
+    serial: str = _SERIAL,
+    kind: str = choice("--kind", KINDS, "What happened.", ..., default=False),
+    date: str | None = option("--date", "DATE", "When.", default="today"),
+    calibration: int | None = option("--calibration", "ID", "Of this calibration, not of the sensor."),
+    note_text: str = _NOTE,
+    by: str | None = _BY,
+    store: str | None = _STORE,
+    type_name: str | None = _TYPE,
+    axis: str | None = _AXIS,
+    maker: str | None = _MAKER,
 ) -> None:
     """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
     day = read_date(date, "--date")
@@ -221,9 +211,9 @@ def event(
 
 @history.command("result")
 def result(
-    number: _Calibration,
-    target: Annotated[Path, option("--out", "FILE", "result.json to write.", False)],
-    store: _Store = None,
+    number: int = _CALIBRATION,
+    target: Path = option("--out", "FILE", "result.json to write.", ..., False),
+    store: str | None = _STORE,
 ) -> None:
     """Write a stored result to a file."""
     from vibrident.history import query
@@ -237,8 +227,8 @@ def result(
 
 @history.command("export")
 def export(
-    target: Annotated[Path, argument("FILE.parquet|FILE.csv", "File to write.")],
-    store: _Store = None,
+    target: Path = argument("FILE.parquet|FILE.csv", "File to write."),
+    store: str | None = _STORE,
 ) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.history import query
@@ -253,7 +243,7 @@ def export(
 
 
 @history.command("upgrade")
-def upgrade(store: _Store = None) -> None:
+def upgrade(store: str | None = _STORE) -> None:
     """Upgrade a store of an older version, with its data; or create a new one."""
     with _opened(store) as opened:
         before, after = opened.upgrade()

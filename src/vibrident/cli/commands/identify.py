@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -17,112 +17,82 @@ from vibrident.workflow.identification import Request, run
 
 WARNED = 3
 _DETAILS = "Settings of an estimator"
+_DISCRETISATION = choice(
+    "--discretisation",
+    options.DISCRETISATIONS,
+    f"Network: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
+    metavar="NAME",
+    default="bandlimited",
+    panel=_DETAILS,
+)
+_OPTIMISER = choice(
+    "--optimiser",
+    options.OPTIMISERS,
+    "Network: Levenberg-Marquardt, or Adam as in the paper.",
+    default="lm",
+    panel=_DETAILS,
+)
+_WEIGHTING = choice(
+    "--weighting",
+    options.WEIGHTINGS,
+    "Least squares on the response: by uncertainty, or plain as in the paper.",
+    panel=_DETAILS,
+)
 
-_Discretisation = Annotated[
-    str | None,
-    choice(
-        "--discretisation",
-        options.DISCRETISATIONS,
-        f"Network: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
+
+def identify(
+    calibrations: list[Path] = argument("CAL.toml...", "Calibration file; several of one sensor are fitted together."),
+    model: str | None = option(
+        "--model",
         "NAME",
-        "bandlimited",
-        _DETAILS,
+        "Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
+        "one for all, or one each, joined by commas.",
     ),
-]
-_Optimiser = Annotated[
-    str | None,
-    choice(
-        "--optimiser",
-        options.OPTIMISERS,
-        "Network: Levenberg-Marquardt, or Adam as in the paper.",
-        default="lm",
-        panel=_DETAILS,
+    estimator_name: str = choice(
+        "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", AUTO, "{estimators}"
     ),
-]
-_Weighting = Annotated[
-    str | None,
-    choice(
-        "--weighting",
-        options.WEIGHTINGS,
-        "Least squares on the response: by uncertainty, or plain as in the paper.",
-        panel=_DETAILS,
+    folder: Path = option(
+        "--out", "DIR", "Folder for result.json and pictures; other files in it stay.", Path("vibrident-out")
     ),
-]
-_Residual = Annotated[
-    bool,
-    flag(
+    uncertainty: str = choice(
+        "--uncertainty",
+        options.UNCERTAINTIES,
+        "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model is rejected.",
+        "auto",
+    ),
+    share: str | None = option(
+        "--share",
+        "A,B",
+        "Several files: the parameters they share, no others.",
+        default="the oscillator, and gains of equal outputs",
+    ),
+    strict: bool = flag("--strict", help="Exit with 3 if the result carries a warning."),
+    pictures: bool = flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True),
+    plots: bool | None = flag("--plots/--no-plots", help="", hidden=True, value=None),  # the older name
+    weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
+    quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
+    discretisation: str | None = _DISCRETISATION,
+    optimiser: str | None = _OPTIMISER,
+    steps: int | None = option(
+        "--steps", "N", "Network with adam: training steps.", default="1500", panel=_DETAILS, min=1
+    ),
+    learning_rate: float | None = option(
+        "--learning-rate", "X", "Network with adam: step size.", default="0.001", panel=_DETAILS
+    ),
+    weighting: str | None = _WEIGHTING,
+    residual: bool = flag(
         "--residual",
         help="Network: learn the residual by a small network beside the physics; kept only where it "
         "predicts held-out data better.",
         panel=_DETAILS,
     ),
-]
-_Posterior = Annotated[
-    bool,
-    flag(
+    others: list[str] | None = option(
+        "--set", "NAME=VALUE", "A setting of another package's estimator; may be repeated.", panel=_DETAILS
+    ),
+    posterior: bool = flag(
         "--posterior",
         help="ml: also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
     ),
-]
-
-
-def identify(
-    calibrations: Annotated[
-        list[Path], argument("CAL.toml...", "Calibration file; several of one sensor are fitted together.")
-    ],
-    model: Annotated[
-        str | None,
-        option(
-            "--model",
-            "NAME",
-            "Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
-            "one for all, or one each, joined by commas.",
-        ),
-    ] = None,
-    estimator_name: Annotated[
-        str,
-        choice("--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", "{estimators}"),
-    ] = AUTO,
-    folder: Annotated[
-        Path, option("--out", "DIR", "Folder for result.json and pictures; other files in it stay.")
-    ] = Path("vibrident-out"),
-    uncertainty: Annotated[
-        str,
-        choice(
-            "--uncertainty",
-            options.UNCERTAINTIES,
-            "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model is rejected.",
-        ),
-    ] = "auto",
-    share: Annotated[
-        str | None,
-        option(
-            "--share",
-            "A,B",
-            "Several files: the parameters they share, no others.",
-            "the oscillator, and gains of equal outputs",
-        ),
-    ] = None,
-    strict: Annotated[bool, flag("--strict", help="Exit with 3 if the result carries a warning.")] = False,
-    pictures: Annotated[bool, flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.")] = True,
-    plots: Annotated[bool | None, flag("--plots/--no-plots", help="", hidden=True)] = None,  # the older name
-    weights: Annotated[bool, flag("--weights", help="Print the network's weights, the paper's Table 1.")] = False,
-    quiet: Annotated[bool, flag("--quiet", "-q", help="Print nothing but errors and warnings.")] = False,
-    discretisation: _Discretisation = None,
-    optimiser: _Optimiser = None,
-    steps: Annotated[
-        int | None, option("--steps", "N", "Network with adam: training steps.", "1500", _DETAILS, min=1)
-    ] = None,
-    learning_rate: Annotated[
-        float | None, option("--learning-rate", "X", "Network with adam: step size.", "0.001", _DETAILS)
-    ] = None,
-    weighting: _Weighting = None,
-    residual: _Residual = False,
-    others: Annotated[
-        list[str] | None,
-        option("--set", "NAME=VALUE", "A setting of another package's estimator; may be repeated.", panel=_DETAILS),
-    ] = None,
-    posterior: _Posterior = False,
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, printable, wrote
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 def inspect(
-    calibration: options.CalibrationFile,
-    folder: Annotated[Path | None, option("--out", "DIR", "Folder for the picture.", "./CAL.inspect.png")] = None,
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path | None = option("--out", "DIR", "Folder for the picture.", default="./CAL.inspect.png"),
 ) -> None:
     """Show calibration data: their description, findings, and a picture."""
     from vibrident.io import read_guarded

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
@@ -23,101 +23,71 @@ _POINTS = "Points"
 _CHOICE = "Choice of frequencies"
 #: Options for one parameter each; --parameter NAME=VALUE sets any.
 _NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
-
-
-_Source = Annotated[
-    Path | None,
-    option(
-        "--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", panel=_SENSOR
-    ),
-]
-_Parameter = Annotated[
-    list[str] | None, option("--parameter", "NAME=VALUE", "Any other; may be repeated.", panel=_SENSOR)
-]
-_Quantity = Annotated[
-    str | None,
-    choice(
-        "--quantity",
-        options.QUANTITIES,
-        f"Of the reference: {', '.join(options.QUANTITIES)}.",
-        "NAME",
-        panel=_SENSOR,
-        default="acceleration",
-    ),
-]
-_Frequencies = Annotated[
-    str | None,
-    option(
-        "--frequencies",
-        "LOW:HIGH|A,B",
-        "Hz: one-third octaves in a range, or a list.",
-        panel=_POINTS,
-        default="those of the result",
-    ),
-]
-_Amplitude = Annotated[
-    float | None, option("--amplitude", "A", "Peak acceleration, m/s².", panel=_POINTS, default="9.80665")
-]
-_ResponseNoise = Annotated[
-    float, option("--response-noise", "REL", "White, relative to the response's rms.", panel=_POINTS)
-]
-_ResponseRms = Annotated[float, option("--response-noise-rms", "RMS", "White, in the response's unit.", panel=_POINTS)]
-_ReferenceNoise = Annotated[
-    float, option("--reference-noise", "REL", "White, relative to the reference's rms.", panel=_POINTS)
-]
-_ReferenceRms = Annotated[
-    float, option("--reference-noise-rms", "RMS", "White, in the reference's unit.", panel=_POINTS)
-]
-_Magnitude = Annotated[
-    float | None, option("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", panel=_POINTS)
-]
-_Phase = Annotated[float | None, option("--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", panel=_POINTS)]
-_Longer = Annotated[float, option("--times-as-long", "X", "With --from alone: records X times as long.", panel=_POINTS)]
-_Systematic = Annotated[
-    float | None,
-    option("--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", "the result's", _POINTS),
-]
-_Best = Annotated[int | None, option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all")]
-_Criterion = Annotated[
-    str,
-    choice(
-        "--criterion",
-        ("D", "A"),
-        "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
-        panel=_CHOICE,
-    ),
-]
-_Repeats = Annotated[bool, flag("--repeats", help="A frequency may be chosen several times.", panel=_CHOICE)]
-_Folder = Annotated[Path | None, option("--out", "DIR", "Folder for plan.json and a picture.", "none")]
+_QUANTITY = choice(
+    "--quantity",
+    options.QUANTITIES,
+    f"Of the reference: {', '.join(options.QUANTITIES)}.",
+    metavar="NAME",
+    panel=_SENSOR,
+    default="acceleration",
+)
+_FREQUENCIES = option(
+    "--frequencies",
+    "LOW:HIGH|A,B",
+    "Hz: one-third octaves in a range, or a list.",
+    panel=_POINTS,
+    default="those of the result",
+)
+_CRITERION = choice(
+    "--criterion",
+    ("D", "A"),
+    "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
+    "D",
+    panel=_CHOICE,
+)
 
 
 def plan(
-    model: Annotated[str | None, option("--model", "MODEL", "Such as accelerometer+delay.", panel=_SENSOR)] = None,
-    source: _Source = None,
-    natural_frequency: Annotated[float | None, option("--natural-frequency", "HZ", "In Hz.", panel=_SENSOR)] = None,
-    damping: Annotated[float | None, option("--damping", "RATIO", "Damping ratio.", panel=_SENSOR)] = None,
-    sensitivity: Annotated[
-        float | None, option("--sensitivity", "S", "Accelerometer: V/(m/s²).", panel=_SENSOR)
-    ] = None,
-    constant: Annotated[float | None, option("--generator-constant", "G", "Pickup: V/(m/s).", panel=_SENSOR)] = None,
-    parameter: _Parameter = None,
-    quantity: _Quantity = None,
-    frequencies: _Frequencies = None,
-    amplitude: _Amplitude = None,
-    rate: Annotated[float | None, option("--rate", "HZ", "Sampling rate.", panel=_POINTS)] = None,
-    samples: Annotated[int | None, option("--samples", "N", "Samples of every record.", panel=_POINTS)] = None,
-    response_noise: _ResponseNoise = 0.0,
-    response_noise_rms: _ResponseRms = 0.0,
-    reference_noise: _ReferenceNoise = 0.0,
-    reference_noise_rms: _ReferenceRms = 0.0,
-    magnitude_uncertainty: _Magnitude = None,
-    phase_uncertainty: _Phase = None,
-    longer: _Longer = 1.0,
-    reference_uncertainty: _Systematic = None,
-    best: _Best = None,
-    criterion: _Criterion = "D",
-    repeats: _Repeats = False,
-    folder: _Folder = None,
+    model: str | None = option("--model", "MODEL", "Such as accelerometer+delay.", panel=_SENSOR),
+    source: Path | None = option(
+        "--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", panel=_SENSOR
+    ),
+    natural_frequency: float | None = option("--natural-frequency", "HZ", "In Hz.", panel=_SENSOR),
+    damping: float | None = option("--damping", "RATIO", "Damping ratio.", panel=_SENSOR),
+    sensitivity: float | None = option("--sensitivity", "S", "Accelerometer: V/(m/s²).", panel=_SENSOR),
+    constant: float | None = option("--generator-constant", "G", "Pickup: V/(m/s).", panel=_SENSOR),
+    parameter: list[str] | None = option("--parameter", "NAME=VALUE", "Any other; may be repeated.", panel=_SENSOR),
+    quantity: str | None = _QUANTITY,
+    frequencies: str | None = _FREQUENCIES,
+    amplitude: float | None = option("--amplitude", "A", "Peak acceleration, m/s².", panel=_POINTS, default="9.80665"),
+    rate: float | None = option("--rate", "HZ", "Sampling rate.", panel=_POINTS),
+    samples: int | None = option("--samples", "N", "Samples of every record.", panel=_POINTS),
+    response_noise: float = option(
+        "--response-noise", "REL", "White, relative to the response's rms.", 0.0, panel=_POINTS
+    ),
+    response_noise_rms: float = option(
+        "--response-noise-rms", "RMS", "White, in the response's unit.", 0.0, panel=_POINTS
+    ),
+    reference_noise: float = option(
+        "--reference-noise", "REL", "White, relative to the reference's rms.", 0.0, panel=_POINTS
+    ),
+    reference_noise_rms: float = option(
+        "--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0, panel=_POINTS
+    ),
+    magnitude_uncertainty: float | None = option(
+        "--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", panel=_POINTS
+    ),
+    phase_uncertainty: float | None = option(
+        "--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", panel=_POINTS
+    ),
+    longer: float = option("--times-as-long", "X", "With --from alone: records X times as long.", 1.0, panel=_POINTS),
+    reference_uncertainty: float | None = option(
+        "--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", default="the result's", panel=_POINTS
+    ),
+    best: int | None = option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all"),
+    criterion: str = _CRITERION,
+    repeats: bool = flag("--repeats", help="A frequency may be chosen several times.", panel=_CHOICE),
+    folder: Path | None = option("--out", "DIR", "Folder for plan.json and a picture.", default="none"),
 ) -> None:
     """Predict the uncertainty of a calibration with sines, and choose its best frequencies."""
     named = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, constant), strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from vibrident.cli import options
 from vibrident.cli.console import out, warn, wrote
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def predict(
-    result: options.ResultFile,
-    calibration: options.CalibrationFile,
-    folder: Annotated[Path, option("--out", "DIR", "Folder for the CSV files and prediction.json.")] = Path(
-        "vibrident-prediction"
+    result: Path = options.RESULT_FILE,
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path = option(
+        "--out", "DIR", "Folder for the CSV files and prediction.json.", Path("vibrident-prediction")
     ),
 ) -> None:
     """Predict the response of other records: a CSV file each, and their rmse in prediction.json.

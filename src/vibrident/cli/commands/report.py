@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from vibrident.cli import options
 from vibrident.cli.console import note, wrote
@@ -23,28 +23,20 @@ _COMPARISON = Path("vibrident-comparison")
 
 
 def report(
-    results: options.ResultFiles,
-    target: Annotated[
-        Path | None,
-        option(
-            "--out",
-            "DIR|FILE",
-            "Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
-            "beside each result",
-        ),
-    ] = None,
-    form: Annotated[
-        str | None,
-        choice(
-            "--format",
-            options.FORMATS,
-            "html: interactive, one file; pdf: calibration certificate; md: Markdown with pictures.",
-            default="by the ending of --out, or md",
-        ),
-    ] = None,
-    store: Annotated[
-        str | None, option("--store", "URL", "Add what this history holds of the sensor; not in a certificate.")
-    ] = None,
+    results: list[Path] = options.RESULT_FILES,
+    target: Path | None = option(
+        "--out",
+        "DIR|FILE",
+        "Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
+        default="beside each result",
+    ),
+    form: str | None = choice(
+        "--format",
+        options.FORMATS,
+        "html: interactive, one file; pdf: calibration certificate; md: Markdown with pictures.",
+        default="by the ending of --out, or md",
+    ),
+    store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),
 ) -> None:
     """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
     ending = "" if target is None else target.suffix.lower().removeprefix(".")

@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from vibrident.cli.console import note, out
 from vibrident.cli.options import flag, option
@@ -19,17 +19,11 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    folder: Annotated[Path, option("--out", "DIR", "Folder for the page; other files in it stay.")] = Path(
-        "reproduction"
-    ),
-    quick: Annotated[bool, flag("--quick", help="A trial of two minutes; networks are not fully trained.")] = False,
-    full_range: Annotated[
-        bool, flag("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz.")
-    ] = False,
-    seed: Annotated[int, option("--seed", "N", "Of everything random.", min=0)] = 20251111,
-    into: Annotated[
-        Path | None, option("--into", "FILE.md", "Also put the tables between the marks of FILE.md.")
-    ] = None,
+    folder: Path = option("--out", "DIR", "Folder for the page; other files in it stay.", Path("reproduction")),
+    quick: bool = flag("--quick", help="A trial of two minutes; networks are not fully trained."),
+    full_range: bool = flag("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz."),
+    seed: int = option("--seed", "N", "Of everything random.", 20251111, min=0),
+    into: Path | None = option("--into", "FILE.md", "Also put the tables between the marks of FILE.md."),
 ) -> None:
     """Reproduce the paper: every table and figure, and further ones, on one page (Markdown and HTML).
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
 from vibrident.cli.console import note, out
@@ -16,18 +14,16 @@ _STORE = "on loopback VIBRIDENT_STORE, else a file in the user's data folder; no
 
 def serve(
     context: typer.Context,
-    host: Annotated[
-        str, option("--host", "ADDRESS", "Where to listen; other addresses than loopback open it to others.")
-    ] = "127.0.0.1",
-    port: Annotated[int, between("--port", "N", "Port.", 0, 65535, "8080, or one that is free")] = 0,
-    no_browser: Annotated[bool, flag("--no-browser", help="Open no browser.")] = False,
-    limit_mb: Annotated[float, between("--limit-mb", "MB", "Most megabytes of one user's files.", 1, 1e6)] = 100.0,
-    name: Annotated[
-        list[str] | None, option("--name", "NAME", "A further host name of the page; may be repeated.")
-    ] = None,
-    store: Annotated[
-        str | None, option("--store", "URL", "History to show and add to; see `vibrident history`.", _STORE)
-    ] = None,
+    host: str = option(
+        "--host", "ADDRESS", "Where to listen; other addresses than loopback open it to others.", "127.0.0.1"
+    ),
+    port: int = between("--port", "N", "Port.", 0, 65535, 0, "8080, or one that is free"),
+    no_browser: bool = flag("--no-browser", help="Open no browser."),
+    limit_mb: float = between("--limit-mb", "MB", "Most megabytes of one user's files.", 1, 1e6, 100.0),
+    name: list[str] | None = option("--name", "NAME", "A further host name of the page; may be repeated."),
+    store: str | None = option(
+        "--store", "URL", "History to show and add to; see `vibrident history`.", default=_STORE
+    ),
 ) -> None:
     """Open a page in the browser: drop files, confirm columns, identify, view, download. Ctrl-C ends it.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from vibrident.cli import options
 from vibrident.cli.console import out, wrote
@@ -16,62 +16,47 @@ from vibrident.workflow.simulated import write
 _NOISE = "Noise"
 _LIGHT = "Raw light"
 
-_Interferometer = Annotated[
-    str | None,
-    choice(
+
+def simulate(
+    folder: Path = option("--out", "DIR", "Folder for the files.", ..., False),
+    sensor: str = option("--sensor", "NAME", f"Of {', '.join(options.SENSORS)}.", "paper"),
+    excitation: str = choice(
+        "--excitation",
+        options.EXCITATIONS,
+        f"{', '.join(options.EXCITATIONS)}; sine makes a record for every frequency.",
+        "sine",
+        "NAME",
+    ),
+    rate: float | None = option("--rate", "HZ", "Sampling rate.", default="the sensor's usual"),
+    samples: int = option("--samples", "N", "Samples of every record.", 16000),
+    frequencies: str | None = option(
+        "--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", default="the sensor's band"
+    ),
+    quantity: str = choice(
+        "--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "acceleration", "NAME"
+    ),
+    start: str = choice(
+        "--start", options.STARTS, "State at the first sample: rest as in the paper, steady as in a laboratory.", "rest"
+    ),
+    method: str = choice(
+        "--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.", "exact"
+    ),
+    excitation_snr: float | None = option(
+        "--excitation-snr", "DB", "Excitation over noise motion of the base.", panel=_NOISE
+    ),
+    reference_noise: float = option("--reference-noise", "REL", "White, relative to the rms.", 0.0, panel=_NOISE),
+    response_noise: float = option("--response-noise", "REL", "White, relative to the rms.", 0.0, panel=_NOISE),
+    interferometer: str | None = choice(
         "--interferometer",
         INTERFEROMETERS,
         "Write an interferometer's raw signals in place of the reference.",
         panel=_LIGHT,
     ),
-]
-
-
-def simulate(
-    folder: Annotated[Path, option("--out", "DIR", "Folder for the files.", False)],
-    sensor: Annotated[str, option("--sensor", "NAME", f"Of {', '.join(options.SENSORS)}.")] = "paper",
-    excitation: Annotated[
-        str,
-        choice(
-            "--excitation",
-            options.EXCITATIONS,
-            f"{', '.join(options.EXCITATIONS)}; sine makes a record for every frequency.",
-            "NAME",
-        ),
-    ] = "sine",
-    rate: Annotated[float | None, option("--rate", "HZ", "Sampling rate.", "the sensor's usual")] = None,
-    samples: Annotated[int, option("--samples", "N", "Samples of every record.")] = 16000,
-    frequencies: Annotated[
-        str | None,
-        option("--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", "the sensor's band"),
-    ] = None,
-    quantity: Annotated[
-        str, choice("--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "NAME")
-    ] = "acceleration",
-    start: Annotated[
-        str,
-        choice(
-            "--start", options.STARTS, "State at the first sample: rest as in the paper, steady as in a laboratory."
-        ),
-    ] = "rest",
-    method: Annotated[
-        str, choice("--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.")
-    ] = "exact",
-    excitation_snr: Annotated[
-        float | None, option("--excitation-snr", "DB", "Excitation over noise motion of the base.", panel=_NOISE)
-    ] = None,
-    reference_noise: Annotated[
-        float, option("--reference-noise", "REL", "White, relative to the rms.", panel=_NOISE)
-    ] = 0.0,
-    response_noise: Annotated[
-        float, option("--response-noise", "REL", "White, relative to the rms.", panel=_NOISE)
-    ] = 0.0,
-    interferometer: _Interferometer = None,
-    optics: Annotated[
-        str | None, option("--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", False, _LIGHT)
-    ] = None,
-    seed: Annotated[int, option("--seed", "N", "Of everything random.", panel=_NOISE, min=0)] = 0,
-    force: Annotated[bool, flag("--force", help="Write into a folder that is not empty.")] = False,
+    optics: str | None = option(
+        "--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", default=False, panel=_LIGHT
+    ),
+    seed: int = option("--seed", "N", "Of everything random.", 0, panel=_NOISE, min=0),
+    force: bool = flag("--force", help="Write into a folder that is not empty."),
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
     refuse_used(folder, force=force)
