@@ -10,7 +10,6 @@ from pathlib import Path
 
 from vibrident import memory
 from vibrident.errors import InputError
-from vibrident.io.columns import unreadable
 
 #: Most columns of a file.
 MOST_COLUMNS = 10_000
@@ -30,10 +29,7 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
     Raises:
         InputError: they are too many; or the environment variable of the limit is not a number.
     """
-    try:
-        file_bytes = path.stat().st_size
-    except OSError as error:
-        raise unreadable(str(path), error, "a data file") from error
+    file_bytes = path.stat().st_size
     most = memory_for(file_bytes)
     needed = max(numbers, 0) * max(number_bytes, _NUMBER_BYTES)
     if needed > most:

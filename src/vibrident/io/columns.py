@@ -1,4 +1,4 @@
-"""Interface of every file format: ordered, possibly named columns of numbers, and places of values for messages."""
+"""What the file formats have in common: ordered, possibly named columns of numbers, and places of values."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
+from vibrident import extras
 from vibrident.errors import InputError, did_you_mean
+from vibrident.io.allowance import require_few
 from vibrident.records import FloatArray
 
 #: Most names in a message; the rest is counted.
@@ -35,8 +38,27 @@ class Clock:
     start_ns: int | None = None
 
 
+@dataclass(frozen=True)
+class Channel:
+    """One column of real numbers.
+
+    Attributes:
+        name: as the calibration file uses it; "" for a column without a name.
+        handle: by which the format's library finds it.
+        clock: the file's statement of its sampling; None if absent.
+        in_seconds: True for a time type, loaded in seconds whatever its name.
+        unit: that the file states beside the name; "" if none.
+    """
+
+    name: str
+    handle: Any = None
+    clock: Clock | None = None
+    in_seconds: bool = False
+    unit: str = ""
+
+
 class ColumnFile(ABC):
-    """A file of columns, opened but not yet converted.
+    """A file of columns, opened but not yet converted; a subclass for each format reads them.
 
     A position is a column's place in ``names``, from 0. What the user writes in the calibration file (a number
     from 1, or a name) becomes a position through ``position_of``.
@@ -44,35 +66,57 @@ class ColumnFile(ABC):
 
     #: True if names are paths, with a unit in the last part only.
     names_are_paths = False
+    #: What the format calls a column.
+    word = "channel"
     #: Columns that were read whole to give a part.
     _kept: Mapping[int, FloatArray] = MappingProxyType({})
 
+    def __init__(self, path: Path, channels: Sequence[Channel], refused: Mapping[str, str]) -> None:
+        """Take the usable columns, and the refused ones: name → reason.
+
+        Raises:
+            InputError: no column is usable, or there are too many.
+        """
+        self._path = path
+        self._channels = tuple(channels)
+        self._refused = refused
+        require_few(path, self._channels, f"{self.word}s")
+        if not self._channels:
+            reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
+            raise InputError(
+                f"The file holds no {self.word} of numbers.",
+                expected=f"one {self.word} of real numbers or more",
+                found=reasons or f"no {self.word}s",
+                where=str(path),
+                remedy="check that the file is whole and holds time signals as plain numbers",
+            )
+
     @property
-    @abstractmethod
     def file(self) -> str:
         """Name of the file in messages."""
+        return str(self._path)
 
     @property
-    @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """One name a column; repeats are possible, and "" stands for a column without a name."""
+        """Name of each column; repeats are possible."""
+        return tuple(channel.name for channel in self._channels)
 
     @property
-    @abstractmethod
     def numbered(self) -> tuple[int, ...]:
         """Positions of the column numbers 1, 2, …; empty if numbers are ambiguous."""
+        return tuple(range(len(self._channels)))
 
     def clock(self, position: int) -> Clock | None:
-        """Return the file's statement of this column's sampling; None if absent."""
-        return None
+        """Return the file's statement of this column's sampling."""
+        return self._channels[position].clock
 
     def stated_unit(self, position: int) -> str:
         """Unit of a column that the file states beside its name; "" if none."""
-        return ""
+        return self._channels[position].unit
 
     def in_seconds(self, position: int) -> bool:
-        """Whether this column is of a time type; it is loaded in seconds, whatever its name."""
-        return False
+        """Whether this column is of a time type."""
+        return self._channels[position].in_seconds
 
     @abstractmethod
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -102,9 +146,9 @@ class ColumnFile(ABC):
         held.update(zip(missing, self.load(missing) if missing else (), strict=True))
         return [held[position] for position in positions]
 
-    @abstractmethod
     def locate(self, position: int, row: int) -> str:
-        """Place of a value for messages: file, line or sample, column. ``row`` counts samples from 0."""
+        """Place of a value for messages: file, column, and line or sample. ``row`` counts samples from 0."""
+        return f"{self.file}, {self.word} {self.names[position]!r}, sample {row + 1}"
 
     def require_finite(self, position: int, values: FloatArray, first_row: int, remedy: str) -> None:
         """Refuse a value that is missing, NaN or infinite.
@@ -137,12 +181,20 @@ class ColumnFile(ABC):
             key: the key that names it, such as "[response] column", for the message.
 
         Raises:
-            InputError: the column does not exist, or the name is not unique.
+            InputError: the column does not exist or was refused, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
+        wanted = self._plain_name(str(column))
+        if wanted in self._refused and wanted not in self.names:
+            raise InputError(
+                f"The {self.word} {column!r} cannot be used.",
+                expected=f"a {self.word} of real numbers over time",
+                found=self._refused[wanted],
+                where=where,
+                remedy=f"choose another {self.word}, or store the signal as plain numbers",
+            )
         if isinstance(column, int):
             return self._position_of_number(column, where)
-        wanted = self._plain_name(column)
         matches = [position for position, name in enumerate(self.names) if name == wanted]
         if len(matches) == 1:
             return matches[0]
@@ -194,6 +246,31 @@ class ColumnFile(ABC):
         listed = ", ".join(repr(name[:_LONGEST_NAME]) for name in named[:_NAMES_IN_MESSAGE])
         more = len(named) - _NAMES_IN_MESSAGE
         return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
+
+
+def real_numbers(values: Any) -> FloatArray:
+    """Return values as float64 of shape (samples,), timestamps as seconds since the first.
+
+    Raises:
+        ValueError: they are not one real number a sample.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        array = (array - array[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits of the seconds
+    elif array.dtype.kind == "m":
+        array = array / np.timedelta64(1, "s")
+    if array.dtype.kind not in "iufb" or array.ndim != 1:
+        raise ValueError(f"values of type {array.dtype} and shape {array.shape}")
+    return np.array(array, dtype=np.float64)
+
+
+def library(name: str, extra: str, path: Path) -> Any:
+    """Import a format's library, ``name``, which the extra ``extra`` of this package installs.
+
+    Raises:
+        InputError: it is not installed; ``path`` needs it.
+    """
+    return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))
 
 
 def require_regular(path: Path, what: str) -> None:

@@ -7,12 +7,11 @@ import json
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile
-from vibrident.io.columns import Clock, unreadable
+from vibrident.io.columns import Channel, Clock, ColumnFile, unreadable
 from vibrident.io.reader import Reader
 
 
-class JsonColumns(ChannelFile):
+class JsonColumns(ColumnFile):
     """Such a file, opened; the numbers are small enough to be read at once."""
 
     def __init__(self, path):

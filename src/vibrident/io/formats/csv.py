@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from vibrident.errors import InputError
-from vibrident.io.allowance import require_few
-from vibrident.io.columns import ColumnFile, unreadable
+from vibrident.io.columns import Channel, ColumnFile, unreadable
 from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number, split_line
 from vibrident.io.csv_lines import numbered_rows, row_lines
 from vibrident.io.reader import Reader
@@ -45,29 +44,13 @@ def _better_by_pandas(path: Path) -> bool:
 class CsvFile(ColumnFile):
     """A text file of columns; the layout comes from its first lines, the numbers from pandas' C parser."""
 
+    word = "column"
+
     def __init__(self, path: Path) -> None:
-        self._path = path
         self._layout: CsvLayout = detect_layout(path, str(path))
-        require_few(path, self._layout.names)
-
-    @property
-    def file(self) -> str:
-        """Name of the file in messages."""
-        return str(self._path)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The header's names; all "" without a header."""
-        return self._layout.names
-
-    def stated_unit(self, position: int) -> str:
-        """The cell of a row of units below the header."""
-        return self._layout.units[position].strip("[](){}<> ")
-
-    @property
-    def numbered(self) -> tuple[int, ...]:
-        """All columns."""
-        return tuple(range(len(self.names)))
+        units = (unit.strip("[](){}<> ") for unit in self._layout.units)
+        channels = [Channel(name, unit=unit) for name, unit in zip(self._layout.names, units, strict=True)]
+        super().__init__(path, channels, {})
 
     @cached_property
     def _row_lines(self) -> NDArray[np.int64]:

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.io.allowance import MOST_COLUMNS, require_few, require_room
-from vibrident.io.channels import Channel, ChannelFile
-from vibrident.io.columns import reading
+from vibrident.io.columns import Channel, ColumnFile, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -66,7 +65,7 @@ def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
     return tuple(ArrayColumn(name, column, columns > rows) for column in range(min(shape)))
 
 
-class ArrayFile(ChannelFile):
+class ArrayFile(ColumnFile):
     """A file of named arrays; subclasses read them."""
 
     names_are_paths = True

@@ -56,8 +56,8 @@ class MatlabFile(ArrayFile):
         import scipy.io
 
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
-        require_room(self._path, sum(self._numbers[name] for name in {column.array for column in columns}))
         with reading(self._path, _EXPECTED):
+            require_room(self._path, sum(self._numbers[name] for name in {column.array for column in columns}))
             arrays = scipy.io.loadmat(self._path, appendmat=False, variable_names=[c.array for c in columns])
             complex_names = [c.name for c in columns if np.iscomplexobj(arrays[c.array])]
             if complex_names:

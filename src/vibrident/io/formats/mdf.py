@@ -19,9 +19,8 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
 from vibrident.io.clocks import clock_from_times
-from vibrident.io.columns import Clock, reading
+from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -32,7 +31,7 @@ _ARITHMETIC = {4: frozenset({0, 1, 2, 4, 5, 6}), 3: frozenset({0, 1, 2, 6, 7, 8,
 _FORMULA = {4: 3, 3: 10}
 
 
-class MdfFile(ChannelFile):
+class MdfFile(ColumnFile):
     """An MDF file; values are converted as the file says, and samples that it declares invalid become NaN."""
 
     def __init__(self, path: Path) -> None:

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
-from vibrident.io.columns import Clock, reading
+from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -21,7 +20,7 @@ _MINISEED = "a miniSEED file of channels without gaps"
 _SEAM = 0.5
 
 
-class MiniSeedFile(ChannelFile):
+class MiniSeedFile(ColumnFile):
     """A miniSEED file; channels are named "NET.STA.LOC.CHA"."""
 
     def __init__(self, path: Path) -> None:

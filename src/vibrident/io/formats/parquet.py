@@ -9,8 +9,7 @@ from typing import Any
 
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
-from vibrident.io.columns import Clock, reading
+from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -19,7 +18,7 @@ _EXPECTED = "a Parquet file with columns of numbers"
 _RATE_KEY = b"sampling_rate_hz"
 
 
-class ParquetFile(ChannelFile):
+class ParquetFile(ColumnFile):
     """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
     def __init__(self, path: Path) -> None:

@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
 from vibrident.io.clocks import plainest_clock
-from vibrident.io.columns import reading
+from vibrident.io.columns import Channel, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _SAC = "a SAC file with an evenly sampled time series"
 
 
-class SacFile(ChannelFile):
+class SacFile(ColumnFile):
     """A SAC file. The rate is made from the header's own interval: obspy's is rounded to a microsecond."""
 
     def __init__(self, path: Path) -> None:

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
-from vibrident.io.columns import Clock, reading
+from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
 _EXPECTED = "a TDMS file, written to its end"
 
 
-class TdmsFile(ChannelFile):
+class TdmsFile(ColumnFile):
     """A TDMS file; numbers are scaled as the file says. Text, complex numbers and empty channels are refused."""
 
     names_are_paths = True

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile, library, real_numbers
 from vibrident.io.clocks import clock_from_times, plainest_clock
-from vibrident.io.columns import Clock, reading
+from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -25,7 +24,7 @@ _DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
 _LEAST_DIGITS = 5
 
 
-class UffFile(ChannelFile):
+class UffFile(ColumnFile):
     """A universal file. A channel has the name of its ID line 1, with node and direction where that is not unique.
 
     The format keeps the sampling interval to five or six digits; see ``plainest_clock`` for what is made of that.

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.channels import Channel, ChannelFile
-from vibrident.io.columns import Clock, reading
+from vibrident.io.columns import Channel, Clock, ColumnFile, reading
 from vibrident.io.reader import Reader
 from vibrident.records import FloatArray
 
@@ -19,7 +18,7 @@ _CONTAINERS = ("WAV", "WAVEX", "RF64", "W64")
 _SAMPLES = ("PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
 
 
-class WavFile(ChannelFile):
+class WavFile(ColumnFile):
     """A WAV file of "channel 1", "channel 2" and so on. Integer samples become float64 in [−1, 1); float ones stay."""
 
     def __init__(self, path: Path) -> None:
@@ -36,7 +35,8 @@ class WavFile(ChannelFile):
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
-        require_room(self._path, self._frames * len(self._channels))
+        with reading(self._path, _EXPECTED):
+            require_room(self._path, self._frames * len(self._channels))
         return tuple(channel.copy() for channel in self.block(positions, 0, self._frames))
 
     def length(self, position: int) -> int:
