@@ -12,7 +12,7 @@ from vibrident.io.columns import Clock
 from vibrident.io.formats.hdf5 import Hdf5File
 from vibrident.io.formats.matlab import open_matlab_file
 from vibrident.io.formats.wav import WavFile
-from vibrident.io.readers import READERS, open_columns
+from vibrident.io.readers import by_ending, open_columns
 
 SIGNAL = np.linspace(-1, 1, 20)
 
@@ -179,11 +179,11 @@ def test_wav_damage(tmp_path, refused):
 
 def test_unknown_ending_names_the_known_ones(tmp_path, refused):
     error = refused(lambda: open_columns(tmp_path / "x.xlsx"), found="'.xlsx'", where="x.xlsx")
-    assert all(ending in error.expected for ending in READERS)
+    assert all(ending in error.expected for ending in by_ending())
     refused(lambda: open_columns(tmp_path / "x"), found="no ending")
 
 
 def test_every_reader_is_in_the_documentation():
     rows = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8").splitlines()
-    for reader in READERS.values():
+    for reader in by_ending().values():
         assert any(" ".join(reader.endings) in row and f"`{reader.extra}`" * bool(reader.extra) in row for row in rows)

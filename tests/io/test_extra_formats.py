@@ -9,8 +9,8 @@ from tests.support import file_formats as formats
 
 from vibrident.errors import InputError
 from vibrident.io import read
-from vibrident.io.clocks import plainest_clock
 from vibrident.io.readers import open_columns
+from vibrident.io.sampling import plainest_clock
 
 LIBRARIES = {
     "x.tdms": ("nptdms", "tdms"),

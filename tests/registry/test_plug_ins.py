@@ -135,11 +135,11 @@ from docsite.models import models
 from vibrident.doctor import _plug_ins
 from vibrident.estimators import ranked
 from vibrident.export import FORMATS
-from vibrident.io.readers import READERS
+from vibrident.io.readers import by_ending
 from vibrident.models import CORES
 from vibrident.naming import in_words
 from vibrident.web.session import KNOWN
-assert "convective" in CORES and "octave" in FORMATS and ".jsonc" in READERS and ".jsonc" in KNOWN
+assert "convective" in CORES and "octave" in FORMATS and ".jsonc" in by_ending() and ".jsonc" in KNOWN
 assert "huber" in [one.name for one in ranked()]
 assert in_words("cutoff_frequency") == "cut-off frequency"
 assert "`convective`" in models() and "`cutoff_frequency`" in models()

@@ -11,10 +11,18 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from vibrident.effects import StatedKind, SystematicEffect
 from vibrident.errors import InputError
-from vibrident.io.certificate_section import CertificateSection
-from vibrident.io.interferometer_section import InterferometerSection, check_interferometer
 from vibrident.io.schema_errors import schema_error
-from vibrident.io.section import Column, FileSection, NotNegative, Number, Positive, Text
+from vibrident.io.sections import (
+    CertificateSection,
+    Column,
+    FileSection,
+    InterferometerSection,
+    NotNegative,
+    Number,
+    Positive,
+    Text,
+    check_interferometer,
+)
 from vibrident.io.toml_text import read_toml
 from vibrident.records import USUAL_MODEL, Excitation, Quantity
 

@@ -23,13 +23,12 @@ from vibrident.interferometer.setting import FloatArray, Held, Interferometer, S
 from vibrident.interferometer.summary import OpticalFinding
 from vibrident.interferometer.survey import Survey, survey
 from vibrident.io.calibration_file import CalibrationFile
-from vibrident.io.clocks import SAME_RATE, agreed_rate
 from vibrident.io.columns import ColumnFile
-from vibrident.io.interferometer_section import InterferometerSection
 from vibrident.io.optical_motion import clocks_apart, part_outside, require_motion, require_pulse
 from vibrident.io.readers import open_columns, sha256
 from vibrident.io.record_files import Part, named_parts, read_record, stated_sampling, timed
-from vibrident.io.sampling import Sampling, cut
+from vibrident.io.sampling import SAME_RATE, Sampling, agreed_rate, cut
+from vibrident.io.sections import InterferometerSection
 from vibrident.records import Provenance, Quantity, Record
 
 #: Samples of filtered signals that are kept in memory, of all records together.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from vibrident import registry
@@ -11,31 +10,16 @@ from vibrident.errors import InputError
 from vibrident.io.columns import ColumnFile, require_regular, unreadable
 from vibrident.io.reader import Reader
 
-
-class _ByEnding(Mapping[str, Reader]):
-    """Ending → reader, of the built-in ones and those of plug-ins; a built-in one has precedence."""
-
-    def _all(self) -> dict[str, Reader]:
-        found: dict[str, Reader] = {}
-        for reader in registry.READERS.all().values():
-            for ending in reader.endings:
-                found.setdefault(ending, reader)
-        return found
-
-    def __getitem__(self, ending: str) -> Reader:
-        return self._all()[ending]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._all())
-
-    def __len__(self) -> int:
-        return len(self._all())
-
-
-READERS: Mapping[str, Reader] = _ByEnding()
-
-
 _SPREADSHEETS = frozenset({".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".fods", ".numbers"})
+
+
+def by_ending() -> dict[str, Reader]:
+    """Ending → reader, of the built-in ones and those of plug-ins; a built-in one has precedence."""
+    found: dict[str, Reader] = {}
+    for reader in registry.READERS.all().values():
+        for ending in reader.endings:
+            found.setdefault(ending, reader)
+    return found
 
 
 def open_columns(path: Path) -> ColumnFile:
@@ -44,7 +28,7 @@ def open_columns(path: Path) -> ColumnFile:
     Raises:
         InputError: the ending is unknown, or the file is not of that format.
     """
-    reader = READERS.get(path.suffix.lower())
+    reader = by_ending().get(path.suffix.lower())
     if reader is None:
         raise unknown_format(path.suffix, str(path))
     require_regular(path, "a file")
@@ -69,14 +53,14 @@ def unknown_format(suffix: str, where: str) -> InputError:
     if suffix.lower() in _SPREADSHEETS:
         return InputError(
             "A spreadsheet is not read.",
-            expected="a text file of columns, such as CSV, or one of " + ", ".join(READERS),
+            expected="a text file of columns, such as CSV, or one of " + ", ".join(by_ending()),
             found=repr(suffix),
             where=where,
             remedy='open it and save the sheet as CSV ("CSV UTF-8"), one header line above the numbers',
         )
     return InputError(
         "The file's format is not known.",
-        expected="a file ending in " + ", ".join(READERS),
+        expected="a file ending in " + ", ".join(by_ending()),
         found=repr(suffix) if suffix else "no ending",
         where=where,
         remedy="rename the file, or export it as CSV or HDF5",

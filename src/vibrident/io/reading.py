@@ -10,7 +10,7 @@ from vibrident.errors import InputError
 from vibrident.io.allowance import memory_for
 from vibrident.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.io.header_units import unit_of_another_kind
-from vibrident.io.readers import READERS, open_columns
+from vibrident.io.readers import by_ending, open_columns
 from vibrident.io.record_files import data_files, read_records
 from vibrident.io.table_file import read_table
 from vibrident.io.units import reference_unit
@@ -38,7 +38,7 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     """
     file = Path(path)
     names = data_files(read_calibration_file(file), file.parent, str(file))
-    readers = (READERS.get(Path(name).suffix.lower()) for name in names)
+    readers = (by_ending().get(Path(name).suffix.lower()) for name in names)
     if all(reader is not None and reader.plain for reader in readers):
         return read(file)
     size = sum((file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name))

@@ -12,12 +12,19 @@ from pathlib import Path
 
 from vibrident.errors import InputError
 from vibrident.io.calibration_file import CalibrationFile, RecordsEntry
-from vibrident.io.clocks import SAME_RATE, agreed_rate, contradicting_rate, require_same_start
 from vibrident.io.columns import ColumnFile
 from vibrident.io.file_order import natural
 from vibrident.io.header_units import require_channel_unit, require_response_unit, seconds_per_unit
 from vibrident.io.readers import open_columns, sha256
-from vibrident.io.sampling import Sampling, cut, sampling_from_times
+from vibrident.io.sampling import (
+    SAME_RATE,
+    Sampling,
+    agreed_rate,
+    contradicting_rate,
+    cut,
+    require_same_start,
+    sampling_from_times,
+)
 from vibrident.records import FloatArray, Provenance, Record
 
 _GLOB_SIGNS = re.compile(r"[*?\[]")

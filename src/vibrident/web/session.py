@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from vibrident.errors import InputError, VibridentError
 from vibrident.io.file_order import natural
-from vibrident.io.readers import READERS, unknown_format
+from vibrident.io.readers import by_ending, unknown_format
 
 #: Name of the calibration file that the page writes.
 CALIBRATION = "calibration.toml"
@@ -23,7 +23,7 @@ MOST_FILES = 500
 #: Most results of one page; the oldest are evicted.
 MOST_RESULTS = 20
 #: Endings of accepted files.
-KNOWN = (*READERS, ".toml", ".json")
+KNOWN = (*by_ending(), ".toml", ".json")
 _LONGEST_NAME = 120
 _DOWNLOADS = 4
 _UNSAFE = re.compile(r"[^\w.+ -]+")
@@ -75,7 +75,8 @@ class Session:
     @property
     def files(self) -> list[str]:
         """Names of the data files, in natural order."""
-        return [name for name in self.names if Path(name).suffix.lower() in READERS]
+        readers = by_ending()
+        return [name for name in self.names if Path(name).suffix.lower() in readers]
 
     @property
     def used_bytes(self) -> int:
@@ -120,7 +121,7 @@ class Session:
             InputError: the format is not supported, the name is taken, or there is no room.
         """
         safe = safe_name(name)
-        if not is_known(safe):
+        if Path(safe).suffix.lower() not in KNOWN:
             raise unknown_kind(safe)
         if safe.lower() == CALIBRATION:
             self.forget_calibration()
@@ -222,11 +223,6 @@ def safe_name(name: str) -> str:
         return plain
     room = _LONGEST_NAME - len(Path(plain).suffix)
     return plain[:room] + Path(plain).suffix if room > 0 else plain[:_LONGEST_NAME]
-
-
-def is_known(name: str) -> bool:
-    """Whether files of that ending are read here."""
-    return Path(name).suffix.lower() in KNOWN
 
 
 def unknown_kind(name: str) -> InputError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sys
 from collections.abc import Sequence
 from functools import cached_property
@@ -18,7 +19,6 @@ from vibrident.io.columns import Channel, ColumnFile, unreadable
 from vibrident.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number, split_line
 from vibrident.io.csv_lines import numbered_rows, row_lines
 from vibrident.io.reader import Reader
-from vibrident.io.time_stamps import is_stamp, seconds_of_stamps
 from vibrident.records import FloatArray
 
 #: Files up to this size are read without pandas, whose loading takes longer than reading many of them.
@@ -34,6 +34,12 @@ _NO_VALUE = frozenset(
         *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
     }
 )
+#: A time of day, with or without a date: year-month-day, or day.month.year.
+_STAMP = re.compile(
+    r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d)[-/.](?P<day>\d\d)[ T]+|(?P<d>\d\d)\.(?P<m>\d\d)\.(?P<y>\d{4})[ T]+)?"
+    r"(?P<time>\d\d:\d\d:\d\d)(?:[.,](?P<fraction>\d{1,9}))?Z?"
+)
+_DAY_S = 86400.0
 
 
 def _better_by_pandas(path: Path) -> bool:
@@ -58,7 +64,7 @@ class CsvFile(ColumnFile):
 
     def in_seconds(self, position: int) -> bool:
         """Whether the column holds times of day, with or without dates."""
-        return position < len(self._first_row) and is_stamp(self._first_row[position])
+        return position < len(self._first_row) and _is_stamp(self._first_row[position])
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Parse these columns; each has shape (rows,). An empty cell is NaN, a time of day seconds since the first."""
@@ -80,7 +86,7 @@ class CsvFile(ColumnFile):
         if len(rows) != self._row_lines.size:  # which refuses uneven rows
             raise self._torn(len(rows))
         try:
-            return tuple(seconds_of_stamps([cells[position] for cells in rows]) for position in positions)
+            return tuple(_seconds_of_stamps([cells[position] for cells in rows]) for position in positions)
         except ValueError as error:
             raise unreadable(self.file, error, "times of day with existing dates") from error
 
@@ -181,9 +187,10 @@ class CsvFile(ColumnFile):
             stream.seek(max(self._layout.offset, size - TAIL_BYTES))
             tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
         last = next((line for line in reversed(tail) if line.strip()), "")
-        first, sign = self._first_row[:1], self._layout.decimal
+        first = self._first_row[0] if self._first_row else ""
         word = split_line(last, self._layout.delimiter)[0] if last.strip() else ""
-        if word[:1].isalpha() and word not in _NO_VALUE and first and (is_number(first[0], sign) or is_stamp(first[0])):
+        numeric = is_number(first, self._layout.decimal) or _is_stamp(first)
+        if word[:1].isalpha() and word not in _NO_VALUE and numeric:
             raise InputError(
                 "The last row of the file is not like the others.",
                 expected=f"rows that begin with a number, as line {self._layout.first_line} does",
@@ -213,6 +220,29 @@ class CsvFile(ColumnFile):
             where=f"{self.file}, " + ", ".join(self._column(position) for position in positions),
             remedy="check these columns",
         )
+
+
+def _is_stamp(cell: str) -> bool:
+    return _STAMP.fullmatch(cell) is not None
+
+
+def _seconds_of_stamps(cells: Sequence[str]) -> FloatArray:
+    """Seconds since the first stamp, shape (cells,); NaN where a cell holds none. Midnight is passed forwards."""
+    texts, dated = ["NaT"] * len(cells), False
+    for index, cell in enumerate(cells):
+        found = _STAMP.fullmatch(cell)
+        if found is None:
+            continue
+        part = found.groupdict()
+        day = "1970-01-01"
+        if part["year"] or part["y"]:
+            day, dated = f"{part['year'] or part['y']}-{part['month'] or part['m']}-{part['day'] or part['d']}", True
+        texts[index] = f"{day}T{part['time']}.{part['fraction'] or '0'}"
+    stamps = np.array(texts, dtype="datetime64[ns]")
+    seconds = (stamps - stamps[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits
+    if not dated:
+        seconds[1:] += _DAY_S * np.cumsum(np.diff(seconds) < -0.5 * _DAY_S)
+    return np.asarray(seconds, dtype=np.float64)
 
 
 CSV = Reader(

@@ -19,9 +19,9 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.io.allowance import require_room
-from vibrident.io.clocks import clock_from_times
 from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
+from vibrident.io.sampling import clock_from_times
 from vibrident.records import FloatArray
 
 _EXPECTED = "an MDF file of measured signals, written to its end"

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from vibrident.io.allowance import require_room
-from vibrident.io.clocks import plainest_clock
 from vibrident.io.columns import Channel, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
+from vibrident.io.sampling import plainest_clock
 from vibrident.records import FloatArray
 
 _SAC = "a SAC file with an evenly sampled time series"

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.io.allowance import require_room
-from vibrident.io.clocks import clock_from_times, plainest_clock
 from vibrident.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
 from vibrident.io.reader import Reader
+from vibrident.io.sampling import clock_from_times, plainest_clock
 from vibrident.records import FloatArray
 
 _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom)"
