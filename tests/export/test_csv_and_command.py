@@ -12,7 +12,7 @@ from tests.support.shell import run
 
 from vibrident.errors import InputError
 from vibrident.export import FORMATS, export
-from vibrident.export.options import OPTIONS, library
+from vibrident.export.form import OPTIONS, library
 from vibrident.result import Result
 
 pytestmark = pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning")

@@ -11,8 +11,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibrident.export.form import Format
-from vibrident.export.options import Options
+from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor, check_band, sensor_of
 from vibrident.registry import EXPORTS, Registry
 from vibrident.result import Result

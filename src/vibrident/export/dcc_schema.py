@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from vibrident.errors import InputError
-from vibrident.export.options import library
+from vibrident.export.form import library
 
 _XSD = "{http://www.w3.org/2001/XMLSchema}"
 #: W3C namespaces that xmlschema contains.

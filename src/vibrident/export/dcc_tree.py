@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vibrident.escaping import xml_text
-from vibrident.export.options import library
+from vibrident.export.form import library
 
 #: Language of the texts written here, ISO 639-1.
 LANGUAGE = "en"

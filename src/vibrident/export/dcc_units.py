@@ -6,42 +6,19 @@ import re
 import warnings
 
 from vibrident.errors import InputError
-from vibrident.export.options import library
+from vibrident.export.form import library
 
 _NAMES = {
-    "V": "volt",
-    "A": "ampere",
-    "C": "coulomb",
-    "Hz": "hertz",
-    "s": "second",
-    "m": "metre",
-    "rad": "radian",
-    "deg": "degree",
-    "°": "degree",
-    "N": "newton",
-    "Pa": "pascal",
-    "W": "watt",
-    "F": "farad",
-    "Ω": "ohm",
-    "K": "kelvin",
-    "%": "percent",
-    "min": "minute",
-}
+    "V": "volt", "A": "ampere", "C": "coulomb", "Hz": "hertz", "s": "second", "m": "metre", "rad": "radian",
+    "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad", "Ω": "ohm", "K": "kelvin",
+    "%": "percent", "min": "minute",
+}  # fmt: skip
 #: Spellings of dimensionless counts.
 _ONE = {"1", "count", "counts", "LSB", "digit", "digits"}
 _PREFIXES = {
-    "f": "femto",
-    "p": "pico",
-    "n": "nano",
-    "u": "micro",
-    "µ": "micro",
-    "μ": "micro",
-    "m": "milli",
-    "c": "centi",
-    "k": "kilo",
-    "M": "mega",
-    "G": "giga",
-}
+    "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro", "m": "milli", "c": "centi",
+    "k": "kilo", "M": "mega", "G": "giga",
+}  # fmt: skip
 _TOKEN = re.compile(r"\s*(?:(\()|(\))|([*·/])|\^(\([+-]?\d+\)|[+-]?\d+)|(1(?![\d.])|[^\W\d_]+|[%°]))")
 _PLAIN = str.maketrans({"²": "^2", "³": "^3"})
 

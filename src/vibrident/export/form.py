@@ -1,13 +1,87 @@
-"""An export format: its name, writer and options, and what it cannot hold."""
+"""An export format (name, writer, what it cannot hold), and the options of an export; each format uses its own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
-from vibrident.export.options import OPTIONS, Options
+from vibrident import extras
+from vibrident.errors import InputError
 from vibrident.export.sensor import ExportedSensor
+
+_NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII)
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of some formats: its flag on the command line, and its label on the page.
+
+    Attributes:
+        flag: on the command line.
+        label: on the page; empty for the command line only.
+        number: True for a number, False for text.
+    """
+
+    flag: str
+    label: str = ""
+    number: bool = False
+
+
+#: Field of ``Options`` → option, for those of some formats only.
+OPTIONS: Mapping[str, Option] = MappingProxyType(
+    {
+        "rate_hz": Option("--rate", "Sampling rate in Hz", number=True),
+        "channel": Option("--channel", "Channel, NET.STA.LOC.CHA"),
+        "country": Option("--country", "Country, two letters"),
+        "schema": Option("--schema"),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices.
+
+    Attributes:
+        rate_hz: sampling rate of discrete formats; None takes the network's, if there is one.
+        band_hz: band for errors and for the correction filter; None takes that of the data.
+        without: add-ons to leave out.
+        name: of files, and of what is defined in them.
+        schema: XSD to validate a certificate against.
+        country: ISO 3166-1 code of the calibration laboratory, for a certificate.
+        channel: NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX).
+    """
+
+    rate_hz: float | None = None
+    band_hz: tuple[float, float] | None = None
+    without: Sequence[str] = ()
+    name: str = "sensor"
+    schema: Path | None = None
+    country: str | None = None
+    channel: str | None = None
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise InputError(
+                "The name cannot be used.",
+                expected="letters, digits and _, a letter first, 41 characters at most, no device (con, nul, …)",
+                found=repr(self.name),
+                where="--name",
+                remedy="choose another",
+            )
+
+
+def library(name: str, extra: str) -> Any:
+    """Import a library that only some formats need, from an extra.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    return extras.library(name, extra, "This format needs a library that is not installed.", "--format")
 
 
 @dataclass(frozen=True)

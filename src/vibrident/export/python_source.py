@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.escaping import python_docstring
 from vibrident.export.approximation import held
-from vibrident.export.options import Options
+from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import Exported, ExportedSensor, identity
 from vibrident.sensor import IdentifiedSensor
@@ -38,9 +38,6 @@ def sensor():
     return {make}
 '''
 
-_CONTROL = "control.TransferFunction(GAIN * np.atleast_1d(np.poly(ZEROS).real), np.poly(POLES).real)"
-_SCIPY = "signal.ZerosPolesGain(ZEROS, POLES, GAIN)"
-
 
 def system(known: IdentifiedSensor) -> PolesZeros:
     """A sensor as poles and zeros in rad/s; delay and average over a window approximated over the band of its data.
@@ -51,19 +48,19 @@ def system(known: IdentifiedSensor) -> PolesZeros:
     return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
 
 
-def write_control(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME_control.py``, whose ``sensor()`` is a ``control.TransferFunction``."""
-    text = _module(sensor, "import control", "control.TransferFunction", _CONTROL)
-    return [_written(folder / f"{options.name}_control.py", text)]
+def write_module(
+    sensor: ExportedSensor, folder: Path, options: Options, *, imports: str, kind: str, make: str
+) -> list[Path]:
+    """Write ``NAME_control.py`` or ``NAME_scipy.py``, whose ``sensor()`` is an object of that package.
 
-
-def write_scipy(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME_scipy.py``, whose ``sensor()`` is a ``scipy.signal.ZerosPolesGain``."""
-    text = _module(sensor, "from scipy import signal", "scipy.signal.ZerosPolesGain", _SCIPY)
-    return [_written(folder / f"{options.name}_scipy.py", text)]
-
-
-def _module(sensor: ExportedSensor, imports: str, kind: str, make: str) -> str:
+    Args:
+        sensor: to be written.
+        folder: of the file.
+        options: its name.
+        imports: line that imports the package.
+        kind: class of the object, its package first.
+        make: expression for the object, of ZEROS, POLES and GAIN.
+    """
     poles_zeros, words = held(sensor)
     names, covariance = sensor.known.model.parameter_names, sensor.known.covariance
     parameters = "".join(
@@ -72,7 +69,7 @@ def _module(sensor: ExportedSensor, imports: str, kind: str, make: str) -> str:
     )
     note = "the transfer function holds no uncertainties: PARAMETERS and COVARIANCE beside it do"
     lines = [python_docstring(line) for line in (*identity(sensor), *words, note)]
-    return _MODULE.format(
+    text = _MODULE.format(
         title=f"Sensitivity of a vibration sensor as a {kind}.",
         identity="\n".join(lines),
         imports=imports,
@@ -87,13 +84,11 @@ def _module(sensor: ExportedSensor, imports: str, kind: str, make: str) -> str:
         kind=kind,
         make=make,
     )
+    path = folder / f"{options.name}_{kind.partition('.')[0]}.py"
+    path.write_text(text, encoding="utf-8")
+    return [path]
 
 
 def _number(value: float | None) -> str:
     """A literal; None for a number that is not finite, as in result.json."""
     return "None" if value is None or not math.isfinite(value) else repr(float(value))
-
-
-def _written(path: Path, text: str) -> Path:
-    path.write_text(text, encoding="utf-8")
-    return path

@@ -3,41 +3,21 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from vibrident.errors import InputError
 from vibrident.export.approximation import held
-from vibrident.export.options import Options
+from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import ExportedSensor
 
 #: Units in the spelling of SEED and StationXML, if different.
-_SPELLING = {
-    "m/s^2": "M/S**2",
-    "m/s": "M/S",
-    "m": "M",
-    "V": "V",
-    "A": "A",
-    "C": "C",
-    "count": "count",
-    "counts": "count",
-}
+_SPELLING = {"m/s^2": "M/S**2", "m/s": "M/S", "m": "M", "counts": "count"}
 #: Of network, station, location and channel: those of FDSN.
 _CODES = re.compile(r"([A-Z0-9]{1,8})\.([A-Z0-9-]{1,8})\.([A-Z0-9-]{0,8})\.([A-Z0-9]{3})")
 
 
-@dataclass(frozen=True)
-class Codes:
-    """FDSN codes of one channel."""
-
-    network: str
-    station: str
-    location: str
-    channel: str
-
-
-def codes(sensor: ExportedSensor, options: Options) -> Codes:
-    """The user's codes; by default the test network XX and a channel of the sensor's kind without direction.
+def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]:
+    """Codes of network, station, location and channel; by default the test network XX and no direction.
 
     Raises:
         InputError: the codes cannot be read.
@@ -53,7 +33,8 @@ def codes(sensor: ExportedSensor, options: Options) -> Codes:
             where="--channel",
             remedy="correct it",
         )
-    return Codes(*found.groups())
+    network, station, location, channel = found.groups()
+    return network, station, location, channel
 
 
 def described(sensor: ExportedSensor) -> tuple[PolesZeros, list[str]]:

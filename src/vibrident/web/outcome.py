@@ -94,7 +94,7 @@ class OutcomeStep:
     def _exports(self, named: Named) -> None:
         """Other formats, each with its own options."""
         from vibrident.export import FORMATS
-        from vibrident.export.options import OPTIONS
+        from vibrident.export.form import OPTIONS
 
         forms = FORMATS.all()
         plain = next(name for name, form in forms.items() if not (form.options or form.extra))

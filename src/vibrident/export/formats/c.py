@@ -16,8 +16,7 @@ from vibrident.escaping import c_comment
 from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
 from vibrident.export.discrete import HoldCell, SecondOrderSections
 from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
-from vibrident.export.form import Format
-from vibrident.export.options import Options
+from vibrident.export.form import Format, Options
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.records import FloatArray
@@ -125,27 +124,24 @@ def _single_cmsis(sections: SecondOrderSections, f: FloatArray) -> np.ndarray:
 
 
 def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
-    model, correction = made.model, made.correction
-    line = max(f.taps.lead + len(f.taps.taps) for f in (model, correction))
-    return {
+    filters = {"MODEL": made.model, "CORRECTION": made.correction}
+    common = {
         "N": name,
         "GUARD": name.upper(),
         "ABOUT": about,
         "RATE": repr(made.rate_hz),
-        "MODEL_LATENCY": str(model.latency),
-        "CORRECTION_LATENCY": str(correction.latency),
-        "MODEL_SECTIONS": str(len(model.sections.rows)),
-        "CORRECTION_SECTIONS": str(len(correction.sections.rows)),
-        "MODEL_TAPS": str(len(model.taps.taps)),
-        "CORRECTION_TAPS": str(len(correction.taps.taps)),
-        "MODEL_LEAD": str(model.taps.lead),
-        "CORRECTION_LEAD": str(correction.taps.lead),
-        "SECTIONS": str(max(len(f.sections.rows) for f in (model, correction))),
-        "LINE": str(line),
+        "SECTIONS": str(max(len(f.sections.rows) for f in filters.values())),
+        "LINE": str(max(f.taps.lead + len(f.taps.taps) for f in filters.values())),
         "STATES": str(len(made.cell.now)),
         "INPUT": c_comment(made.sensor.input_unit),
         "OUTPUT": c_comment(made.sensor.output_unit),
     }
+    for which, f in filters.items():
+        common[f"{which}_LATENCY"] = str(f.latency)
+        common[f"{which}_SECTIONS"] = str(len(f.sections.rows))
+        common[f"{which}_TAPS"] = str(len(f.taps.taps))
+        common[f"{which}_LEAD"] = str(f.taps.lead)
+    return common
 
 
 def _numbers(made: Firmware, single: bool) -> dict[str, str]:
@@ -157,24 +153,22 @@ def _numbers(made: Firmware, single: bool) -> dict[str, str]:
         wide = [", ".join(shown[k : k + 5]) for k in range(0, len(shown), 5)]
         return wide[0] if len(wide) == 1 else "\n    " + ",\n    ".join(wide)
 
-    model, correction, cell = made.model, made.correction, made.cell
-    return {
+    cell = made.cell
+    numbers = {
         "T": "float" if single else "double",
         "S": "_f32" if single else "",
         "ARM": "f32" if single else "f64",
         "PRECISION": "single precision" if single else "double precision",
-        "MODEL_SOS": text(model.sections.cmsis()),
-        "MODEL_FIR": text(model.taps.taps),
-        "MODEL_DELTA": text(model.sections.rows),
-        "CORRECTION_SOS": text(correction.sections.cmsis()),
-        "CORRECTION_FIR": text(correction.taps.taps),
-        "CORRECTION_DELTA": text(correction.sections.rows),
         "GROWTH": ",\n    ".join("{" + text(row) + "}" for row in cell.growth),
         "BEFORE": text(cell.before),
         "NOW": text(cell.now),
         "OUTPUTS": text(cell.output),
         "DIRECT": text(cell.feedthrough),
     }
+    for which, f in (("MODEL", made.model), ("CORRECTION", made.correction)):
+        numbers |= {f"{which}_SOS": text(f.sections.cmsis()), f"{which}_FIR": text(f.taps.taps)}
+        numbers[f"{which}_DELTA"] = text(f.sections.rows)
+    return numbers
 
 
 def _single(value: float) -> str:

@@ -8,9 +8,27 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from vibrident.escaping import csv_cell
-from vibrident.export.form import Format
-from vibrident.export.options import Options
+from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
+
+#: Field of a curve → heading; ``per``: its unit.
+_COLUMNS = {
+    "frequency_hz": "frequency_hz",
+    "magnitude": "magnitude ({per})",
+    "phase_deg": "phase_deg (lag negative)",
+    "magnitude_uncertainty": "magnitude_standard_uncertainty ({per})",
+    "phase_deg_uncertainty": "phase_standard_uncertainty_deg",
+}
+#: Of the measured one alone.
+_MEASURED = {
+    "deviation_percent": "model_deviation_percent",
+    "deviation_phase_deg": "model_deviation_phase_deg",
+    "record": "record",
+    "magnitude_noise": "magnitude_noise ({per})",
+    "phase_deg_noise": "phase_noise_deg",
+    "deviation_uncertainty_percent": "model_deviation_standard_uncertainty_percent",
+    "deviation_phase_uncertainty_deg": "model_deviation_phase_standard_uncertainty_deg",
+}
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -22,26 +40,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     )
     correlation = result.correlation
     per = f"{result.response_unit} per {result.reference.get('unit', 'm/s^2')}"
-    curve, measured = result.response, result.measured
-    columns = (
-        "frequency_hz",
-        f"magnitude ({per})",
-        "phase_deg (lag negative)",
-        f"magnitude_standard_uncertainty ({per})",
-        "phase_standard_uncertainty_deg",
-    )
-    further = (
-        "model_deviation_percent",
-        "model_deviation_phase_deg",
-        "record",
-        f"magnitude_noise ({per})",
-        "phase_noise_deg",
-        "model_deviation_standard_uncertainty_percent",
-        "model_deviation_phase_standard_uncertainty_deg",
-    )
-    fields = ("frequency_hz", "magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
-    own = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
-    own += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
+    curves = [(result.response, "response", _COLUMNS), (result.measured, "measured", _COLUMNS | _MEASURED)]
     return [
         _table(
             folder / f"{options.name}_parameters.csv",
@@ -53,17 +52,13 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             ("parameter", *correlation.names),
             ((name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)),
         ),
-        _table(
-            folder / f"{options.name}_response.csv",
-            columns,
-            zip(*(_padded(getattr(curve, name), len(curve.frequency_hz)) for name in fields), strict=True),
-        ),
-        _table(
-            folder / f"{options.name}_measured.csv",
-            (*columns, *further),
-            zip(
-                *(_padded(getattr(measured, name), len(measured.frequency_hz)) for name in (*fields, *own)), strict=True
-            ),
+        *(
+            _table(
+                folder / f"{options.name}_{name}.csv",
+                [heading.format(per=per) for heading in columns.values()],
+                zip(*(_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns), strict=True),
+            )
+            for curve, name, columns in curves
         ),
     ]
 

@@ -18,8 +18,7 @@ from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_schema import validate
 from vibrident.export.dcc_tree import DCC as NAMESPACE
 from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, identified
-from vibrident.export.form import Format
-from vibrident.export.options import Options
+from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
 from vibrident.present.coverage import coverage, interval_text
 from vibrident.present.tables import small_signals

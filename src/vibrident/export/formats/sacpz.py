@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.escaping import sac_comment
-from vibrident.export.form import Format
-from vibrident.export.options import Options
+from vibrident.export.form import Format, Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.seismic import caveats, codes, described, unit
 from vibrident.export.sensor import ExportedSensor, identity
@@ -22,12 +21,12 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.sacpz``."""
     system, words = described(sensor)
     whole = _cancelled(PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain))
-    where = codes(sensor, options)
+    network, station, location, channel = codes(sensor, options)
     lines = [
-        f"* NETWORK     : {where.network}",
-        f"* STATION     : {where.station}",
-        f"* LOCATION    : {where.location}",
-        f"* CHANNEL     : {where.channel}",
+        f"* NETWORK     : {network}",
+        f"* STATION     : {station}",
+        f"* LOCATION    : {location}",
+        f"* CHANNEL     : {channel}",
         "* INPUT UNIT  : M",
         f"* OUTPUT UNIT : {sac_comment(unit(sensor.output_unit))}",
         *(f"* {sac_comment(line)}" for line in identity(sensor)),

@@ -15,8 +15,7 @@ import numpy as np
 
 from vibrident.errors import InputError
 from vibrident.escaping import xml_text
-from vibrident.export.form import Format
-from vibrident.export.options import Options, library
+from vibrident.export.form import Format, Options, library
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
 from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
 from vibrident.export.sensor import ExportedSensor, identity
@@ -48,7 +47,7 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
     from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
 
     response, words = _response(sensor)
-    where = codes(sensor, options)
+    network, place, location, code = codes(sensor, options)
     named = sensor.result.sensor
     start, since = _start(sensor)
     notes = [
@@ -60,12 +59,9 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
         "latitude, longitude, elevation and depth are unknown and given as 0; no orientation is stated",
     ]
     channel = Channel(
-        where.channel,
-        where.location,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
+        code,
+        location,
+        *(0.0, 0.0, 0.0, 0.0),
         response=response,
         sensor=Equipment(
             type=_stated(named, "type"),
@@ -76,8 +72,8 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
         start_date=start,
         comments=[Comment(xml_text(text)) for text in notes],
     )
-    station = Station(where.station, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start)
-    return Inventory(networks=[Network(where.network, stations=[station])], source="vibrident")
+    station = Station(place, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start)
+    return Inventory(networks=[Network(network, stations=[station])], source="vibrident")
 
 
 def _start(sensor: ExportedSensor) -> tuple[Any, str]:
