@@ -233,10 +233,11 @@ class _Weighed:
         tones, unknowns, rests, found = [], [], [], list[NoiseSpectrum]()
         for record in lines:
             spectrum = before.pop(0)
-            n = max(record.samples, 1)
             tones.append(spectrum.tones)
             unknowns.append(_unknowns(record, spectrum))
-            rests.append(_left(record, step, unknowns[-1], record.twice / (n * spectrum.level)))
+            as_read = known and not spectrum.tones and spectrum.passed == 0.0  # then nothing is asked of the rest
+            weight = record.twice / (max(record.samples, 1) * spectrum.level)
+            rests.append(record.residual if as_read else _left(record, step, unknowns[-1], weight))
             found += [spectrum] if known and not spectrum.tones else []
             del spectrum  # of a long record each copy counts
         if len(found) < len(rests):
@@ -321,7 +322,7 @@ def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
 
 def beside_hum(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
     """The spectra of the records' residuals, with the tones that are known beside those that were found."""
-    found: list[NoiseSpectrum] = []
+    found = list[NoiseSpectrum]()
     for some in together(lines):
         found += spectra_of(lines[some], motions[some], [record.residual for record in lines[some]])
     return [replace(own, tones=(record.hum + own.tones)[:TONES]) for record, own in zip(lines, found, strict=True)]

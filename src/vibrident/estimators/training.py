@@ -32,6 +32,8 @@ from vibrident.records import FloatArray
 
 #: Rounds of training with refreshed noise weights and delay.
 ROUNDS = 6
+#: Decrease of the cost that is worth no step; in the first round of a linear network, which another one follows.
+TOLERANCE, AT_FIRST = 1e-6, 0.1
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
 #: A fit is better where −2 log likelihood of the residual, as white noise, is less by this.
@@ -88,18 +90,18 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     start = begin.values
     coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, response_size(evidence.records))
     problem, z = _problem(network, evidence, start, coordinates), coordinates.first
-    noise, trace = np.ones(len(evidence.records)), None
+    noise, trace, tolerance = np.ones(len(evidence.records)), None, AT_FIRST
     for _ in range(ROUNDS):
         normal = problem.normal(z, coordinates, noise)
         found = problem.record_noise(normal, noise)
-        if trace is not None and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
+        if tolerance == TOLERANCE and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
             break
+        tolerance = AT_FIRST if trace is None and _by_lines(network, evidence) else TOLERANCE
         if trace is None and not evidence.model.is_linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
-        trace = _train(
-            network, problem, coordinates, z, noise, ValleySteps.of_records(evidence, coordinates, noise), progress
-        )
+        bent = ValleySteps.of_records(evidence, coordinates, noise)
+        trace = _train(network, problem, coordinates, z, noise, bent, tolerance, progress)
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
         if moved is not problem:
@@ -161,11 +163,12 @@ def _train(
     z: FloatArray,
     noise: FloatArray,
     bent: Bent | None,
+    tolerance: float,
     progress: Progress,
 ) -> Trace:
     args = (coordinates, problem, noise)
     if network.optimiser == "lm":
-        return levenberg_marquardt(network_objective, z, args, tolerance=1e-6, progress=progress, bent=bent)
+        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)
     from vibrident.estimators.adam import adam
 
     return adam(network_objective, z, args, learning_rate=network.learning_rate, steps=network.steps, progress=progress)

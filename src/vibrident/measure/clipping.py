@@ -11,6 +11,7 @@ scale.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.records import BoolArray, FloatArray
 
@@ -65,6 +66,8 @@ ON_GRID = 0.05
 FIRST = 32
 #: Values closer than this part of the range are the same.
 SAME = 1e-12
+#: Samples from the top among which the first values are looked for.
+HEAD = 256
 #: Samples left out beside a clipped one.
 GUARD = 1
 
@@ -152,25 +155,33 @@ def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
     """The upper rail where its samples are exactly equal."""
     # The values from the top: where each begins in the sorted list, until enough are seen.
-    begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
+    begins = _begins(top[:HEAD], same)
+    begins = begins if begins.size == BELOW + 2 else _begins(top, same)
     counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
     if counts.size <= BELOW:
         return None  # with a few levels the motion between them is not known
-    limit = float(top[0]) - same
+    most, limit = float(np.max(counts[1:])), float(top[0]) - same
+    if counts[0] == most == 1.0:
+        return None
     inside = valid & (values >= limit)
     if _in_step(inside):
         return None
-    if np.max(counts[1:]) == 1.0:
-        strange = counts[0] > 1.0 and _ties_by_chance(top, counts[0]) < CHANCE
+    if most == 1.0:
+        strange = _ties_by_chance(top, counts[0]) < CHANCE
         return limit if strange and not _at_rest(inside, valid) else None
     gaps = -np.diff(top[begins[: counts.size]])
-    if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * np.max(counts[1:]):
+    if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * most:
         return None  # synchronous samples, which leave values out
-    if counts[0] <= FULLER * np.max(counts[1:]) or not _piled(counts, FEWEST_EQUAL):
+    if counts[0] <= FULLER * most or not _piled(counts, FEWEST_EQUAL):
         return None
     if (_visits(inside) < VISITS and _longest(inside) < LONG) or _at_rest(inside, valid):
         return None
     return limit if _confirmed(values, inside, valid) else None
+
+
+def _begins(top: FloatArray, same: float) -> NDArray[np.int_]:
+    """Where each of the first values begins, which fall."""
+    return np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
 
 
 def _ties_by_chance(top: FloatArray, count: float) -> float:

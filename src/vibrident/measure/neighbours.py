@@ -61,37 +61,41 @@ class Rows:
     Every prediction is of sums of these, so that one matrix of products serves all.
 
     Attributes:
-        samples: shape (rows, 2 reach + 2), the last are ones.
-        gram: of these.
-        backwards: the same read from the end of the series, where it is known.
+        columns: shape (2 reach + 2, rows), the last are ones.
+        gram: of these, shape (2 reach + 2, 2 reach + 2), in the order in which they are read.
+        backwards: the series is read from its end.
     """
 
-    samples: FloatArray
+    columns: FloatArray
     gram: FloatArray
-    backwards: Rows | None = None
+    backwards: bool = False
 
     @classmethod
     def of(cls, series: FloatArray, clean: BoolArray) -> Rows:
         """Around not too many of the samples that are predicted well."""
-        around = sliding_window_view(series, 2 * REACH + 1)[_some(np.flatnonzero(clean) - REACH)]
-        samples = np.ones((len(around), 2 * REACH + 2))
-        samples[:, :-1] = around
-        return cls(samples, samples.T @ samples)
+        rows = _some(np.flatnonzero(clean) - REACH)
+        around = np.ones((2 * REACH + 2, len(series[rows])))
+        for shift, column in enumerate(around[:-1]):  # each in a row: windows side by side take four times as long
+            column[:] = series[shift:][rows]
+        return cls(around, around @ around.T)
 
     def reversed(self) -> Rows:
         """Of the series read from its end."""
-        return Rows(self.samples[:, _BACKWARDS], self.gram[_BACKWARDS[:, None], _BACKWARDS], self)
+        return Rows(self.columns, self.gram[_BACKWARDS[:, None], _BACKWARDS], backwards=True)
 
     @functools.cached_property
     def triangle(self) -> FloatArray:
         """R of the QR decomposition of all samples, shape (2 reach + 2, 2 reach + 2); read backwards it is none."""
-        if self.backwards is not None:
-            return self.backwards.triangle[:, _BACKWARDS]
         # By parts that stay in the processor's cache, and once more of their triangles.
-        whole = len(self.samples) // PARTS * PARTS
-        parts = self.samples[:whole].reshape(PARTS, whole // PARTS, -1)
-        joined = [*np.linalg.qr(parts, mode="r"), self.samples[whole:]]
-        return np.asarray(np.linalg.qr(np.concatenate(joined), mode="r"))
+        samples = np.ascontiguousarray(self.columns.T)
+        whole = len(samples) // PARTS * PARTS
+        parts = samples[:whole].reshape(PARTS, whole // PARTS, -1)
+        joined = [*np.linalg.qr(parts, mode="r"), samples[whole:]]
+        return np.asarray(np.linalg.qr(np.concatenate(joined), mode="r"))[:, self._order]
+
+    @property
+    def _order(self) -> slice | NDArray[np.int_]:
+        return _BACKWARDS if self.backwards else slice(None)
 
     def fitted(self, sums: FloatArray, wanted: int) -> FloatArray:
         """Amounts of some sums, shape (n, 2 reach + 2), whose sum is closest to the samples ``wanted``.
@@ -109,16 +113,22 @@ class Rows:
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
         """What these amounts leave of the samples ``wanted``, shape (rows,)."""
-        return self.samples[:, wanted] - self.samples @ (amounts @ sums)
+        return _left(sums, wanted, amounts)[self._order] @ self.columns
 
     def deviation(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> float:
         """Standard deviation of these errors."""
-        left = -(amounts @ sums)
-        left[wanted] += 1.0
+        left = _left(sums, wanted, amounts)
         squares, count = float(left @ self.gram @ left), self.gram[-1, -1]
         if squares > SMALL * self.gram[wanted, wanted]:  # else they are lost in rounding
             return float(np.sqrt(max(squares / count - float(left @ self.gram[-1] / count) ** 2, 0.0)))
         return float(np.std(self.errors(sums, wanted, amounts)))
+
+
+def _left(sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
+    """How each sample counts in what these amounts of the sums leave of the samples ``wanted``."""
+    left = -(amounts @ sums)
+    left[wanted] += 1.0
+    return left
 
 
 #: Order of the rows of a series that is read from its end.
