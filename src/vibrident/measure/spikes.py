@@ -101,9 +101,9 @@ class Channel:
     def alike(self) -> bool:
         """Whether the errors of the interpolation are those of noise or rounding, which spares a closer look."""
         size = np.abs(self._rough_errors)
-        largest, judged = float(np.max(size)), int(self.judged.sum())
-        above = np.count_nonzero(size > MEDIAN / NOISE * largest)  # the median is where half of them are
-        return largest < EXACTLY * self.least or (largest > 0.0 and 2 * above > judged)
+        largest, half = float(np.max(size)), 0.5 * np.count_nonzero(self.judged)
+        above = np.count_nonzero(size > MEDIAN / NOISE * largest)  # half of them are above the median
+        return largest < EXACTLY * self.least or (largest > 0.0 and above > half)
 
     @functools.cached_property
     def clean(self) -> BoolArray:
