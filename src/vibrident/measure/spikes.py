@@ -103,7 +103,7 @@ class Channel:
         size = np.abs(self._rough_errors)
         largest, half = float(np.max(size)), 0.5 * np.count_nonzero(self.judged)
         above = np.count_nonzero(size > MEDIAN / NOISE * largest)  # half of them are above the median
-        return largest < EXACTLY * self.least or (largest > 0.0 and above > half)
+        return bool(largest < EXACTLY * self.least or (largest > 0.0 and above > half))
 
     @functools.cached_property
     def clean(self) -> BoolArray:
