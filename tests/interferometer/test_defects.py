@@ -9,7 +9,7 @@ import pytest
 import vibrident
 from vibrident.errors import InputError
 from vibrident.interferometer.choice import choose
-from vibrident.interferometer.cyclic import cyclic_error, together
+from vibrident.interferometer.effects import cyclic_error, together
 from vibrident.interferometer.phase import Path, unwrapped
 from vibrident.interferometer.setting import Held
 from vibrident.interferometer.sine import fit_sine

@@ -13,8 +13,8 @@ from vibrident.errors import InputError
 from vibrident.interferometer import effects, phase
 from vibrident.interferometer.carrier import Turned
 from vibrident.interferometer.choice import Choice
-from vibrident.interferometer.cyclic import Cyclic, cyclic_error
 from vibrident.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
+from vibrident.interferometer.effects import Cyclic, cyclic_error
 from vibrident.interferometer.phase import TURN, WHOLE, Gap, Path, turns
 from vibrident.interferometer.setting import BoolArray, FloatArray, Interferometer, Signals
 from vibrident.interferometer.sine import Sine, fit_sine, without_slow_motion

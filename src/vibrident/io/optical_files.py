@@ -14,10 +14,9 @@ from vibrident.errors import InputError
 from vibrident.interferometer import alignment
 from vibrident.interferometer.carrier import MOST_OF_ALL, MOST_OF_SHOCK, Baseband, Turned
 from vibrident.interferometer.choice import Choice, choose, of_carrier
-from vibrident.interferometer.cyclic import Cyclic, significant
 from vibrident.interferometer.decimation import Decimated
 from vibrident.interferometer.demodulation import Demodulated, demodulate
-from vibrident.interferometer.effects import Answer, effects
+from vibrident.interferometer.effects import Answer, Cyclic, effects, significant
 from vibrident.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.interferometer.setting import FloatArray, Held, Interferometer, Signals
 from vibrident.interferometer.summary import OpticalFinding

@@ -16,10 +16,9 @@ from vibrident.estimators import AUTO, Estimate, Estimator
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import fit, identify
 from vibrident.information import inverse_normal
-from vibrident.joint.consistency import Consistency, compare
 from vibrident.joint.decays import FreeDecays, with_decays
 from vibrident.joint.descent import Descent, descend
-from vibrident.joint.sharing import joined
+from vibrident.joint.sharing import Consistency, compare, joined
 from vibrident.judge import Fitted, Uncertainty, document, own_rows
 from vibrident.judge.effects import all_effects
 from vibrident.memory import in_one_thread

@@ -33,8 +33,8 @@ from vibrident.uncertainty.adequacy import (
     tone_points,
 )
 from vibrident.uncertainty.budget import deviation_uncertainty, patterns
-from vibrident.uncertainty.identifiability import NOTHING
 from vibrident.uncertainty.linearised import Linearised
+from vibrident.uncertainty.parameters import NOTHING
 from vibrident.uncertainty.steps import effects_of_steps
 
 if TYPE_CHECKING:

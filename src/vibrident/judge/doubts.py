@@ -31,9 +31,8 @@ from vibrident.tails import f_tail
 from vibrident.uncertainty.adequacy import Adequacy, Points
 from vibrident.uncertainty.agreement import band_sensitive, estimators_disagree
 from vibrident.uncertainty.alternatives import Solution, other_solutions
-from vibrident.uncertainty.amplitude import amplitude_dependence
 from vibrident.uncertainty.budget import patterns
-from vibrident.uncertainty.linearised import Linearised
+from vibrident.uncertainty.linearised import Linearised, amplitude_dependence
 from vibrident.uncertainty.parameters import parameter_units
 
 #: Another reading of the data is proposed where it fits this many times better, and well.

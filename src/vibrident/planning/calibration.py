@@ -18,7 +18,7 @@ from vibrident.planning.design import CRITERIA, Criterion, best_points, efficien
 from vibrident.planning.points import PlannedPoints, Recording, of_records, of_table
 from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
-from vibrident.result.plain import plain
+from vibrident.result.result import plain
 from vibrident.sensor import IdentifiedSensor
 from vibrident.uncertainty import correlation, curve, doubts, parameter_table, with_reference
 from vibrident.uncertainty.curve import with_resonances

@@ -15,8 +15,7 @@ from vibrident.result.parts import (
     Signal,
     Training,
 )
-from vibrident.result.plain import SCHEMA
-from vibrident.result.result import MOST_BYTES, Result
+from vibrident.result.result import MOST_BYTES, SCHEMA, Result
 from vibrident.warning_kinds import WARNING_CODES, WarningCode
 
 __all__ = [

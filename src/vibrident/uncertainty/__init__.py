@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from vibrident.uncertainty.adequacy import Adequacy, assess
 from vibrident.uncertainty.curve import curve
-from vibrident.uncertainty.identifiability import doubts
-from vibrident.uncertainty.parameters import correlation, parameter_table, with_reference
+from vibrident.uncertainty.parameters import correlation, doubts, parameter_table, with_reference
 
 __all__ = ["Adequacy", "assess", "correlation", "curve", "doubts", "parameter_table", "with_reference"]

@@ -16,8 +16,8 @@ from vibrident.problem import Coordinates
 from vibrident.records import BoolArray, FloatArray
 from vibrident.records.basis import distinct
 from vibrident.result import ResultWarning
-from vibrident.uncertainty.identifiability import WEAK
 from vibrident.uncertainty.linearised import Linearised
+from vibrident.uncertainty.parameters import WEAK
 
 #: Estimates of the same data by different estimators differ by less than this many of their joint standard
 #: uncertainties.

@@ -12,8 +12,8 @@ from vibrident.problem import Coordinates
 from vibrident.records import FloatArray, Quantity
 from vibrident.records.basis import distinct
 from vibrident.result import Curve
-from vibrident.uncertainty.identifiability import NOTHING
 from vibrident.uncertainty.linearised import fitted_sensor
+from vibrident.uncertainty.parameters import NOTHING
 
 POINTS = 201
 

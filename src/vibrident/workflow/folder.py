@@ -82,7 +82,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
 
 def write_json(path: Path, document: Any) -> None:
     """Write a document as JSON."""
-    from vibrident.result.plain import json_text
+    from vibrident.result.result import json_text
 
     path.write_text(json_text(document), encoding="utf-8")
 

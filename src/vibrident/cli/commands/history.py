@@ -262,7 +262,7 @@ def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]
     from vibrident.present.terminal import shown
 
     if form == "json":
-        from vibrident.result.plain import json_text
+        from vibrident.result.result import json_text
 
         typer.echo(json_text(content), nl=False)
     else:
