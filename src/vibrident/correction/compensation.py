@@ -5,9 +5,8 @@ frequency zero. A record that begins at rest is then integrated from its first s
 poles, and the rest of the inverse is regular; the trapezoidal rule's own response is divided out, so the integral
 is that of the band-limited signal. Other records keep a lower edge of the band.
 
-Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise. The error of
-that continuation is a sum over the response's own samples, so its variance follows from the response's
-autocovariance.
+Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise. The error of that
+continuation is a sum over the response's own samples, so its variance follows from the response's autocovariance.
 """
 
 from __future__ import annotations

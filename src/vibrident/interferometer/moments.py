@@ -2,8 +2,7 @@
 
 Of samples with Gaussian noise of covariance C, ``without_noise`` gives the sums that are expected of the samples
 without noise, exactly: exp(−½ ∇ᵀC∇) is applied to the monomials (Hermite polynomials). A fit to them is consistent
-(Kukush, Markovsky & Van Huffel 2004, "Consistent estimation in an implicit quadratic
-measurement error model").
+(Kukush, Markovsky & Van Huffel 2004, "Consistent estimation in an implicit quadratic measurement error model").
 """
 
 from __future__ import annotations

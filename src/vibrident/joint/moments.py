@@ -6,10 +6,9 @@ and a correction for bias). Elsewhere
     m(z) = g(z) − g(ẑ),   cov m = S = M^½ K M^½,   K = M(ẑ)^½ C M(ẑ)^½,
 
 with M the normal matrix JᵀJ. K is one for white noise of known level; it includes coloured noise and a misfit that the
-uncertainties cover. The joint estimate minimises Σ mᵀ S⁻¹ m over the
-calibrations (generalised method of moments; Hansen 1982), which weights each by its information. Near ẑ this is
-(z − ẑ)ᵀ C⁻¹ (z − ẑ), so that a joint fit of one calibration is its own fit; far from ẑ it follows the residual, unlike
-a quadratic.
+uncertainties cover. The joint estimate minimises Σ mᵀ S⁻¹ m over the calibrations (generalised method of moments;
+Hansen 1982), which weights each by its information. Near ẑ this is (z − ẑ)ᵀ C⁻¹ (z − ẑ), so that a joint fit of one
+calibration is its own fit; far from ẑ it follows the residual, unlike a quadratic.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """The exact response of a sensor, and the exact motion that the reference measures, at the sample times.
 
 Sums of tones: steady response through the frequency response, plus the free motion that satisfies the initial
-condition.
-Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its exponential.
-Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.linear`). Cubic stiffness: its part of the
-response, integrated (:mod:`vibrident.simulation.cubic`). An average over a window: the difference of
-the response's integral at the window's ends.
+condition. Half-sine shock: sensor and sine generator together are one autonomous linear system, solved by its
+exponential. Everything else: quadrature to 1e-12 (:mod:`vibrident.simulation.linear`). Cubic stiffness: its part of the
+response, integrated (:mod:`vibrident.simulation.cubic`). An average over a window: the difference of the response's
+integral at the window's ends.
 """
 
 from __future__ import annotations
