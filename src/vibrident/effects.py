@@ -8,16 +8,7 @@ from typing import Literal
 
 StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]  # what a calibration file can state
 EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding"]
-EFFECT_UNITS: dict[EffectKind, str] = {
-    "gain": "1",
-    "timing": "s",
-    "phase": "rad",
-    "mounting": "1",
-    "clock": "1",
-    "ellipse": "1",
-    "cyclic": "1",
-    "rounding": "1",
-}
+_UNITS: dict[EffectKind, str] = {"timing": "s", "phase": "rad"}  # the others are relative
 
 
 @dataclass(frozen=True)
@@ -47,4 +38,4 @@ class SystematicEffect:
     @property
     def unit(self) -> str:
         """Unit of the standard uncertainty; "1" for a relative one."""
-        return EFFECT_UNITS[self.kind]
+        return _UNITS.get(self.kind, "1")

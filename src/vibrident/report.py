@@ -18,7 +18,7 @@ from vibrident.present.certificate import certificate
 from vibrident.present.views import Section
 from vibrident.result import Result
 
-__all__ = ["FILE_NAMES", "Form", "content", "render", "write", "write_report"]
+__all__ = ["FILE_NAMES", "Form", "content", "render", "write"]
 
 Form = Literal["html", "pdf", "md"]
 #: File name of each form: of one result, and of several side by side.
@@ -121,12 +121,3 @@ def write(
         target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(made)
     return target
-
-
-def write_report(result: Result, folder: str | os.PathLike[str]) -> Path:
-    """Write ``report.md`` and its pictures (png) into a folder, which is made if missing.
-
-    Returns:
-        path of ``report.md``.
-    """
-    return write(result, "md", Path(folder) / FILE_NAMES["md"][0])

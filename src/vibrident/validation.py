@@ -17,7 +17,7 @@ from vibrident.identification import identify
 from vibrident.measure.response import ComplexArray
 from vibrident.memory import in_one_thread
 from vibrident.models import parse
-from vibrident.records import BoolArray, Calibration, FloatArray, ResponseTable
+from vibrident.records import BoolArray, Calibration, FloatArray
 from vibrident.result import MeasuredCurve, Result
 
 FOLDS = 5
@@ -66,7 +66,8 @@ def cross_validate(
     dealt = min(folds, count)
     if count < FEWEST:
         return None
-    measured = _complex(result.measured)
+    turn: ComplexArray = np.exp(1j * np.deg2rad(np.nan_to_num(result.measured.phase_deg)))
+    measured = result.measured.magnitude * turn
     predicted = np.full(len(measured), np.nan, dtype=complex)
     frequency = result.measured.frequency_hz
     model = parse(result.model)
@@ -95,27 +96,11 @@ def _owners(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
 
 def _part(calibration: Calibration, keep: BoolArray) -> Calibration:
     if calibration.table is not None:
-        return replace(calibration, table=_rows(calibration.table, keep))
+        columns = {
+            name: values[keep] for name, values in vars(calibration.table).items() if isinstance(values, np.ndarray)
+        }
+        return replace(calibration, table=replace(calibration.table, **columns))
     return replace(calibration, records=tuple(r for r, kept in zip(calibration.records, keep, strict=True) if kept))
-
-
-def _rows(table: ResponseTable, keep: BoolArray) -> ResponseTable:
-    def part(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else values[keep]
-
-    return replace(
-        table,
-        frequency_hz=table.frequency_hz[keep],
-        magnitude=table.magnitude[keep],
-        phase_rad=part(table.phase_rad),
-        magnitude_uncertainty=part(table.magnitude_uncertainty),
-        phase_uncertainty_rad=part(table.phase_uncertainty_rad),
-    )
-
-
-def _complex(measured: MeasuredCurve) -> ComplexArray:
-    turn: ComplexArray = np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase_deg)))
-    return measured.magnitude * turn
 
 
 def _in_u(off: FloatArray, measured: MeasuredCurve, known: bool) -> float | None:

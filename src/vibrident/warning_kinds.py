@@ -37,19 +37,12 @@ WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 
 @dataclass(frozen=True)
 class WarningKind:
-    """A warning for a person.
+    """A warning for a person."""
 
-    Attributes:
-        code: in result.json; text, because files of later versions may hold others.
-        title: in a few words.
-        meaning: what it means for the result.
-        action: what to do.
-    """
-
-    code: str
-    title: str
-    meaning: str
-    action: str
+    code: str  # in result.json; text, because files of later versions may hold others
+    title: str  # in a few words
+    meaning: str  # what it means for the result
+    action: str  # what to do
 
 
 _KINDS: tuple[WarningKind, ...] = (

@@ -5,12 +5,12 @@ import functools
 import numpy as np
 import pytest
 from scipy.signal import lfilter, ss2tf
-from tests.support.unrolled import cut, random_weights, recursion, stacked
+from tests.support.unrolled import cut, random_weights, recursion, respond, stacked
 
 from vibrident.backend import jax, jnp
 from vibrident.discretize import Weights
 from vibrident.network.cell import Cell, run
-from vibrident.network.unroll import Lanes, Nuisance, fit_nuisance, nuisance_response, projection, respond
+from vibrident.network.unroll import Lanes, Nuisance, fit_nuisance, nuisance_response, projection
 
 _respond = jax.jit(respond)
 

@@ -72,9 +72,9 @@ def test_long_tables_are_thinned():
     assert len(text.splitlines()) < 500
 
 
-def test_write_report_links_what_it_drew(tmp_path):
+def test_a_report_links_what_it_drew(tmp_path):
     (tmp_path / "signals.png").write_bytes(b"left by an earlier result")
-    path = report.write_report(table_only(), tmp_path)
+    path = report.write(table_only(), "md", tmp_path)
     text = path.read_text(encoding="utf-8")
     assert path.name == "report.md"
     assert re.findall(r"\(<(.*?)>\)", text) == ["sensitivity.png", "deviation.png", "residuals.png"]

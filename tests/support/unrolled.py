@@ -4,7 +4,17 @@ import numpy as np
 
 from vibrident.backend import jnp, lax
 from vibrident.discretize import Weights
-from vibrident.network.unroll import Lanes, Nuisance, fit_nuisance, nuisance_response, projection, respond
+from vibrident.network.unroll import (
+    Lanes,
+    Nuisance,
+    fit_nuisance,
+    free_part,
+    free_response,
+    from_rest,
+    nuisance_response,
+    projection,
+    start_states,
+)
 from vibrident.problem.time_domain import _weights
 
 
@@ -99,3 +109,11 @@ def physical_residual(z, coordinates, layout, data, noise):
     lanes, intervals, fractions, delay = data
     weights = _weights(coordinates.physical(z), layout, intervals, fractions, delay)
     return time_residual(weights, lanes, noise, layout.segments)
+
+
+def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance):
+    """Response of every lane, shape (L, M). ``weights`` carry a leading axis: one set a sampling interval."""
+    forced, ends = from_rest(weights, lanes)
+    rows, power = free_response(weights, lanes.response.shape[0])
+    starts = start_states(power, ends, lanes, nuisance.state)
+    return forced + free_part(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]

@@ -1,7 +1,5 @@
 """Acceleration from a measured response: the sensor's dynamics compensated in a stated band, with uncertainty."""
 
-from __future__ import annotations
-
 from vibrident.correction.acceleration import Correction, Corrections, correct
 from vibrident.correction.band import Band
 from vibrident.correction.peak import Peak

@@ -16,6 +16,7 @@ from scipy import fft
 from vibrident.errors import InputError
 from vibrident.measure.quality import Finding, screen
 from vibrident.records import BoolArray, FloatArray, Record
+from vibrident.records.basis import resolution
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
 #: which could be taken for rest.
@@ -71,7 +72,7 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     rest = _rest(values) if record.excitation in BEGINS_AT_REST else 0
     ends = rest > 0 and _returns(values, rest)
     half = 0.5 * record.sampling_rate_hz
-    quantum = _resolution(values) ** 2 / 12.0
+    quantum = resolution(values) ** 2 / 12.0
     if noise is not None:
         frequency, spectrum = np.array([0.0, half]), np.full(2, noise**2 + np.finfo(float).tiny)
         words, freedom, spread = "stated by the user, assumed white", np.inf, 0.0
@@ -180,7 +181,7 @@ def _rest(values: FloatArray) -> int:
         largest = float(np.max(away))
         if swing > STILL * largest:
             return 0
-        leaves = max(LEAVES * swing, 1.5 * _resolution(values), 1e-9 * largest)
+        leaves = max(LEAVES * swing, 1.5 * resolution(values), 1e-9 * largest)
         beyond = np.flatnonzero(away > leaves)
         onset = int(beyond[0]) if beyond.size else values.size
         if onset < count // 2:
@@ -216,7 +217,7 @@ def rest_to_borrow(record: Record) -> int:
     largest = float(np.max(away))
     if swing > STILL * largest or away[0] > max(LEAVES * swing, 0.5 * STILL * largest):
         return 0
-    moving = np.flatnonzero(away > max(LEAVES * swing, 1.5 * _resolution(values), 1e-9 * largest))
+    moving = np.flatnonzero(away > max(LEAVES * swing, 1.5 * resolution(values), 1e-9 * largest))
     still = values.size - 1 - int(moving[-1]) if moving.size else 0
     return min(int(USED * still), values.size // 3)
 
@@ -226,12 +227,6 @@ def _returns(values: FloatArray, rest: int) -> bool:
     first, last = values[:rest], values[-_block(values) :]
     still = float(np.std(first)) + 1e-9 * float(np.ptp(values))
     return bool(np.std(last) < 2.0 * still and abs(np.mean(last) - np.mean(first)) < 2.0 * still)
-
-
-def _resolution(values: FloatArray) -> float:
-    """Smallest step between values: the quantisation, if any."""
-    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
-    return float(np.min(steps)) if steps.size else 0.0
 
 
 def _spectrum_at_rest(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:

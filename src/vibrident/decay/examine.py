@@ -19,6 +19,7 @@ from vibrident.decay.release import free_stretch, trimmed, without_first
 from vibrident.measure.drift import significant_rise
 from vibrident.measure.verdict import rejected
 from vibrident.records import FloatArray, Record
+from vibrident.records.basis import resolution
 from vibrident.tails import chi2_tail
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
@@ -166,12 +167,6 @@ def _while_larger(found: DecayFit, level: float) -> Stretch:
     beyond = np.flatnonzero(np.abs(_free(found)) > level)
     last = int(beyond[-1]) + 1 if beyond.size else stretch.response.size
     return shortened(stretch, 0, last) if last > 4 * FEWEST_SAMPLES else stretch
-
-
-def resolution(values: FloatArray) -> float:
-    """Smallest step between values that occur: the quantisation, if there is any."""
-    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
-    return float(np.min(steps)) if steps.size else 0.0
 
 
 def _without_tones(residual: FloatArray, stretch: Stretch) -> FloatArray:

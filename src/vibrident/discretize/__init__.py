@@ -12,8 +12,6 @@ defines the c_j and the step.
 | ``bandlimited`` | q Legendre coefficients of the band-limited signal through a_k | exact exponential | spectral |
 """
 
-from __future__ import annotations
-
 from vibrident.discretize.inputs import StepInputs, band_limited_inputs, sampled_inputs
 from vibrident.discretize.weights import METHODS, Method, Weights, method
 

@@ -90,19 +90,12 @@ def _expm(matrix: Any) -> Any:
 
 
 class Weights(NamedTuple):
-    """One step of the network.
+    """One step of the network."""
 
-    Attributes:
-        transition: Φ = W3, shape (n, n).
-        drive: Γ = W1, shape (n, q).
-        output: C at the read-out instant, shape (n,).
-        feedthrough: D at the read-out instant, shape (q,).
-    """
-
-    transition: Any
-    drive: Any
-    output: Any
-    feedthrough: Any
+    transition: Any  # Φ = W3, shape (n, n)
+    drive: Any  # Γ = W1, shape (n, q)
+    output: Any  # C at the read-out instant, shape (n,)
+    feedthrough: Any  # D at the read-out instant, shape (q,)
 
     def table(self) -> dict[str, Any]:
         """W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
@@ -118,19 +111,12 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True)
 class Method:
-    """A discretisation.
+    """A discretisation."""
 
-    Attributes:
-        name: as in settings and on the command line.
-        order: order of convergence for smooth signals; None if it is faster than any power.
-        fixed_terms: inputs a step; None if the sensor's stiffness decides.
-        step: (system, sampling interval, fraction f, terms) → Weights.
-    """
-
-    name: str
-    order: int | None
-    fixed_terms: int | None
-    step: Callable[[StateSpace, Any, Any, int], Weights]
+    name: str  # as in settings and on the command line
+    order: int | None  # order of convergence for smooth signals; None if it is faster than any power
+    fixed_terms: int | None  # inputs a step; None if the sensor's stiffness decides
+    step: Callable[[StateSpace, Any, Any, int], Weights]  # (system, sampling interval, fraction f, terms) → Weights
 
     @property
     def is_exact(self) -> bool:

@@ -75,7 +75,9 @@ def demodulate(
         InputError: most of the record is lost.
     """
     path = Path()
-    values = _decimated(signals, choice, factor, path)
+    knots = [(at, piece.for_phase) for at, piece in choice.knots]
+    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
+    values = decimated(blocks, signals.samples, factor)
     position = lost_at_an_end(factor) + factor * np.arange(values.shape[0])
     spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
     values, piece = _bridged(signals, choice, path.gaps, values, position)
@@ -99,7 +101,9 @@ def demodulate(
     carrier = None if near_hz is None else left  # beside other motion its slope is not known
     around = None
     if left is None or carrier is not None:
-        around = _cyclic_error(signals if carrier is None else Turned(signals, carrier), choice, path, highest_hz)
+        turned = signals if carrier is None else Turned(signals, carrier)
+        pace = path.length / TURN / signals.samples
+        around = cyclic_error(turned, choice.ellipse, choice.knots, pace, highest_hz)
     answer = _answer(values, main, rate, found, choice, signals, around)
     summary = OpticalSummary(
         setting,
@@ -120,19 +124,13 @@ def demodulate(
         path.by_phase,
         choice.ellipse.radial_noise,
         *displacement_noise(values * abs(setting.metres_per_radian), valid, rate),
-        _first_look(seen),
+        seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1],
         *_excerpt(position / signals.rate_hz, values * setting.metres_per_radian, valid, near_hz),
         carrier_hz,
         () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
         findings=(*choice.findings, *_slips(path, open_gaps, left_out, name)),
     )
     return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer, carrier)
-
-
-def _decimated(signals: Signals, choice: Choice, factor: int, path: Path) -> FloatArray:
-    knots = [(at, piece.for_phase) for at, piece in choice.knots]
-    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
-    return decimated(blocks, signals.samples, factor)
 
 
 def _bridged(
@@ -150,10 +148,6 @@ def _bridged(
     return values + shift, piece
 
 
-def _cyclic_error(signals: Signals, choice: Choice, path: Path, highest_hz: float) -> Cyclic | None:
-    return cyclic_error(signals, choice.ellipse, choice.knots, path.length / TURN / signals.samples, highest_hz)
-
-
 def _excerpt(
     time_s: FloatArray, values: FloatArray, valid: BoolArray, near_hz: float | None
 ) -> tuple[FloatArray, FloatArray]:
@@ -164,11 +158,6 @@ def _excerpt(
         start = int(np.clip(first - EXCERPT // 2, 0, max(valid.size - EXCERPT, 0)))
         part = slice(start, start + EXCERPT)
     return time_s[part], np.where(valid, values, np.nan)[part]
-
-
-def _first_look(seen: Survey) -> FloatArray:
-    """Some of its points, for pictures."""
-    return seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1]
 
 
 def _longest(piece: np.ndarray, usable: BoolArray) -> int:

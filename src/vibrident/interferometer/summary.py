@@ -25,56 +25,33 @@ class OpticalFinding:
 
 @dataclass(frozen=True, eq=False)
 class OpticalSummary:
-    """Of one record.
-
-    Attributes:
-        setting: the interferometer.
-        rate_hz: of the optical signals.
-        samples: of each.
-        factor: optical samples for each of the displacement.
-        ellipse: that the phase is from.
-        origin: origin of the ellipse, in words.
-        changes: relative change of the ellipse's shape within the record; 0 if none.
-        fringes: range of the phase in turns.
-        path_fringes: length of its path in turns.
-        fastest_rad: largest change of phase from sample to sample.
-        gaps: pieces left out; ``jumps`` of them at sufficient amplitude, ``open_gaps`` of unknown turns.
-        left_out: part of the displacement's samples that is left out.
-        counted, by_phase: half fringes by the signs of a signal, and by the phase; 0 where samples are too far apart.
-        phase_noise_rad: standard deviation of the noise of one sample's phase.
-        noise_hz, noise_m: spectrum of the displacement between lines, m/√Hz.
-        points: some samples of both signals, shape (2, n).
-        excerpt_s, excerpt_m: a piece of the displacement, NaN where it is left out.
-        carrier_hz: of a heterodyne signal, as found; None for others.
-        cyclic: order → (amplitude, standard uncertainty) of the cyclic error of the phase, rad.
-        findings: doubts.
-    """
+    """Of one record."""
 
     setting: Interferometer
-    rate_hz: float
-    samples: int
-    factor: int
-    ellipse: Ellipse
-    origin: str
-    changes: float
-    fringes: float
-    path_fringes: float
-    fastest_rad: float
-    gaps: int
-    jumps: int
-    open_gaps: int
-    left_out: float
-    counted: int
-    by_phase: int
-    phase_noise_rad: float
-    noise_hz: FloatArray
-    noise_m: FloatArray
-    points: FloatArray
-    excerpt_s: FloatArray
-    excerpt_m: FloatArray
-    carrier_hz: float | None = None
-    cyclic: tuple[tuple[int, float, float], ...] = ()
-    findings: tuple[OpticalFinding, ...] = ()
+    rate_hz: float  # of the optical signals
+    samples: int  # of each
+    factor: int  # optical samples for each of the displacement
+    ellipse: Ellipse  # that the phase is from
+    origin: str  # of the ellipse, in words
+    changes: float  # relative change of the ellipse's shape within the record; 0 if none
+    fringes: float  # range of the phase in turns
+    path_fringes: float  # length of its path in turns
+    fastest_rad: float  # largest change of phase from sample to sample
+    gaps: int  # pieces left out …
+    jumps: int  # … of these at sufficient amplitude …
+    open_gaps: int  # … and of unknown turns
+    left_out: float  # part of the displacement's samples that is left out
+    counted: int  # half fringes by the signs of a signal; 0 where samples are too far apart
+    by_phase: int  # the same by the phase
+    phase_noise_rad: float  # standard deviation of the noise of one sample's phase
+    noise_hz: FloatArray  # spectrum of the displacement between lines: frequencies …
+    noise_m: FloatArray  # … and m/√Hz
+    points: FloatArray  # some samples of both signals, shape (2, n)
+    excerpt_s: FloatArray  # a piece of the displacement: times …
+    excerpt_m: FloatArray  # … and values, NaN where it is left out
+    carrier_hz: float | None = None  # of a heterodyne signal, as found; None for others
+    cyclic: tuple[tuple[int, float, float], ...] = ()  # order, amplitude and its u of the phase's cyclic error, rad
+    findings: tuple[OpticalFinding, ...] = ()  # doubts
 
     @property
     def noise_density_m(self) -> float:

@@ -109,19 +109,15 @@ Relabelling = Callable[[Values], dict[str, Any]]  # takes and gives values by na
 
 @dataclass(frozen=True)
 class Labels:
-    """Which of several parts that give the same response has which name.
+    """Which of several parts that give the same response has which name."""
 
-    Attributes:
-        others: (core, values) → all other assignments of the labels that give the same response.
-        in_order: (values, those of the first other way) → whether these have the one form that is stated.
-        undecided: (values, standard uncertainties) → whether the data leave the form open.
-        question: what the response does not tell, in words.
-    """
-
+    # (core, values) → all other assignments of the labels that give the same response
     others: Callable[[Core, Values], tuple[Relabelling, ...]]
+    # (values, those of the first other way) → whether these have the one form that is stated
     in_order: Callable[[Values, Values], bool]
+    # (values, standard uncertainties) → whether the data leave the form open
     undecided: Callable[[Values, Values], bool]
-    question: str
+    question: str  # what the response does not tell, in words
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Normal equations of the unrolled network, for least squares over records of any length.
 
 The derivative of the state obeys the network's own recursion, driven by the derivative of the weights
-(forward sensitivity; the same numbers as forward-mode differentiation of :func:`respond`, tested against it):
+(forward sensitivity; the same numbers as forward-mode differentiation, tested against it):
 
     ∂x_{k+1} = Φ ∂x_k + ∂Φ x_k + ∂Γ c_k,    ∂y_k = C ∂x_k + ∂C x_k + ∂D c_k.
 

@@ -39,14 +39,6 @@ class Nuisance(NamedTuple):
     offset: Any
 
 
-def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance) -> Any:
-    """Response of every lane, shape (L, M). ``weights`` carry a leading axis: one set a sampling interval."""
-    forced, ends = from_rest(weights, lanes)
-    rows, power = free_response(weights, lanes.response.shape[0])
-    starts = start_states(power, ends, lanes, nuisance.state)
-    return forced + free_part(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]
-
-
 def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
     """True state at the start of every lane, shape (n, M).
 

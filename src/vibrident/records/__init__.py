@@ -1,7 +1,5 @@
 """What was measured, in physical units: records, tabulated responses, the calibration that holds them. Validated."""
 
-from __future__ import annotations
-
 from vibrident.effects import SystematicEffect
 from vibrident.records.basis import (
     EXCITATIONS,

@@ -46,6 +46,12 @@ def distinct(values: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([ordered[:1], ordered[1:][ordered[1:] != ordered[:-1]]])
 
 
+def resolution(values: FloatArray) -> float:
+    """Smallest step between values that occur: the quantisation, if there is any."""
+    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
+    return float(np.min(steps)) if steps.size else 0.0
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Where data came from and what was done to them.

@@ -3,8 +3,6 @@
 Reports, plots, exports and the page render from it alone, without the data and without JAX.
 """
 
-from __future__ import annotations
-
 from vibrident.result.parts import (
     Correlation,
     Curve,

@@ -5,8 +5,6 @@
 The truth is computed from the continuous acceleration, not from its samples, so that it can judge every discretisation.
 """
 
-from __future__ import annotations
-
 from vibrident.simulation.calibration import simulate, with_noise
 from vibrident.simulation.excitation import (
     BandLimitedRandom,

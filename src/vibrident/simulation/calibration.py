@@ -126,7 +126,8 @@ def simulate(
     require_choice("The method", method, ("exact", "rk4"))
     require_choice("The reference quantity", quantity, QUANTITIES)
     rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
-    peak, natural = _peak(chosen, amplitude), parse(chosen.model).typical_frequency(chosen.parameters)
+    peak = chosen.amplitude if amplitude is None else float(amplitude)
+    natural = parse(chosen.model).typical_frequency(chosen.parameters)
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
     level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_band_hz)
     takes = [level.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
@@ -134,24 +135,13 @@ def simulate(
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)
     responses = _responses(chosen, takes, start, method, substeps, behind)
-    made = f"simulated: {_described(chosen)}; {method} response, start {start}, seed {_seed_words(seed)}"
+    values = ", ".join(f"{name} {value:.9g}" for name, value in chosen.parameters.items())
+    made = f"simulated: {chosen.model} ({values}); {method} response, start {start}, seed {_seed_words(seed)}"
     records = [_record(take, row, quantity, made, b) for take, row, b in zip(takes, responses, behind, strict=True)]
-    calibration = _calibration(records, chosen, quantity)
+    about = {"manufacturer": "simulated", "type": chosen.title}
+    unit = chosen.response_unit
+    calibration = Calibration(tuple(records), None, chosen.model, quantity, response_unit=unit, sensor=about)
     return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
-
-
-def _calibration(records: Sequence[Record], sensor: Sensor, quantity: Quantity) -> Calibration:
-    return Calibration(
-        records=tuple(records),
-        model=sensor.model,
-        quantity=quantity,
-        response_unit=sensor.response_unit,
-        sensor={"manufacturer": "simulated", "type": sensor.title},
-    )
-
-
-def _peak(sensor: Sensor, amplitude: float | None) -> float:
-    return sensor.amplitude if amplitude is None else float(amplitude)
 
 
 def _behind_filter(takes: list[Take], antialias: bool | None, method: str, start: Start) -> list[bool]:
@@ -295,11 +285,6 @@ def _record(take: Take, response: FloatArray, quantity: Quantity, made: str, beh
         frequency_hz=base.frequency_hz if isinstance(base, Sine) else None,
         provenance=Provenance(history=(made, f"motion: {motion.words}", *(("anti-alias filter",) if behind else ()))),
     )
-
-
-def _described(sensor: Sensor) -> str:
-    values = ", ".join(f"{name} {value:.9g}" for name, value in sensor.parameters.items())
-    return f"{sensor.model} ({values})"
 
 
 def _seed_words(seed: Seed) -> str:

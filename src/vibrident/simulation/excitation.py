@@ -20,11 +20,11 @@ from vibrident.simulation.checks import (
     require_positive,
     require_usable,
 )
-from vibrident.simulation.motion import Tonal, Tones
+from vibrident.simulation.motion import Said, Tonal, Tones
 
 
 @dataclass(frozen=True)
-class Sine(Tonal):
+class Sine(Said, Tonal):
     """a(t) = amplitude · cos(2π f t + phase).
 
     Attributes:
@@ -40,15 +40,11 @@ class Sine(Tonal):
     amplitude: float
     phase_rad: float = 0.0
     kind: Excitation = "sine"
+    template = "sine of {0.frequency_hz:.9g} Hz, {0.amplitude:.9g} m/s²"
 
     def __post_init__(self) -> None:
         require_positive("Sine", frequency_hz=self.frequency_hz)
         require_finite("Sine", amplitude=self.amplitude, phase_rad=self.phase_rad)
-
-    @property
-    def words(self) -> str:
-        """Description for a record's history."""
-        return f"sine of {self.frequency_hz:.9g} Hz, {self.amplitude:.9g} m/s²"
 
     @cached_property
     def tones(self) -> Tones:
@@ -108,7 +104,7 @@ def random_phases(count: int, rng: np.random.Generator) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Said):
     """a(t) = amplitude · w(t) · sin φ(t) for 0 ≤ t ≤ duration, zero elsewhere; φ̇/2π runs from start_hz to stop_hz.
 
     The ramp w(x) = x − sin(2πx)/2π over ``taper`` of the duration at either end has two continuous derivatives, so
@@ -133,6 +129,7 @@ class Sweep:
     law: Literal["linear", "log"] = "linear"
     taper: float = 0.05
     kind: Excitation = "sweep"
+    template = "{0.law} sweep from {0.start_hz:.9g} to {0.stop_hz:.9g} Hz in {0.duration_s:.9g} s"
 
     def __post_init__(self) -> None:
         require_positive("Sweep", start_hz=self.start_hz, stop_hz=self.stop_hz, duration_s=self.duration_s)
@@ -140,11 +137,6 @@ class Sweep:
         require_choice("The law of the sweep", self.law, ("linear", "log"))
         usable = 0.0 <= self.taper <= 0.5
         require_usable(usable, "taper", self.taper, "a fraction of the duration from 0 to 0.5", "Sweep")
-
-    @property
-    def words(self) -> str:
-        """Description for a record's history."""
-        return f"{self.law} sweep from {self.start_hz:.9g} to {self.stop_hz:.9g} Hz in {self.duration_s:.9g} s"
 
     @property
     def highest_hz(self) -> float:
@@ -180,7 +172,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class BandLimitedRandom(Tonal):
+class BandLimitedRandom(Said, Tonal):
     """Flat random vibration between two frequencies: many equal tones with random phases, nearly Gaussian.
 
     Tones sit at every multiple of 1/period_s in the band, so the rms over one period is exactly ``rms`` and the
@@ -203,6 +195,7 @@ class BandLimitedRandom(Tonal):
     seed: int
     period_s: float
     kind: Excitation = "random"
+    template = "random, {0.low_hz:.9g} to {0.high_hz:.9g} Hz, {0.rms:.9g} m/s² rms, seed {0.seed}"
 
     def __post_init__(self) -> None:
         where = "BandLimitedRandom"
@@ -223,11 +216,6 @@ class BandLimitedRandom(Tonal):
         first = int(np.ceil(self.low_hz * self.period_s * (1.0 - 1e-12)))
         return max(first, 1), int(np.floor(self.high_hz * self.period_s * (1.0 + 1e-12)))
 
-    @property
-    def words(self) -> str:
-        """Description for a record's history."""
-        return f"random, {self.low_hz:.9g} to {self.high_hz:.9g} Hz, {self.rms:.9g} m/s² rms, seed {self.seed}"
-
     @cached_property
     def tones(self) -> Tones:
         """Multiples of 1/period_s with equal amplitudes and random phases."""
@@ -239,7 +227,7 @@ class BandLimitedRandom(Tonal):
 
 
 @dataclass(frozen=True)
-class HalfSineShock:
+class HalfSineShock(Said):
     """a(t) = peak · sin(π (t − start)/duration) for start ≤ t ≤ start + duration, zero elsewhere (ISO 16063-13).
 
     Attributes:
@@ -256,16 +244,12 @@ class HalfSineShock:
     start_s: float = 0.0
     kind: Excitation = "shock"
     highest_hz: float = 0.0
+    template = "half-sine shock of {0.peak:.9g} m/s², {0.duration_s:.9g} s, at {0.start_s:.9g} s"
 
     def __post_init__(self) -> None:
         require_finite("HalfSineShock", peak=self.peak)
         require_positive("HalfSineShock", duration_s=self.duration_s)
         require_not_negative("HalfSineShock", start_s=self.start_s)
-
-    @property
-    def words(self) -> str:
-        """Description for a record's history."""
-        return f"half-sine shock of {self.peak:.9g} m/s², {self.duration_s:.9g} s, at {self.start_s:.9g} s"
 
     @property
     def breaks_s(self) -> tuple[float, ...]:
@@ -279,7 +263,7 @@ class HalfSineShock:
 
 
 @dataclass(frozen=True)
-class Decay:
+class Decay(Said):
     """The base rests; the mass is held off its rest position and released at t = 0.
 
     The initial state is the static one under a constant acceleration ``amplitude``. (A geophone's coil lifted by a
@@ -296,14 +280,10 @@ class Decay:
     kind: Excitation = "decay"
     highest_hz: float = 0.0
     breaks_s: tuple[float, ...] = ()
+    template = "free decay, released from the static state under {0.amplitude:.9g} m/s²"
 
     def __post_init__(self) -> None:
         require_finite("Decay", amplitude=self.amplitude)
-
-    @property
-    def words(self) -> str:
-        """Description for a record's history."""
-        return f"free decay, released from the static state under {self.amplitude:.9g} m/s²"
 
     def value(self, time_s: FloatArray) -> FloatArray:
         """Zero: the base rests."""

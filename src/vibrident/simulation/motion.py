@@ -147,6 +147,17 @@ class Motion(Protocol):
         ...
 
 
+class Said:
+    """A motion that is described by a template of its fields."""
+
+    template: str
+
+    @property
+    def words(self) -> str:
+        """Description for a record's history."""
+        return self.template.format(self)
+
+
 class Tonal(ABC):
     """A motion that is a sum of tones, without beginning (t < 0 included); it has a steady response."""
 

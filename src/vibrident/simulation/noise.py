@@ -139,15 +139,10 @@ def _flicker(samples: int, rng: np.random.Generator) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ExcitationNoise(Tonal):
-    """One realisation of noise motion: tones with Gaussian phasors at the multiples of one fundamental.
+    """One realisation of noise motion: tones with Gaussian phasors at the multiples of one fundamental."""
 
-    Attributes:
-        realisation: the tones, m/s².
-        words: for a record's history.
-    """
-
-    realisation: Tones
-    words: str
+    realisation: Tones  # the tones, m/s²
+    words: str  # for a record's history
     kind: Excitation = "random"
 
     @property

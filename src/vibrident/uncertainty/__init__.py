@@ -1,7 +1,5 @@
 """From an estimate's covariance to what a laboratory signs: parameters, curve, adequacy, what is not determined."""
 
-from __future__ import annotations
-
 from vibrident.uncertainty.adequacy import Adequacy, assess
 from vibrident.uncertainty.curve import curve
 from vibrident.uncertainty.parameters import correlation, doubts, parameter_table, with_reference
