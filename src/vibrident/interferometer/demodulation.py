@@ -60,16 +60,9 @@ def demodulate(
 ) -> Demodulated:
     """Make a displacement of two signals in quadrature.
 
-    Args:
-        signals: two of them.
-        setting: the interferometer.
-        seen: result of the first look.
-        choice: the ellipse.
-        factor: optical samples for each of the displacement.
-        name: of the record, for messages.
-        near_hz: approximate frequency of a sine; None for other motion.
-        highest_hz: of the motion: that of a sine, or the highest that stands above the noise.
-        carrier_hz: of the heterodyne signal, if any.
+    ``seen``: the first look; ``factor``: optical samples for each of the displacement; ``near_hz``: approximate
+    frequency of a sine, None for other motion; ``highest_hz``: of the motion: that of a sine, or the highest that
+    stands above the noise; ``carrier_hz``: of the heterodyne signal, if any.
 
     Raises:
         InputError: most of the record is lost.

@@ -209,10 +209,8 @@ def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
     """Every systematic effect once: equal statements in two calibrations are one effect, as of one instrument."""
     found: dict[SystematicEffect, dict[int, FloatArray]] = {}
     for index, one in enumerate(placed):
-        coordinates, z, quantity = one.estimate.coordinates, one.estimate.z, one.evidence.quantity
         for effect in all_effects(one.evidence, one.judgement):
-            shift = shift_of_effect(effect, coordinates, z, quantity, one.linear)
-            found.setdefault(effect, {})[index] = shift
+            found.setdefault(effect, {})[index] = shift_of_effect(effect, one.linear)
     for index, one in enumerate(descent.decays, len(placed)):
         for effect in one.calibration.effects:
             if effect.kind == "clock":  # all frequencies scale with it; no other effect reaches a decay

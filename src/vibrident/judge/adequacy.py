@@ -283,7 +283,7 @@ def measured_curve(
     model = estimate.coordinates.model.frequency_response(values, frequency, quantity)
     noise = adequacy.relative_deviation[order]
     turn = noise if adequacy.phase_deviation is None else adequacy.phase_deviation[order]
-    shape = patterns(effects, estimate.coordinates, estimate.z, quantity, adequacy.frequency_hz)
+    shape = patterns(effects, linear, adequacy.frequency_hz)
     common = np.sqrt(np.sum(np.real(shape) ** 2, axis=1))[order], np.sqrt(np.sum(np.imag(shape) ** 2, axis=1))[order]
     off = np.split(
         deviation_uncertainty(linear, shape, judgement.scatter or 1.0), 1 if linear.is_phase.sum() == 0 else 2

@@ -43,10 +43,8 @@ MOST_TRACE = 400
 
 def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
     """The budget of a calibration by itself: its data, then each systematic effect."""
-    evidence, estimate = fitted.evidence, fitted.estimate
     covariance, freedom, scope = _scaled(fitted, uncertainty)
-    effects = all_effects(evidence, fitted.judgement)
-    rows = rows_of_effects(effects, estimate.coordinates, estimate.z, evidence.quantity, fitted.linear)
+    rows = rows_of_effects(all_effects(fitted.evidence, fitted.judgement), fitted.linear)
     return [BudgetRow(scope, DATA, None, "", freedom, covariance), *rows]
 
 

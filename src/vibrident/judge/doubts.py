@@ -206,22 +206,21 @@ def _moving(
     """Parameters that another part of the data, or another estimator, would move."""
     if not evidence.model.is_linear:
         return []  # a transfer function does not determine nonlinear parameters
-    coordinates = estimate.coordinates
     units = parameter_units(evidence.model, evidence.calibration)
     points, at = _undisturbed(estimate, judgement, judgement.adequacy)
     linear = linearised(evidence, at, replace(judgement, adequacy=points))
     common = None
     if judgement.found:
-        shape = patterns(judgement.found, coordinates, at.z, evidence.quantity, linear.frequency_hz)
+        shape = patterns(judgement.found, linear, linear.frequency_hz)
         common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
     freedom = np.tile(np.concatenate([p.freedom for p in judgement.points]), 2) if judgement.points else None
-    warnings = band_sensitive(linear, coordinates, at.z, covariance, units, _scatter(judgement), common, freedom)
+    warnings = band_sensitive(linear, covariance, units, _scatter(judgement), common, freedom)
     if judgement.tones is not None and estimate.criterion != "likelihood":
         alone = _of_points(evidence, estimate, judgement.points[0])
         largest = max((abs(size) for _, size in judgement.effects), default=1.0)
         spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
         fitted = functools.partial(MaximumLikelihood().fit, evidence) if evidence.bands is None else None
-        warnings += estimators_disagree(alone, coordinates, estimate.z, spread, units, estimate.estimator, fitted)
+        warnings += estimators_disagree(alone, spread, units, estimate.estimator, fitted)
     return warnings
 
 

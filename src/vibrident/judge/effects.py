@@ -37,15 +37,14 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
         return judgement
     if not evidence.model.is_linear or (adequacy.chi2_reduced is None and judgement.scatter is None):
         return judgement
-    coordinates, z, quantity = estimate.coordinates, estimate.z, evidence.quantity
-    shape = patterns(effects, coordinates, z, quantity, adequacy.frequency_hz)
+    linear = linearised(evidence, estimate, judgement)
+    shape = patterns(effects, linear, adequacy.frequency_hz)
     weighted = _deviations(evidence, estimate, judgement)
     covariance = estimate.covariance * (judgement.scatter or 1.0) ** 2
-    linear = linearised(evidence, estimate, judgement)
-    found = explain(weighted, effects, shape, coordinates, z, covariance, quantity, linear)
+    found = explain(weighted, effects, shape, linear, covariance)
     if found is None:
         return judgement
-    return _judged(judgement, effects, found, weighted(z, np.zeros(len(shape))))
+    return _judged(judgement, effects, found, weighted(estimate.z, np.zeros(len(shape))))
 
 
 def _judged(

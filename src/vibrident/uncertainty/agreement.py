@@ -31,8 +31,6 @@ FEWEST_FREEDOM = 6.0  # fewer degrees of freedom of a row's standard deviation c
 
 def estimators_disagree(
     tones: Linearised,
-    coordinates: Coordinates,
-    z: FloatArray,
     covariance: FloatArray,
     units: Mapping[str, str],
     estimator: str,
@@ -40,16 +38,10 @@ def estimators_disagree(
 ) -> list[ResultWarning]:
     """A warning if the maximum-likelihood estimate from the tones alone differs.
 
-    Args:
-        tones: the complex amplitudes of the sines, linearised at ``z``.
-        coordinates: the map from z to parameters.
-        z: the estimate, shape (p,).
-        covariance: of z, shape (p, p).
-        units: of the parameters, by name.
-        estimator: that made it.
-        fitted: the maximum-likelihood fit of the tones, which decides if the linearised tones suggest a difference;
-            None if there is no such fit.
+    ``tones``: their complex amplitudes, linearised at the estimate; ``covariance``: of the estimate, shape (p, p);
+    ``fitted``: the fit of the tones, which decides if these suggest a difference; None if there is no such fit.
     """
+    coordinates, z = tones.coordinates, tones.z
     if len(tones.rest) < len(z) + 2:
         return []
     shift, own = tones.solve()
@@ -96,8 +88,6 @@ def _from(coordinates: Coordinates, z: FloatArray, other: Estimate) -> tuple[Flo
 
 def band_sensitive(
     linear: Linearised,
-    coordinates: Coordinates,
-    z: FloatArray,
     covariance: FloatArray,
     units: Mapping[str, str],
     variance_factor: float = 1.0,
@@ -109,10 +99,8 @@ def band_sensitive(
     A part that hardly determines a parameter says nothing of it.
 
     Args:
-        linear: the fit, linearised at ``z``.
-        coordinates: the map from z to parameters.
-        z: the estimate, shape (p,).
-        covariance: of z, as stated, shape (p, p); a shift within its standard uncertainty is covered.
+        linear: the fit, linearised at the estimate.
+        covariance: of the estimate, as stated, shape (p, p); a shift within its standard uncertainty is covered.
         units: of the parameters, by name.
         variance_factor: of the rows, by their scatter.
         common: systematic effects of unknown amount in the rows, in their standard deviations, shape (m, K).
@@ -129,7 +117,7 @@ def band_sensitive(
         (linear.frequency_hz <= high, f"without the frequencies above {high:.4g} Hz"),
         (linear.frequency_hz >= low, f"without the frequencies below {low:.4g} Hz"),
     ):
-        if keep.sum() < len(z) + 3:
+        if keep.sum() < len(linear.z) + 3:
             continue
         part_covariance = linear.solve(keep)[1]
         shift, scatter = shift_without(linear, keep, freedom)
@@ -144,7 +132,7 @@ def band_sensitive(
             size = float(abs(shift[index]) / spread[index])
             if size > worst.get(int(index), (0.0, ""))[0]:
                 times = float(abs(shift[index]) / stated[index]) if stated[index] > 0 else size
-                worst[int(index)] = (size, _sentence(coordinates, z, shift, int(index), label, times, units))
+                worst[int(index)] = (size, _sentence(linear, shift, int(index), label, times, units))
     return [ResultWarning("band_sensitive", text) for _, text in worst.values()]
 
 
@@ -165,18 +153,12 @@ def shift_without(linear: Linearised, keep: BoolArray, freedom: FloatArray | Non
 
 
 def _sentence(
-    coordinates: Coordinates,
-    z: FloatArray,
-    shift: FloatArray,
-    index: int,
-    label: str,
-    times: float,
-    units: Mapping[str, str],
+    linear: Linearised, shift: FloatArray, index: int, label: str, times: float, units: Mapping[str, str]
 ) -> str:
+    coordinates, moved = linear.coordinates, np.array(linear.z)
     spec = coordinates.model.parameters[index]
-    moved = np.array(z)
     moved[index] += shift[index]
-    before, after = coordinates.values(z)[spec.name], coordinates.values(moved)[spec.name]
+    before, after = coordinates.values(linear.z)[spec.name], coordinates.values(moved)[spec.name]
     unit = units[spec.name]
     return (
         f"The {in_words(spec.name)} would be about {amount(after, unit)} instead of {amount(before, unit)} "

@@ -34,8 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.measure.verdict import probability
-from vibrident.problem import Coordinates
-from vibrident.records import Calibration, FloatArray, Quantity, SystematicEffect
+from vibrident.records import Calibration, FloatArray, SystematicEffect
 from vibrident.uncertainty.linearised import Linearised, log_slopes
 from vibrident.uncertainty.parameters import reference_direction
 
@@ -61,17 +60,11 @@ class BudgetRow:
     covariance: FloatArray  # what it adds to the covariance of z, shape (p, p)
 
 
-def rows_of_effects(
-    effects: Sequence[SystematicEffect], coordinates: Coordinates, z: FloatArray, quantity: Quantity, linear: Linearised
-) -> list[BudgetRow]:
-    """A row for each systematic effect.
-
-    ``effects``: as stated in the calibration file; ``z``: the estimate, shape (p,); ``linear``: the fit, linearised at
-    ``z``.
-    """
+def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> list[BudgetRow]:
+    """A row for each systematic effect, as the fit, linearised at the estimate, answers to it."""
     rows: list[BudgetRow] = []
     for effect in effects:
-        shift = shift_of_effect(effect, coordinates, z, quantity, linear)
+        shift = shift_of_effect(effect, linear)
         rows.append(row_of_effect(effect, np.outer(shift, shift)))
         if len(rows) > 1 and effect.pattern and rows[-2].source == effect.source:  # parts of one source
             last, before = rows.pop(), rows.pop()
@@ -86,23 +79,19 @@ def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow
     return BudgetRow(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance)
 
 
-def shift_of_effect(
-    effect: SystematicEffect, coordinates: Coordinates, z: FloatArray, quantity: Quantity, linear: Linearised
-) -> FloatArray:
-    """What one standard uncertainty of the effect does to z, shape (p,); arguments as :func:`rows_of_effects`."""
+def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
+    """What one standard uncertainty of the effect does to z, shape (p,)."""
     u = effect.standard_uncertainty
     if effect.kind == "gain":  # exact, even if the data do not determine the other parameters
-        return reference_direction(z, coordinates.model, u)
-    change = pattern(effect, coordinates, z, quantity, linear.frequency_hz)
+        return reference_direction(linear.z, linear.coordinates.model, u)
+    change = pattern(effect, linear, linear.frequency_hz)
     part = np.where(linear.is_phase, np.imag(change), np.real(change))
     shift, _ = replace(linear, rest=part * linear.weight).solve()
     return u * shift
 
 
-def pattern(
-    effect: SystematicEffect, coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency: FloatArray
-) -> NDArray[Any]:
-    """Change of log H for one unit of the effect, complex, shape (m,); other arguments as :func:`rows_of_effects`."""
+def pattern(effect: SystematicEffect, linear: Linearised, frequency: FloatArray) -> NDArray[Any]:
+    """Change of log H for one unit of the effect, complex, shape (m,)."""
     if effect.kind == "gain":
         return np.ones(len(frequency), dtype=complex)
     if effect.kind == "timing":
@@ -114,8 +103,9 @@ def pattern(
     if effect.pattern:
         at, real, imaginary = np.array(effect.pattern).T
         return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
-    ahead, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 + STEP))
-    behind, _ = log_slopes(coordinates, z, quantity, frequency * (1.0 - STEP))
+    sensor = linear.coordinates, linear.z, linear.quantity
+    ahead, _ = log_slopes(*sensor, frequency * (1.0 + STEP))
+    behind, _ = log_slopes(*sensor, frequency * (1.0 - STEP))
     return -np.log(ahead / behind) / (2.0 * STEP)
 
 
@@ -171,15 +161,9 @@ class Explained:
     probability: float  # of a_k at least as large
 
 
-def patterns(
-    effects: Sequence[SystematicEffect],
-    coordinates: Coordinates,
-    z: FloatArray,
-    quantity: Quantity,
-    frequency_hz: FloatArray,
-) -> np.ndarray:
+def patterns(effects: Sequence[SystematicEffect], linear: Linearised, frequency_hz: FloatArray) -> np.ndarray:
     """Change of log H by one standard uncertainty of each effect, complex, shape (n, K)."""
-    columns = [e.standard_uncertainty * pattern(e, coordinates, z, quantity, frequency_hz) for e in effects]
+    columns = [e.standard_uncertainty * pattern(e, linear, frequency_hz) for e in effects]
     return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
 
 
@@ -187,11 +171,8 @@ def explain(
     weighted: Weighted,
     effects: Sequence[SystematicEffect],
     shape: np.ndarray,
-    coordinates: Coordinates,
-    z: FloatArray,
-    covariance: FloatArray,
-    quantity: Quantity,
     linear: Linearised,
+    covariance: FloatArray,
 ) -> Explained | None:
     """Fit the effects beside the parameters; None where that leads to another optimum than the estimate.
 
@@ -199,15 +180,12 @@ def explain(
         weighted: the deviations over their noise.
         effects: K of them.
         shape: their patterns at the points, shape (n, K).
-        coordinates: the map from z to parameters.
-        z: the estimate, shape (p,).
-        covariance: of z, by noise, shape (p, p).
-        quantity: of the reference.
-        linear: the fit, linearised at ``z``.
+        linear: the fit, linearised at the estimate.
+        covariance: of the estimate, by noise, shape (p, p).
     """
     from scipy.optimize import least_squares  # slow to load
 
-    p = len(z)
+    z, p = linear.z, len(linear.z)
 
     def residual(x: FloatArray) -> FloatArray:
         return np.concatenate([weighted(z + x[:p], shape @ x[p:]), x[p:]])
@@ -215,7 +193,7 @@ def explain(
     with np.errstate(all="ignore"):
         found = least_squares(residual, np.zeros(p + shape.shape[1]), jac="3-point", max_nfev=60, xtol=1e-10)
     shift, amounts = found.x[:p], found.x[p:]
-    moved = np.stack([shift_of_effect(e, coordinates, z, quantity, linear) for e in effects], axis=1)
+    moved = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
     moved = moved * np.maximum(np.abs(amounts), 1.0)
     allowed = MOST_MOVED * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(moved**2, axis=1)) + 1e-9
     if not np.all(np.isfinite(found.x)) or np.any(np.abs(shift) > allowed):

@@ -38,6 +38,9 @@ CLEAR = 10.0
 class Linearised:
     """Weighted rows ``matrix @ dz ≈ rest``, two a point (magnitude, phase), or one where there is no phase."""
 
+    coordinates: Coordinates  # the map from z to parameters
+    z: FloatArray  # the estimate, shape (p,)
+    quantity: Quantity  # of the reference
     frequency_hz: FloatArray  # of each row, shape (m,)
     matrix: FloatArray  # shape (m, p), in standard deviations
     rest: FloatArray  # what the measurement has beyond the model, in standard deviations, shape (m,)
@@ -60,6 +63,9 @@ class Linearised:
         scaled = slopes / relative_deviation[:, None]
         rest = ratio / relative_deviation
         return cls(
+            coordinates,
+            z,
+            quantity,
             np.concatenate([frequency_hz, frequency_hz]),
             np.concatenate([scaled.real, scaled.imag]),
             np.concatenate([rest.real, rest.imag]),
@@ -82,9 +88,8 @@ class Linearised:
             rest.append(np.angle(np.exp(1j * phase) / (response / size)) / phase_u)
         count = len(matrix)
         kind = np.repeat([False, True][:count], len(frequency))
-        return cls(
-            np.tile(frequency, count), np.concatenate(matrix), np.concatenate(rest), kind, np.concatenate(weight)
-        )
+        rows = np.concatenate(matrix), np.concatenate(rest), kind, np.concatenate(weight)
+        return cls(coordinates, z, problem.quantity, np.tile(frequency, count), *rows)
 
     def solve(self, keep: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Least-squares shift dz of the rows, shape (p,), and its covariance, shape (p, p)."""
