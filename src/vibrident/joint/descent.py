@@ -9,6 +9,7 @@ stated covariance, which gives the least variance.
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ import numpy as np
 from vibrident.errors import NotConverged
 from vibrident.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.information import inverse_normal
-from vibrident.joint.decays import FreeDecays
+from vibrident.joint.decays import FreeDecays, with_decays
 from vibrident.joint.moments import Moments, Score
 from vibrident.joint.sharing import Joint, Place, places
 from vibrident.judge import Fitted
@@ -38,85 +39,41 @@ UNSEEN = 1e-24  # a coordinate with less than this part of the largest informati
 
 
 @dataclass(frozen=True, eq=False)
-class Descent:
-    """The joint estimate."""
+class Together:
+    """The calibrations of a joint fit, and where their coordinates lie in its own."""
 
+    fitted: tuple[Fitted, ...]  # the separate fits
+    decays: tuple[FreeDecays, ...]  # calibrations of free decays alone
     numbers: tuple[Joint, ...]  # the parameters of the joint fit
-    places: tuple[Place, ...]  # of each calibration
-    balance: Balance  # the joint estimate
-    near: tuple[Score, ...]  # each calibration's residual near it
-    trace: Trace  # of the optimiser
-    # calibrations whose own estimate is used; the other fits are worse than the joint one on their own data, or too far
-    # from it
-    alone: tuple[int, ...]
-    fitted: tuple[Fitted, ...]  # the separate fits, after repetition
-    decays: tuple[FreeDecays, ...] = ()  # calibrations of free decays alone
-    beside: tuple[Place, ...] = ()  # the places of these
 
+    @functools.cached_property
+    def places(self) -> tuple[Place, ...]:
+        """Of the fits, then of the decays."""
+        coordinates = [one.estimate.coordinates for one in self.fitted]
+        parts = places(self.numbers, coordinates)
+        return (*parts, *(one.place(self.numbers, parts, coordinates) for one in self.decays))
 
-def summed(parts: Sequence[Place], local: Sequence[Callable[[FloatArray], Local]]) -> Callable[[Any, Any], Local]:
-    """The calibrations' costs in the joint coordinates, as an objective."""
+    @functools.cached_property
+    def whole(self) -> tuple[Joint, ...]:
+        """The numbers with the decays among their members."""
+        return with_decays(self.numbers, self.decays, len(self.fitted))
 
-    def objective(theta: Any, _: Any) -> Local:
-        at = np.asarray(theta)
-        found = [one(place.z(at)) for place, one in zip(parts, local, strict=True)]
-        matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(parts, found, strict=True))
-        gradient = sum(p.matrix.T @ f.gradient for p, f in zip(parts, found, strict=True))
-        return Local(matrix, gradient, sum(f.cost for f in found))
+    def at(self, theta: FloatArray) -> list[FloatArray]:
+        """Coordinates of each fit."""
+        return [place.z(theta) for place in self.places[: len(self.fitted)]]
 
-    return objective
+    def summed(self, local: Sequence[Callable[[FloatArray], Local]]) -> Callable[[Any, Any], Local]:
+        """The costs of the fits, and of the decays, in the joint coordinates, as an objective."""
+        every = [*local, *(one.local for one in self.decays)]
 
+        def objective(theta: Any, _: Any) -> Local:
+            at = np.asarray(theta)
+            found = [one(place.z(at)) for place, one in zip(self.places, every, strict=True)]
+            matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(self.places, found, strict=True))
+            gradient = sum(p.matrix.T @ f.gradient for p, f in zip(self.places, found, strict=True))
+            return Local(matrix, gradient, sum(f.cost for f in found))
 
-def descend(
-    fitted: Sequence[Fitted],
-    numbers: tuple[Joint, ...],
-    covariance: Callable[[Fitted], FloatArray],
-    progress: Progress,
-    decays: Sequence[FreeDecays] = (),
-) -> Descent:
-    """Fit all calibrations together.
-
-    Args:
-        fitted: the separate fits.
-        numbers: of :func:`vibrident.joint.sharing.joined`.
-        covariance: the stated covariance of a separate fit from its data alone, shape (p, p).
-        progress: called after each iteration of the optimiser.
-        decays: calibrations of free decays alone.
-
-    Raises:
-        NotConverged: no start leads to a finite joint fit.
-    """
-    fitted = list(fitted)
-    theta, near, trace = _found(fitted, numbers, progress, decays)
-    parts = places(numbers, [one.estimate.coordinates for one in fitted])
-    repeated = [i for i, one in enumerate(fitted) if _bettered(one, near[i], parts[i].z(theta))]
-    if repeated:
-        for i in repeated:
-            values = fitted[i].estimate.coordinates.values(parts[i].z(theta))
-            with contextlib.suppress(NotConverged):  # then the first fit stays
-                fitted[i] = fitted[i].again(values, progress)
-        theta, near, trace = _found(fitted, numbers, progress, decays)
-        parts = places(numbers, [one.estimate.coordinates for one in fitted])
-    beside = _places_beside(decays, numbers, parts, fitted)
-    there = [place.z(theta) for place in parts]
-    lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i]) or _elsewhere(one, there[i])}
-    while True:
-        moments = _moments(fitted, near, parts, theta, lost, covariance)
-        balance = _balanced(moments, parts, theta, progress, decays, beside)
-        left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], parts[i], theta, balance)}
-        if not left:
-            break
-        lost |= left
-    trace = _followed(trace, balance.theta, summed(parts, [score.local for score in near]))
-    alone = tuple(i for i in range(len(fitted)) if i not in lost)
-    return Descent(numbers, parts, balance, tuple(near), trace, alone, tuple(fitted), tuple(decays), beside)
-
-
-def _places_beside(
-    decays: Sequence[FreeDecays], numbers: tuple[Joint, ...], parts: Sequence[Place], fitted: Sequence[Fitted]
-) -> tuple[Place, ...]:
-    coordinates = [one.estimate.coordinates for one in fitted]
-    return tuple(one.place(numbers, parts, coordinates) for one in decays)
+        return objective
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,82 +82,98 @@ class Balance:
 
     theta: FloatArray  # joint coordinates, shape (q,)
     covariance: FloatArray  # of theta, shape (q, q)
-    information: tuple[FloatArray, ...]  # of each calibration's coordinates, shapes (p, p)
-    steps: tuple[FloatArray, ...]  # from the joint estimate to each calibration's own, to first order, shapes (p,)
+    information: tuple[FloatArray, ...]  # of the coordinates of each fit, then of the decays, shapes (p, p)
+    steps: tuple[FloatArray, ...]  # from the joint estimate to each fit's own, to first order, shapes (p,)
 
 
-def _moments(
-    fitted: Sequence[Fitted],
-    near: Sequence[Score],
-    parts: Sequence[Place],
-    theta: FloatArray,
-    lost: set[int],
-    covariance: Callable[[Fitted], FloatArray],
-) -> list[Moments]:
-    found = []
-    for i, one in enumerate(fitted):
-        z = parts[i].z(theta)
-        if i in lost:
-            scatter = one.judgement.scatter or 1.0
-            found.append(Moments.plain(near[i], z, near[i].colour(z) * scatter**2))
-        else:
-            own = Score.of(one).near(one.estimate.z)
-            found.append(Moments.of(own, one.estimate.z, covariance(one), near[i]))
-    return found
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """The joint estimate."""
+
+    together: Together  # what was fitted, after repetition
+    balance: Balance
+    near: tuple[Score, ...]  # residual of each fit near the joint estimate
+    trace: Trace  # of the optimiser
+    alone: tuple[int, ...]  # fits whose own estimate is used; others are worse on their own data, or too far off
 
 
-def _balanced(
-    moments: Sequence[Moments],
-    parts: Sequence[Place],
-    theta: FloatArray,
-    progress: Progress,
-    decays: Sequence[FreeDecays],
-    beside: Sequence[Place],
-) -> Balance:
+def descend(together: Together, covariance: Callable[[Fitted], FloatArray], progress: Progress) -> Descent:
+    """Fit all calibrations together; ``covariance`` states that of a separate fit from its data alone, shape (p, p).
+
+    Raises:
+        NotConverged: no start leads to a finite joint fit.
+    """
+    theta, near, trace = _found(together, progress)
+    fitted, there = list(together.fitted), together.at(theta)
+    repeated = [i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i])]
+    if repeated:
+        for i in repeated:
+            values = fitted[i].estimate.coordinates.values(there[i])
+            with contextlib.suppress(NotConverged):  # then the first fit stays
+                fitted[i] = fitted[i].again(values, progress)
+        together = replace(together, fitted=tuple(fitted))
+        theta, near, trace = _found(together, progress)
+        there = together.at(theta)
+    lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i]) or _elsewhere(one, there[i])}
+    while True:
+        moments = []
+        for i, (one, z) in enumerate(zip(fitted, there, strict=True)):
+            if i in lost:
+                variance = near[i].colour(z) * (one.judgement.scatter or 1.0) ** 2
+                moments.append(Moments.plain(near[i], z, variance))
+            else:
+                own = Score.of(one).near(one.estimate.z)
+                moments.append(Moments.of(own, one.estimate.z, covariance(one), near[i]))
+        balance = _balanced(together, moments, theta, progress)
+        moved = together.at(balance.theta)
+        left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], there[i], moved[i])}
+        if not left:
+            break
+        lost |= left
+    led = replace(together, decays=())
+    trace = _followed(trace, balance.theta, led.summed([score.local for score in near]))
+    return Descent(together, balance, tuple(near), trace, tuple(i for i in range(len(fitted)) if i not in lost))
+
+
+def _balanced(together: Together, moments: Sequence[Moments], theta: FloatArray, progress: Progress) -> Balance:
     for _ in range(ROUNDS):
-        weights = [m.weight(place.z(theta)) for m, place in zip(moments, parts, strict=True)]
-        local = [_held(m, weight) for m, weight in zip(moments, weights, strict=True)]
-        objective = summed([*parts, *beside], [*local, *(one.local for one in decays)])
-        way = levenberg_marquardt(objective, theta, None, tolerance=1e-6, most=STEPS, progress=progress)
-        information = tuple(m.information(place.z(way.last)) for m, place in zip(moments, parts, strict=True))
-        known = [*information, *(one.information for one in decays)]
-        whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip([*parts, *beside], known, strict=True))
+        local = [_held(m, m.weight(z)) for m, z in zip(moments, together.at(theta), strict=True)]
+        way = levenberg_marquardt(together.summed(local), theta, None, tolerance=1e-6, most=STEPS, progress=progress)
+        known = [m.information(z) for m, z in zip(moments, together.at(way.last), strict=True)]
+        known += [one.information for one in together.decays]
+        whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(together.places, known, strict=True))
         joint = inverse_normal(np.asarray(whole))
         moved = np.abs(way.last - theta) / np.sqrt(np.maximum(np.diag(joint), np.finfo(float).tiny))
         theta = way.last
         if np.max(moved) < SETTLED:
             break
-    steps = tuple(m.step(place.z(theta)) for m, place in zip(moments, parts, strict=True))
-    return Balance(theta, joint, information, steps)
+    steps = tuple(m.step(z) for m, z in zip(moments, together.at(theta), strict=True))
+    return Balance(theta, joint, tuple(known), steps)
 
 
 def _held(moments: Moments, weight: FloatArray) -> Callable[[FloatArray], Local]:
     return lambda z: moments.local(z, weight)
 
 
-def _found(
-    fitted: Sequence[Fitted], numbers: tuple[Joint, ...], progress: Progress, decays: Sequence[FreeDecays]
-) -> tuple[FloatArray, list[Score], Trace]:
+def _found(together: Together, progress: Progress) -> tuple[FloatArray, list[Score], Trace]:
     """The best optimum of the summed costs, the residuals weighted there, and the trace."""
-    parts = places(numbers, [one.estimate.coordinates for one in fitted])
-    beside = _places_beside(decays, numbers, parts, fitted)
     best: tuple[float, FloatArray, list[Score], Trace] | None = None
-    for theta in _starts(fitted, numbers, parts):
-        scores = [Score.of(one).near(p.z(theta)) for one, p in zip(fitted, parts, strict=True)]
+    for theta in _starts(together):
+        scores = [Score.of(one).near(z) for one, z in zip(together.fitted, together.at(theta), strict=True)]
         try:
             for _ in range(ROUNDS):
-                local = [*(score.local for score in scores), *(one.local for one in decays)]
-                objective = summed([*parts, *beside], local)
+                objective = together.summed([score.local for score in scores])
                 trace = levenberg_marquardt(objective, theta, None, tolerance=1e-6, progress=progress)
                 settled = bool(np.allclose(trace.last, theta, rtol=0.0, atol=1e-6))
                 theta = trace.last
-                scores = [score.near(p.z(theta)) for score, p in zip(scores, parts, strict=True)]
+                scores = [score.near(z) for score, z in zip(scores, together.at(theta), strict=True)]
                 if settled:
                     break
         except NotConverged:
             continue
-        deviance = sum(score.deviance(p.z(theta)) for score, p in zip(scores, parts, strict=True))
-        deviance += sum(one.local(p.z(theta)).cost for one, p in zip(decays, beside, strict=True))
+        deviance = sum(score.deviance(z) for score, z in zip(scores, together.at(theta), strict=True))
+        beside = together.places[len(together.fitted) :]
+        deviance += sum(one.local(p.z(theta)).cost for one, p in zip(together.decays, beside, strict=True))
         if np.isfinite(deviance) and (best is None or deviance < best[0]):
             best = (deviance, theta, scores, trace)
     if best is None:
@@ -208,15 +181,16 @@ def _found(
     return best[1:]
 
 
-def _starts(fitted: Sequence[Fitted], numbers: tuple[Joint, ...], parts: Sequence[Place]) -> list[FloatArray]:
+def _starts(together: Together) -> list[FloatArray]:
     """Joint coordinates by each calibration in turn: shared ones from it, and once more with its delay for all."""
-    starts = []
+    fitted, starts = together.fitted, []
     for preferred, by_preferred in itertools.product(range(len(fitted)), (False, True)):
         values = fitted[preferred].estimate.coordinates.values(fitted[preferred].estimate.z)
-        theta = np.zeros(len(numbers))
-        for column, number in enumerate(numbers):
+        theta = np.zeros(len(together.numbers))
+        for column, number in enumerate(together.numbers):
             owner, index = next((m for m in number.members if m[0] == preferred), number.members[0])
-            offset, scale = parts[owner].offset[index], parts[owner].matrix[index, column]
+            place = together.places[owner]
+            offset, scale = place.offset[index], place.matrix[index, column]
             theta[column] = (fitted[owner].estimate.z[index] - offset) / scale
             model = fitted[owner].evidence.model
             if by_preferred and model.parameters[index].describes == "channel":
@@ -233,13 +207,13 @@ def _bettered(one: Fitted, near: Score, z: FloatArray) -> bool:
     return _at_end(one) or near.local(z).cost < (1.0 - BETTERED) * before
 
 
-def _left(one: Fitted, near: Score, place: Place, theta: FloatArray, balance: Balance) -> bool:
-    """Whether the moments have left the optimum of these data."""
+def _left(one: Fitted, near: Score, there: FloatArray, moved: FloatArray) -> bool:
+    """Whether the moments have left the optimum of these data, from ``there`` to ``moved``."""
     if near.noise is None:
         return False
     own = replace(Score.of(one), noise=near.noise).local(one.estimate.z).cost
-    most = (1.0 + BETTERED) * max(near.local(place.z(theta)).cost, own)
-    return not near.local(place.z(balance.theta)).cost < most
+    most = (1.0 + BETTERED) * max(near.local(there).cost, own)
+    return not near.local(moved).cost < most
 
 
 def _at_end(one: Fitted) -> bool:

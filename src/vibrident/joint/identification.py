@@ -16,8 +16,8 @@ from vibrident.estimators import AUTO, Estimate, Estimator
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import fit, identify
 from vibrident.information import inverse_normal
-from vibrident.joint.decays import FreeDecays, with_decays
-from vibrident.joint.descent import Descent, descend
+from vibrident.joint.decays import FreeDecays
+from vibrident.joint.descent import Descent, Together, descend
 from vibrident.joint.sharing import Consistency, compare, joined
 from vibrident.judge import Fitted, Uncertainty, document, own_rows
 from vibrident.judge.effects import all_effects
@@ -87,7 +87,8 @@ def identify_together(
     fitted = [fit(calibrations[i], names[i], estimator, uncertainty=uncertainty, progress=progress) for i in led]
     decays = [FreeDecays.of(calibrations[i], names[i], inflate=uncertainty != "noise") for i in free]
     numbers = joined([calibrations[i] for i in led], [one.evidence.model for one in fitted], share)
-    descent = descend(fitted, numbers, lambda one: own_rows(one, uncertainty)[0].covariance, progress, decays)
+    together = Together(tuple(fitted), tuple(decays), numbers)
+    descent = descend(together, lambda one: own_rows(one, uncertainty)[0].covariance, progress)
     order = [*led, *free]
     labels = _labels([calibrations[i] for i in order], order)
     results = dict(zip(order, _documents(descent, uncertainty, labels, begin), strict=True))
@@ -135,27 +136,27 @@ class _Effect:
 
 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str], begin: float) -> list[Result]:
-    count = len(descent.fitted) + len(descent.decays)
-    placed = [one.at(_estimate(descent, i)) for i, one in enumerate(descent.fitted)]
-    alone = [own_rows(one, uncertainty)[0] for one in descent.fitted]
+    fitted, decays, places = descent.together.fitted, descent.together.decays, descent.together.places
+    placed = [one.at(_estimate(descent, i)) for i, one in enumerate(fitted)]
+    alone = [own_rows(one, uncertainty)[0] for one in fitted]
     data = [row if i in descent.alone else _left(descent, i) for i, row in enumerate(alone)]
-    data += [one.row for one in descent.decays]
+    data += [one.row for one in decays]
     effects = _effects(descent, placed)
     consistency = _consistency(descent, data, effects)
     told = [] if consistency is None or consistency.whole.consistent else [_disagreement(consistency, labels, descent)]
     results = []
-    for i, onto in enumerate(place.matrix for place in (*descent.places, *descent.beside)):
-        rows = [_data_row(descent, i, j, data[j], labels[j] if count > 1 else "") for j in range(count)]
+    for i, place in enumerate(places):
+        onto = place.matrix
+        rows = [_data_row(descent, i, j, row, labels[j] if len(places) > 1 else "") for j, row in enumerate(data)]
         rows += [row_of_effect(e.effect, np.outer(onto @ e.theta, onto @ e.theta)) for e in effects if np.any(e.theta)]
         if i < len(placed):
             results.append(document(placed[i], rows, told))
         else:
-            free, z = descent.decays[i - len(placed)], descent.beside[i - len(placed)].z(descent.balance.theta)
-            results.append(free.result(z, rows, told, begin))
-    if count == 1:
+            results.append(decays[i - len(placed)].result(place.z(descent.balance.theta), rows, told, begin))
+    if len(places) == 1:
         return results
-    separate = [_alone(one, uncertainty) if i in descent.alone else None for i, one in enumerate(descent.fitted)]
-    separate += [one.alone() for one in descent.decays]
+    separate = [_alone(one, uncertainty) if i in descent.alone else None for i, one in enumerate(fitted)]
+    separate += [one.alone() for one in decays]
     about = _about(descent, labels, results, separate, consistency)
     return [
         replace(result, settings={**result.settings, "joint": {"position": i, **about}})
@@ -165,7 +166,8 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
 
 def _estimate(descent: Descent, index: int) -> Estimate:
     """A calibration's estimate in the joint fit."""
-    estimate, place, near = descent.fitted[index].estimate, descent.places[index], descent.near[index]
+    fitted, place, near = descent.together.fitted, descent.together.places[index], descent.near[index]
+    estimate = fitted[index].estimate
     findings, more = estimate.findings, {}
     if index not in descent.alone and findings.noise is not None:
         nothing, none = np.zeros(0), np.zeros((0, 0))
@@ -183,7 +185,7 @@ def _estimate(descent: Descent, index: int) -> Estimate:
         tones=None,  # measured again, with the network's response at the joint values
         predicted=None,
         begin=None,
-        equations=sum(one.estimate.equations for one in descent.fitted),
+        equations=sum(one.estimate.equations for one in fitted),
         **more,
     )
 
@@ -191,15 +193,14 @@ def _estimate(descent: Descent, index: int) -> Estimate:
 def _left(descent: Descent, index: int) -> BudgetRow:
     """The data row of a calibration whose own fit is not used."""
     covariance = inverse_normal(descent.balance.information[index])
-    return BudgetRow(RESIDUAL, DATA, None, "", descent.fitted[index].estimate.degrees_of_freedom, covariance)
+    return BudgetRow(RESIDUAL, DATA, None, "", descent.together.fitted[index].estimate.degrees_of_freedom, covariance)
 
 
 def _data_row(descent: Descent, index: int, other: int, row: BudgetRow, label: str) -> BudgetRow:
     """Contribution of the data of calibration ``other`` to the covariance of calibration ``index``."""
-    places = (*descent.places, *descent.beside)
-    information = (*descent.balance.information, *(one.information for one in descent.decays))[other]
+    places = descent.together.places
     gain = descent.balance.covariance @ places[other].matrix.T
-    share = gain @ information @ gain.T
+    share = gain @ descent.balance.information[other] @ gain.T
     onto = places[index].matrix
     source = f"{label}: {row.source}" if label else row.source
     return replace(row, source=source, covariance=onto @ share @ onto.T)
@@ -211,12 +212,11 @@ def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
     for index, one in enumerate(placed):
         for effect in all_effects(one.evidence, one.judgement):
             found.setdefault(effect, {})[index] = shift_of_effect(effect, one.linear)
-    for index, one in enumerate(descent.decays, len(placed)):
+    for index, one in enumerate(descent.together.decays, len(placed)):
         for effect in one.calibration.effects:
             if effect.kind == "clock":  # all frequencies scale with it; no other effect reaches a decay
                 found.setdefault(effect, {})[index] = np.array([effect.standard_uncertainty, 0.0])
-    places = (*descent.places, *descent.beside)
-    information = (*descent.balance.information, *(one.information for one in descent.decays))
+    places, information = descent.together.places, descent.balance.information
     effects = []
     for effect, shifts in found.items():
         pull = sum(places[i].matrix.T @ information[i] @ s for i, s in shifts.items())
@@ -225,19 +225,18 @@ def _effects(descent: Descent, placed: Sequence[Fitted]) -> list[_Effect]:
 
 
 def _consistency(descent: Descent, data: Sequence[BudgetRow], effects: Sequence[_Effect]) -> Consistency | None:
-    estimates = []
-    for i, one in enumerate(descent.fitted):
-        there = descent.places[i].z(descent.balance.theta) + descent.balance.steps[i]
-        estimates.append(one.estimate.z if i in descent.alone else there)
-    for one, place in zip(descent.decays, descent.beside, strict=True):
-        estimates.append(one.estimate(float(place.z(descent.balance.theta)[1])))
+    together, theta = descent.together, descent.balance.theta
+    steps = zip(together.at(theta), descent.balance.steps, strict=True)
+    estimates = [z + step for z, step in steps]
+    for i in descent.alone:
+        estimates[i] = together.fitted[i].estimate.z
+    for one, place in zip(together.decays, together.places[len(together.fitted) :], strict=True):
+        estimates.append(one.estimate(float(place.z(theta)[1])))
     sizes = [len(z) for z in estimates]
     stacked = [np.concatenate([e.shifts.get(i, np.zeros(size)) for i, size in enumerate(sizes)]) for e in effects]
     fewest = min(row.degrees_of_freedom for row in data)
-    numbers = with_decays(descent.numbers, descent.decays, len(descent.fitted))
-    return compare(
-        numbers, (*descent.places, *descent.beside), estimates, [row.covariance for row in data], stacked, fewest
-    )
+    covariances = [row.covariance for row in data]
+    return compare(together.whole, together.places, estimates, covariances, stacked, fewest)
 
 
 def _labels(calibrations: Sequence[Calibration], numbers: Sequence[int]) -> list[str]:
@@ -251,16 +250,15 @@ def _labels(calibrations: Sequence[Calibration], numbers: Sequence[int]) -> list
 
 def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Descent) -> ResultWarning:
     name, whole = consistency.worst, consistency.whole
-    numbers = with_decays(descent.numbers, descent.decays, len(descent.fitted))
-    number = next(n for n in numbers if n.name == name and len(n.members) > 1)
-    values = []
+    fitted, values = descent.together.fitted, []
+    number = next(n for n in descent.together.whole if n.name == name and len(n.members) > 1)
     for owner, _ in number.members:
-        if owner >= len(descent.fitted):
-            own = descent.decays[owner - len(descent.fitted)].alone()[name]
+        if owner >= len(fitted):
+            own = descent.together.decays[owner - len(fitted)].alone()[name]
             values.append(f"{amount(own.value, own.unit, 6)} ({labels[owner]})")
             continue
-        estimate = descent.fitted[owner].estimate
-        unit = parameter_units(estimate.coordinates.model, descent.fitted[owner].evidence.calibration)[name]
+        estimate = fitted[owner].estimate
+        unit = parameter_units(estimate.coordinates.model, fitted[owner].evidence.calibration)[name]
         text = amount(estimate.coordinates.values(estimate.z)[name], unit, 6) if owner in descent.alone else "elsewhere"
         values.append(f"{text} ({labels[owner]})")
     said = f"The {in_words(name)} differs most: {', '.join(values)}. " if name in consistency.each else ""
@@ -281,7 +279,7 @@ def _about(
 ) -> dict[str, Any]:
     """The content of ``settings["joint"]``."""
     shared = []
-    for number in with_decays(descent.numbers, descent.decays, len(descent.fitted)):
+    for number in descent.together.whole:
         if len(number.members) < 2:
             continue
         owners = [owner for owner, _ in number.members]
@@ -298,7 +296,7 @@ def _about(
             }
         )
     whole = None if consistency is None else consistency.whole
-    used = (*descent.alone, *range(len(descent.fitted), len(labels)))
+    used = (*descent.alone, *range(len(descent.together.fitted), len(labels)))
     return {
         "calibrations": [
             {"file": label, "model": r.model, "estimator": r.estimator, "own_fit_used": i in used}
