@@ -108,6 +108,20 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
     assert found <= (1 if motion == "sine" else 0)
 
 
+def in_single_precision(rng: np.random.Generator) -> FloatArray:
+    """A slow sine with noise through a converter of 8 to 20 bits, kept in single precision, then scaled."""
+    values = slow_or_quick(rng) + 10.0 ** rng.uniform(-6.0, -3.0) * rng.standard_normal(N)
+    step = rng.uniform(2.0, 4.0) * 2.0 ** -rng.integers(8, 21)
+    return rng.uniform(0.1, 10.0) * (np.rint(values / step) * step).astype(np.float32).astype(float)
+
+
+@pytest.mark.draws(40, 300)
+def test_single_precision_does_not_hide_a_converters_steps(draws: int, rng: np.random.Generator) -> None:
+    """Two equal samples at the top are then no rail."""
+    for _ in range(draws):
+        assert not clipped(in_single_precision(rng), ALL)[0].any()
+
+
 @pytest.mark.draws(60, 300)
 def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Generator) -> None:
     """Their steps are ten times as coarse above one as below it."""

@@ -33,6 +33,18 @@ def test_the_step_is_read_where_hardly_two_values_are_alike():
         assert converter_step(rounded(values, 16)) == pytest.approx(4.0 * np.max(np.abs(values)) / 2**16)
 
 
+@pytest.mark.parametrize("bits", [6, 10, 12, 14, 16, 18])
+def test_the_step_is_read_of_numbers_of_single_precision(bits):
+    """Whose own steps grow with the numbers; so was the step of 12 bits or more not found."""
+    times = np.arange(4000)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        values = np.sin(rng.uniform(0.01, 3.0) * times) + 1e-3 * rng.standard_normal(times.size)
+        single = 9.81 * rounded(values, bits).astype(np.float32).astype(float)
+        assert converter_step(single) == pytest.approx(9.81 * 4.0 * np.max(np.abs(values)) / 2**bits, rel=1e-4)
+        assert converter_step(values.astype(np.float32).astype(float)) < 1e-6
+
+
 @pytest.mark.parametrize("bits", [8, 12])
 @pytest.mark.draws(4, 8)
 def test_steps_repeat_with_a_sweep_and_their_uncertainty_holds(bits, draws):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.measure.rounding import grid_step
 from vibrident.records import BoolArray, FloatArray
 
 #: The first bin holds this many times the second …
@@ -60,10 +61,8 @@ PASSES = 1.0
 LEAST_CUT = 2.5e-3
 #: The smallest difference of values that occur is at most so many steps.
 MOST_PARTS = 24
-#: Values lie on the grid to this part of a step.
-ON_GRID = 0.05
-#: So many values tell mostly that there is no grid.
-FIRST = 32
+#: Values at the top by which the steps there are told.
+SOME = 32
 #: Values closer than this part of the range are the same.
 SAME = 1e-12
 #: Samples from the top among which the first values are looked for.
@@ -124,7 +123,8 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     found = _of_equal_values(values, valid, top, SAME * span)
     if found is not None:
         return found
-    step, below = _quantisation(top), -top
+    below = -top
+    step = grid_step(below, MOST_PARTS)
     width = span * 0.5 ** np.array(WIDTHS)
     if step > 0.0:
         width = step * np.ceil(width / step)  # whole steps
@@ -193,21 +193,7 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(1.0, BELOW * _quantisation(top[: below + FIRST]) / distance) ** (count - 1.0)
-
-
-def _quantisation(values: FloatArray) -> float:
-    """Step of the converter; zero where the values, which fall, are not on a grid."""
-    step = _step_of(values)
-    if step == 0.0:
-        return 0.0
-    place = (values[:: max(1, values.size // 1000)] - values[0]) / step
-    parts = np.arange(1, MOST_PARTS + 1)[:, None]
-    for some in (place[:FIRST], place):
-        parts = parts[np.max(np.abs(parts * some - np.rint(parts * some)), axis=1) < ON_GRID]
-        if not parts.size:
-            return 0.0
-    return step / int(parts[0, 0])
+    return min(1.0, BELOW * grid_step(-top[: below + SOME], MOST_PARTS) / distance) ** (count - 1.0)
 
 
 def _piled(counts: FloatArray, fewest: int) -> bool:

@@ -29,8 +29,12 @@ SAME = 1e-12
 ON_GRID = 0.05
 #: Fewest different values; fewer may lie on a grid by chance.
 FEWEST = 3
-#: So many values tell mostly that there is no grid.
+#: Values that are compared with a grid.
+MOST_ON_GRID = 1000
+#: So many tell mostly that there is no grid.
 FIRST = 32
+#: A step is told by values so many times farther apart than those that told it before.
+FARTHER = 4.0
 #: Largest number of steps in the smallest difference of two values.
 STEPS_APART = 4
 #: A motion in step with the sampling shows so few values …
@@ -73,19 +77,57 @@ def _forget(key: int, _: object) -> None:
 
 
 def _step_of(seen: FloatArray) -> float:
-    some = distinct(seen)
-    if some.size < FEWEST:
+    ordered = np.sort(seen)
+    gaps = np.diff(ordered)
+    apart = gaps > SAME * (ordered[-1] - ordered[0]) if gaps.size else gaps > 0.0
+    if np.count_nonzero(apart) >= FEW:
+        return grid_step(ordered, STEPS_APART)
+    if np.count_nonzero(apart) < FEWEST - 1:
         return 0.0
-    gaps = np.diff(some)
-    apart = gaps > SAME * (some[-1] - some[0])
+    return _step_between_few(ordered[np.concatenate([[True], apart])], float(np.min(gaps[apart])))
+
+
+def grid_step(values: FloatArray, most_apart: int) -> float:
+    """Step of the grid on which values lie; zero where there is none.
+
+    Args:
+        values: as they rise, shape (samples,).
+        most_apart: steps that there may be in the smallest difference of two of them.
+    """
+    gaps = np.diff(values)
+    apart = gaps > SAME * (values[-1] - values[0])
+    if not np.any(apart):
+        return 0.0
     least = float(np.min(gaps[apart]))
-    if np.sum(apart) < FEW:
-        return _step_between_few(some[np.concatenate([[True], apart])], least)
-    few = some[:: max(1, some.size // FIRST)]
-    for parts in range(1, STEPS_APART + 1):
-        if all(_on_grid(values, some[0], parts / least) for values in (few, some)):
-            return least / parts
-    return 0.0
+    above = values[:: max(1, values.size // MOST_ON_GRID)] - values[0]
+    parts = kept = np.arange(1.0, most_apart + 1.0)[:, None]
+    for some in (above[:: max(1, above.size // FIRST)] / least, above / least):
+        kept = kept[np.max(np.abs(kept * some - np.rint(kept * some)), axis=1, initial=0.0) < ON_GRID]
+    if kept.size:
+        return least / float(kept[0, 0])
+    if np.all(apart):
+        return 0.0  # values that occur once each: the steps are too fine to tell
+    return _step_of_rounded(above, float(np.mean(gaps[(gaps > 0.5 * least) & (gaps < 1.5 * least)])) / parts)
+
+
+def _step_of_rounded(above: FloatArray, found: FloatArray) -> float:
+    """Step of a grid whose values were rounded, as numbers of single precision are; zero where there is none.
+
+    The step is told the better the farther apart the values are by which it is told.
+
+    Args:
+        above: distances from the lowest value, as they rise.
+        found: steps that are possible by neighbours alone, shape (steps, 1).
+    """
+    reach = FARTHER * float(np.max(found))
+    while found.size and reach < FARTHER * above[-1]:
+        near = above[above <= reach]
+        counts = np.rint(near / found)
+        squares = np.sum(counts**2, axis=1, keepdims=True)
+        found = np.where(squares > 0.0, np.sum(near * counts, axis=1, keepdims=True) / np.maximum(squares, 1.0), found)
+        found = found[np.max(np.abs(near - counts * found), axis=1) < ON_GRID * found[:, 0]]
+        reach *= FARTHER
+    return float(np.max(found, initial=0.0))
 
 
 def _step_between_few(values: FloatArray, least: float) -> float:
@@ -156,11 +198,6 @@ def returning_error(values: FloatArray, used: BoolArray, turns: float, residual:
 def step_of_response(record: Record) -> float:
     """The step in which the response was recorded, also where hum or drift was taken out of it since; else zero."""
     return record.response_step or converter_step(record.response, record.mask)
-
-
-def _on_grid(values: FloatArray, origin: float, rate: float) -> bool:
-    place = (values - origin) * rate
-    return float(np.max(np.abs(place - np.rint(place)))) < ON_GRID
 
 
 def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) -> FloatArray | None:
