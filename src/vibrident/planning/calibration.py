@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from vibrident.information import inverse_normal
 from vibrident.memory import in_one_thread
 from vibrident.models import parse
 from vibrident.models.base import SensorModel
-from vibrident.planning.design import CRITERIA, Criterion, best_points, efficiency
-from vibrident.planning.points import PlannedPoints, Recording, of_records, of_table
+from vibrident.planning.design import CRITERIA, Criterion, best_points, efficiency, total
+from vibrident.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
 from vibrident.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.result.result import plain
@@ -117,20 +117,17 @@ def plan(
     """
     model, values = _sensor(sensor, parameters)
     source = sensor if isinstance(sensor, Result) else None
-    kind = _quantity(quantity, source)
     frequency = _frequencies(frequencies_hz, source)
-    points = _points(
-        model,
-        values,
-        kind,
-        frequency,
-        _each("amplitude", amplitude, frequency),
-        recording,
-        None if magnitude_uncertainty is None else _each("magnitude uncertainty", magnitude_uncertainty, frequency),
-        None if phase_uncertainty_rad is None else _each("phase uncertainty", phase_uncertainty_rad, frequency),
-        source,
-        times_as_long,
-    )
+    subject = Subject(model, values, _quantity(quantity, source), frequency)
+    peaks = _each("amplitude", amplitude, frequency)
+    magnitude = _each("magnitude uncertainty", magnitude_uncertainty, frequency)
+    phase = _each("phase uncertainty", phase_uncertainty_rad, frequency)
+    if recording is not None and magnitude is None:
+        points = of_records(subject, peaks, recording)
+    elif magnitude is not None and recording is None:
+        points = of_table(subject, magnitude, phase)
+    else:
+        points = _of_result(subject, source, times_as_long, twice=recording is not None)
     if criterion not in CRITERIA:
         raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
     _enough(points, best if best is not None else frequency.size, repeats=repeats, chosen=best is not None)
@@ -150,7 +147,8 @@ def _plan(
     criterion: Criterion,
     repeats: bool,
 ) -> Plan:
-    coordinates, z, count = points.coordinates, points.coordinates.first, points.frequency_hz.size
+    coordinates, z, frequency = points.coordinates, points.coordinates.first, points.subject.frequency_hz
+    count = frequency.size
     model, scale = coordinates.model, _scales(coordinates.model, points.coordinates.first)
     uses, reached, spread = np.ones(count, dtype=int), None, {}
     if best is not None:
@@ -161,25 +159,25 @@ def _plan(
     covariance, freedom = _covariance(points, uses)
     weak, warnings = doubts(coordinates, z, covariance)
     covariance = with_reference(covariance, z, model, reference_uncertainty)
-    drive = points.quantity == "drive"
+    drive = points.subject.quantity == "drive"
     reference = (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
     fields = fields_of_units(unit, reference, drive=drive)
     table = parameter_table(coordinates, z, covariance, freedom, fields, weak)
-    low, high = float(points.frequency_hz.min()), float(points.frequency_hz.max())
+    low, high = float(frequency.min()), float(frequency.max())
     band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])
     band = with_resonances(band, model.rational(coordinates.values(z)))
     kept = np.flatnonzero(uses)
     return Plan(
         model.name,
-        points.frequency_hz[kept],
+        frequency[kept],
         tuple(int(n) for n in uses[kept]),
         points.relative_deviation[kept],
         table,
         correlation(model, covariance),
-        curve(coordinates, z, covariance, points.quantity, band),
+        curve(coordinates, z, covariance, points.subject.quantity, band),
         tuple(w.message for w in warnings) + points.findings,
         criterion if best is not None else None,
-        points.frequency_hz,
+        frequency,
         reached,
         spread,
         _deviations(points, np.ones(count, dtype=int), reference_uncertainty),
@@ -203,7 +201,7 @@ def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, fl
     """Covariance of z and degrees of freedom, as of the estimator ``ml``."""
     freedom = np.repeat(points.freedom, uses)
     known = float(np.mean(1.0 + 4.0 / freedom))  # the weights are estimated too
-    return inverse_normal(points.chosen(uses)) * known, float(np.sum(freedom))
+    return inverse_normal(total(uses, points.information)) * known, float(np.sum(freedom))
 
 
 def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: float) -> dict[str, float]:
@@ -269,7 +267,13 @@ def _frequencies(given: Sequence[float] | FloatArray | None, source: Result | No
     return np.sort(frequency)
 
 
-def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> FloatArray:
+@overload
+def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> FloatArray: ...
+@overload
+def _each(label: str, value: None, frequency: FloatArray) -> None: ...
+def _each(label: str, value: float | Sequence[float] | None, frequency: FloatArray) -> FloatArray | None:
+    if value is None:
+        return None
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or (values.ndim == 1 and values.size != frequency.size):
         raise InputError(
@@ -282,53 +286,30 @@ def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> 
     return np.broadcast_to(values, frequency.shape).astype(float)
 
 
-def _points(
-    model: SensorModel,
-    values: Mapping[str, float],
-    quantity: Quantity,
-    frequency: FloatArray,
-    amplitude: FloatArray,
-    recording: Recording | None,
-    magnitude: FloatArray | None,
-    phase: FloatArray | None,
-    source: Result | None,
-    times_as_long: float,
-) -> PlannedPoints:
-    if recording is not None and magnitude is None:
-        return of_records(model, values, quantity, frequency, amplitude, recording)
-    if magnitude is not None and recording is None:
-        return of_table(model, values, quantity, frequency, magnitude, phase)
-    if recording is not None or source is None or not source.measured.frequency_hz.size or times_as_long <= 0:
+def _of_result(subject: Subject, source: Result | None, times_as_long: float, *, twice: bool) -> PlannedPoints:
+    """Points as good as those of a result."""
+    if twice or source is None or not source.measured.frequency_hz.size or times_as_long <= 0:
         raise InputError(
             "The uncertainty of the points is not given, or given twice.",
             expected="noise with sampling rate and samples, or uncertainties of magnitude and phase, or a result "
             "with measured points (and records at least as long as a part of its own)",
-            found="records and a table" if recording is not None else "none of them",
+            found="records and a table" if twice else "none of them",
             where="plan",
             remedy="give one of them",
         )
-    size = np.abs(model.frequency_response(values, np.concatenate([source.measured.frequency_hz, frequency]), quantity))
-    magnitude, phase = _like_before(source, frequency, times_as_long, np.split(np.log(size), [-frequency.size]))
-    return of_table(model, values, quantity, frequency, magnitude, phase)
+    magnitude, phase = _like_before(source, subject, times_as_long)
+    return of_table(subject, magnitude, phase)
 
 
-def _like_before(
-    source: Result, frequency: FloatArray, longer: float, gains: Sequence[FloatArray]
-) -> tuple[FloatArray, FloatArray | None]:
-    """Noise of a result's own points, smoothed, interpolated and scaled to the records' length.
-
-    Noise of a channel falls with the gain, over it, within a resonance or a high-pass. Smoothed is what the line
-    log u = c + b log |H| leaves over: b is 0 of noise in proportion, and −1 of noise of one level.
-
-    Args:
-        source: the result.
-        frequency: of the planned points.
-        longer: factor of the records' length.
-        gains: log |H| at the result's points, and at the planned ones.
-    """
-    measured = source.measured
+def _like_before(source: Result, subject: Subject, longer: float) -> tuple[FloatArray, FloatArray | None]:
+    """Noise of a result's own points, smoothed, interpolated and scaled to the records' length."""
+    # Noise of a channel falls with the gain, over it, within a resonance or a high-pass. Smoothed is what the line
+    # log u = c + b log |H| leaves over: b is 0 of noise in proportion, and −1 of noise of one level.
+    measured, frequency = source.measured, subject.frequency_hz
     order = np.argsort(measured.frequency_hz, kind="stable")
-    f, gain = np.log(measured.frequency_hz[order]), gains[0][order]
+    f = measured.frequency_hz[order]
+    gain, planned_gain = (np.log(np.abs(replace(subject, frequency_hz=at).response())) for at in (f, frequency))
+    f = np.log(f)
     noise, phase_noise = measured.magnitude_noise, measured.phase_deg_noise
     apart = np.isfinite(noise).any()  # else an older result, or a table
     u = ((noise if apart else measured.magnitude_uncertainty) / measured.magnitude)[order]
@@ -344,7 +325,7 @@ def _like_before(
         index = np.arange(level.size)
         near = np.abs(index[:, None] - index) <= NEIGHBOURS
         smooth = (near @ level) / near.sum(axis=1)
-        return np.exp(np.interp(np.log(frequency), f[good], smooth) + slope * gains[1]) / np.sqrt(longer)
+        return np.exp(np.interp(np.log(frequency), f[good], smooth) + slope * planned_gain) / np.sqrt(longer)
 
     phase = at(np.deg2rad(u_phase))
     return at(u), None if np.isnan(phase).any() else phase
@@ -352,9 +333,8 @@ def _like_before(
 
 def _enough(points: PlannedPoints, count: int, *, repeats: bool, chosen: bool) -> None:
     needed = len(points.coordinates.model.parameters)
-    most = points.frequency_hz.size
-    fits = count >= 1 and (repeats or count <= most) and count * points.equations >= needed
-    if fits:
+    most = points.subject.frequency_hz.size
+    if count >= 1 and (repeats or count <= most) and count * points.equations >= needed:
         return
     raise InputError(
         "So many points cannot determine the parameters."

@@ -49,16 +49,17 @@ def best_points(
         repeats: whether a point may be measured several times.
     """
     rng = np.random.default_rng(0)
-    total = information.shape[0]
+    points = information.shape[0]
     starts = [_greedy(information, count, criterion, scale, repeats=repeats)]
     for _ in range(STARTS):
-        picks = rng.choice(total, count, replace=repeats)
-        starts.append(np.bincount(picks, minlength=total))
+        picks = rng.choice(points, count, replace=repeats)
+        starts.append(np.bincount(picks, minlength=points))
     found = [_exchanged(uses, information, criterion, scale, repeats=repeats) for uses in starts]
-    return min(found, key=lambda uses: loss(_sum(uses, information), criterion, scale))
+    return min(found, key=lambda uses: loss(total(uses, information), criterion, scale))
 
 
-def _sum(uses: np.ndarray, information: FloatArray) -> FloatArray:
+def total(uses: np.ndarray, information: FloatArray) -> FloatArray:
+    """Information of points of which each is used so many times, shape (p, p)."""
     return np.einsum("k,kij->ij", uses.astype(float), information)
 
 
@@ -81,7 +82,7 @@ def _exchanged(
     uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray, *, repeats: bool
 ) -> np.ndarray:
     uses = uses.copy()
-    matrix = _sum(uses, information)
+    matrix = total(uses, information)
     best = loss(matrix, criterion, scale)
     while True:
         step = None
@@ -95,15 +96,15 @@ def _exchanged(
             return uses
         uses[step[0]] -= 1
         uses[step[1]] += 1
-        matrix = _sum(uses, information)  # summed again: updates accumulate rounding errors
+        matrix = total(uses, information)  # summed again: updates accumulate rounding errors
 
 
 def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArray) -> FloatArray:
     """Arbitrary weights of the best design, of total one, shape (n,)."""
-    total, order = information.shape[0], information.shape[1]
-    weights = np.full(total, 1.0 / total)
+    points, order = information.shape[0], information.shape[1]
+    weights = np.full(points, 1.0 / points)
     for _ in range(MOST_ITERATIONS):
-        inverse = inverse_normal(np.einsum("k,kij->ij", weights, information))
+        inverse = inverse_normal(total(weights, information))
         if criterion == "D":
             gain = np.einsum("kij,ji->k", information, inverse) / order
         else:
@@ -123,6 +124,6 @@ def efficiency(uses: np.ndarray, information: FloatArray, criterion: Criterion, 
     """
     count = float(np.sum(uses))
     weights = best_weights(information, criterion, scale)
-    ideal = count * np.einsum("k,kij->ij", weights, information)
-    own, best = loss(_sum(np.asarray(uses), information), criterion, scale), loss(ideal, criterion, scale)
+    ideal = count * total(weights, information)
+    own, best = loss(total(np.asarray(uses), information), criterion, scale), loss(ideal, criterion, scale)
     return float(np.exp(best - own)) if criterion == "D" else best / own

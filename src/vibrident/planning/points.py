@@ -12,7 +12,7 @@ with the tone within the record.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ from vibrident.errors import InputError
 from vibrident.measure.tones import measure_tones
 from vibrident.models import SensorModel
 from vibrident.models.base import DERIVATIVES
+from vibrident.models.slopes import ComplexArray
 from vibrident.problem import Coordinates
 from vibrident.problem.frequency_domain import response_jacobian
 from vibrident.records import FloatArray, Quantity, Record
@@ -76,13 +77,33 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
+class Subject:
+    """The sensor that is planned for, and where.
+
+    Attributes:
+        model: linear.
+        values: of its parameters, SI units, frequencies in Hz.
+        quantity: of the reference.
+        frequency_hz: ascending, shape (n,).
+    """
+
+    model: SensorModel
+    values: Mapping[str, float]
+    quantity: Quantity
+    frequency_hz: FloatArray
+
+    def response(self) -> ComplexArray:
+        """Complex response per unit of the reference, shape (n,)."""
+        return np.asarray(self.model.frequency_response(self.values, self.frequency_hz, self.quantity), dtype=complex)
+
+
+@dataclass(frozen=True, eq=False)
 class PlannedPoints:
     """Planned points and their information.
 
     Attributes:
         coordinates: the map from z to parameters; the sensor is at its first.
-        quantity: of the reference.
-        frequency_hz: shape (n,).
+        subject: sensor and frequencies.
         information: JᵀJ of each point, shape (n, p, p).
         relative_deviation: standard deviation of each point's sensitivity over its size, shape (n,).
         freedom: degrees of freedom of each point's noise estimate, infinite where uncertainties are stated; shape (n,).
@@ -91,40 +112,21 @@ class PlannedPoints:
     """
 
     coordinates: Coordinates
-    quantity: Quantity
-    frequency_hz: FloatArray
+    subject: Subject
     information: FloatArray
     relative_deviation: FloatArray
     freedom: FloatArray
     equations: int
     findings: tuple[str, ...] = ()
 
-    def chosen(self, uses: Sequence[int] | FloatArray) -> FloatArray:
-        """Information of a choice of points, each used so many times; shape (p, p)."""
-        return np.einsum("k,kij->ij", np.asarray(uses, dtype=float), self.information)
 
-
-def of_records(
-    model: SensorModel,
-    values: Mapping[str, float],
-    quantity: Quantity,
-    frequency_hz: FloatArray,
-    amplitude: FloatArray,
-    recording: Recording,
-) -> PlannedPoints:
-    """Points of sine records.
-
-    Args:
-        model: the sensor model.
-        values: its parameters.
-        quantity: of the reference.
-        frequency_hz: shape (n,).
-        amplitude: peak of the acceleration at each, m/s², shape (n,).
-        recording: how the sines are recorded.
+def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) -> PlannedPoints:
+    """Points of sine records; ``amplitude`` is the peak of the acceleration at each, m/s², shape (n,).
 
     Raises:
         InputError: a frequency or an amplitude cannot be recorded.
     """
+    frequency_hz = subject.frequency_hz
     highest = HIGHEST * recording.sampling_rate_hz
     if not ((amplitude > 0).all() and np.isfinite(amplitude).all() and float(frequency_hz.max()) <= highest):
         raise InputError(
@@ -134,12 +136,12 @@ def of_records(
             where="plan",
             remedy="correct the amplitude, lower the frequency, or raise the sampling rate",
         )
-    reference = amplitude / np.abs(2j * np.pi * frequency_hz) ** DERIVATIVES[quantity]
-    gain = np.asarray(model.frequency_response(values, frequency_hz, quantity), dtype=complex)
+    reference = amplitude / np.abs(2j * np.pi * frequency_hz) ** DERIVATIVES[subject.quantity]
+    gain = subject.response()
     response = np.abs(gain) * reference
     noise_y = (recording.response_noise * response) ** 2 / 2.0 + recording.response_noise_rms**2
     noise_x = (recording.reference_noise * reference) ** 2 / 2.0 + recording.reference_noise_rms**2
-    beside = np.array([_beside_free_motion(model, f, values, recording) for f in frequency_hz])
+    beside = np.array([_beside_free_motion(subject, f, recording) for f in frequency_hz])
     deviation = np.sqrt(2.0 / recording.samples * (beside * noise_y + np.abs(gain) ** 2 * noise_x))
     freedom = np.array([_freedom(f, recording) for f in frequency_hz])
     duration = recording.samples / recording.sampling_rate_hz
@@ -150,26 +152,16 @@ def of_records(
             f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
             "and the sensor's free motion will increase their uncertainty beyond this plan.",
         )
-    findings += _sharp(model, values, frequency_hz, beside)
+    findings += _sharp(subject, beside)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
-    return _points(model, values, quantity, data, False, True, deviation / response, freedom, findings)
+    return _points(subject, data, False, True, deviation / response, freedom, findings)
 
 
-def of_table(
-    model: SensorModel,
-    values: Mapping[str, float],
-    quantity: Quantity,
-    frequency_hz: FloatArray,
-    magnitude: FloatArray,
-    phase_rad: FloatArray | None,
-) -> PlannedPoints:
+def of_table(subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | None) -> PlannedPoints:
     """Points with stated uncertainties.
 
     Args:
-        model: the sensor model.
-        values: its parameters.
-        quantity: of the reference.
-        frequency_hz: shape (n,).
+        subject: sensor and frequencies.
         magnitude: relative standard uncertainty of the magnitude at each, shape (n,).
         phase_rad: standard uncertainty of the phase at each, rad, shape (n,); None: no phase is measured.
 
@@ -185,18 +177,16 @@ def of_table(
                 where=f"plan, uncertainty of the {label}",
                 remedy="give a standard uncertainty (k = 1)",
             )
-    gain = np.asarray(model.frequency_response(values, frequency_hz, quantity), dtype=complex)
+    gain = subject.response()
     size, phase = np.abs(gain), np.angle(gain)
     u_phase = np.ones_like(size) if phase_rad is None else phase_rad
-    data = (frequency_hz, size, phase, magnitude * size, u_phase)
-    freedom = np.full(frequency_hz.shape, np.inf)
-    return _points(model, values, quantity, data, True, phase_rad is not None, magnitude, freedom, ())
+    data = (subject.frequency_hz, size, phase, magnitude * size, u_phase)
+    freedom = np.full(size.shape, np.inf)
+    return _points(subject, data, True, phase_rad is not None, magnitude, freedom, ())
 
 
 def _points(
-    model: SensorModel,
-    values: Mapping[str, float],
-    quantity: Quantity,
+    subject: Subject,
     data: tuple[Any, ...],
     polar: bool,
     has_phase: bool,
@@ -204,22 +194,21 @@ def _points(
     freedom: FloatArray,
     findings: tuple[str, ...],
 ) -> PlannedPoints:
-    frequency = data[0]
-    coordinates = Coordinates.at(model, values, (float(frequency.min()), float(frequency.max())))
+    frequency = subject.frequency_hz
+    coordinates = Coordinates.at(subject.model, subject.values, (float(frequency.min()), float(frequency.max())))
     z = coordinates.first
-    rows = response_jacobian(z, coordinates, polar, has_phase, quantity, data)
+    rows = response_jacobian(z, coordinates, polar, has_phase, subject.quantity, data)
     parts = rows.reshape(-1, frequency.size, z.size)
     information = np.einsum("rki,rkj->kij", parts, parts)
-    return PlannedPoints(coordinates, quantity, frequency, information, relative, freedom, parts.shape[0], findings)
+    return PlannedPoints(coordinates, subject, information, relative, freedom, parts.shape[0], findings)
 
 
-def _sharp(
-    model: SensorModel, values: Mapping[str, float], frequency_hz: FloatArray, beside: FloatArray
-) -> tuple[str, ...]:
+def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
     """Effects of a sharp resonance that a plan does not include."""
-    if model.core.oscillator is None:
+    oscillator, frequency_hz = subject.model.core.oscillator, subject.frequency_hz
+    if oscillator is None:
         return ()
-    natural, damping = (values[name] for name in model.core.oscillator)
+    natural, damping = (subject.values[name] for name in oscillator)
     width = 2.0 * damping * natural
     lasts = 1.0 / (np.pi * width) if width > 0 else np.inf
     findings = []
@@ -236,17 +225,16 @@ def _sharp(
     return tuple(findings)
 
 
-def _beside_free_motion(
-    model: SensorModel, frequency: float, values: Mapping[str, float], recording: Recording
-) -> float:
+def _beside_free_motion(subject: Subject, frequency: float, recording: Recording) -> float:
     """Variance of a tone beside the free motion and an offset over that of a tone alone, mean of its two parts."""
     time = np.arange(recording.samples) / recording.sampling_rate_hz
     angle = 2.0 * np.pi * frequency * time
     tone = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    if model.core.oscillator is None:
-        motion = np.exp(-model.fastest(values) * time)[:, None]
+    oscillator = subject.model.core.oscillator
+    if oscillator is None:
+        motion = np.exp(-subject.model.fastest(subject.values) * time)[:, None]
     else:
-        natural, damping = (values[name] for name in model.core.oscillator)
+        natural, damping = (subject.values[name] for name in oscillator)
         motion = free_motion(natural, max(damping, 0.0), time)
     free, _ = np.linalg.qr(np.concatenate([motion, np.ones((time.size, 1))], axis=1))
     left = tone - free @ (free.T @ tone)
