@@ -14,8 +14,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from bench.options import Options
-from bench.progress import STDERR
+from bench.figures import STDERR, Options
 from bench.publish import circumstances, keep, show
 
 #: Name of a section → the module whose ``measure`` takes it.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.figures import Figure, Section
-from bench.options import Options
-from bench.progress import steps
+from bench.figures import Figure, Options, Section, steps
 from bench.truth import COLUMNS, SAMPLES, SENSOR, model, paper_truth, relative_errors
 from vibrident.discretize import method
 from vibrident.errors import VibridentError

@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.figures import STYLES, Figure, Section
-from bench.options import Options
+from bench.figures import STYLES, Figure, Options, Section, steps
 from bench.pairs import Ratio, seconds
-from bench.progress import steps
 from bench.speed import noisy
 from bench.truth import COLUMNS, PARAMETERS, RATE_HZ, model, relative_errors
 from vibrident import Calibration, ResponseTable, identify

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import vibrident
-from bench.figures import Figure, Section
-from bench.options import Options
+from bench.figures import Figure, Options, Section, steps
 from bench.pairs import Ratio
-from bench.progress import steps
 from bench.speed import noisy
 from vibrident.io.writer import write_calibration
 

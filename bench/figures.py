@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import track
 
 
 @dataclass(frozen=True)
@@ -121,3 +124,31 @@ STYLES = {
     "bytes": lambda value: f"{value:.0f} B",
     "megabytes": lambda value: f"{value:.0f} MB",
 }
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of a run.
+
+    Attributes:
+        runs: seeded runs of the statistics.
+        jobs: processes for them.
+        pairs: pairs of every ratio of times.
+        quick: a short trial, whose figures are not published.
+    """
+
+    runs: int = 500
+    jobs: int = 2
+    pairs: int = 11
+    quick: bool = False
+
+
+T = TypeVar("T")
+STDERR = Console(stderr=True)
+
+
+def steps(label: str, items: Iterable[T], total: int | None = None) -> Iterator[T]:
+    """The items, with a bar that follows them."""
+    count = total if total is not None else len(items) if isinstance(items, Sized) else None
+    hidden = not STDERR.is_terminal
+    yield from track(items, description=label, total=count, console=STDERR, transient=True, disable=hidden)

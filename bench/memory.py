@@ -9,9 +9,7 @@ import threading
 import time
 from pathlib import Path
 
-from bench.figures import Figure, Section
-from bench.options import Options
-from bench.progress import steps
+from bench.figures import Figure, Options, Section, steps
 from bench.speed import broad, noisy
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SENSOR
 from vibrident import Calibration, identify

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from bench.figures import Figure, Section
-from bench.options import Options
-from bench.progress import steps
+from bench.figures import Figure, Options, Section, steps
 from bench.truth import COLUMNS, PARAMETERS, RESPONSE_NOISE, SEED, SENSOR, paper_truth
 from vibrident import identify
 from vibrident.paper.bound import cramer_rao

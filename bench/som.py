@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.against import ENVIRONMENTS, ask, measured_response, table_of
-from bench.figures import Figure, Section
-from bench.options import Options
+from bench.figures import Figure, Options, Section, steps
 from bench.pairs import Ratio, seconds
-from bench.progress import steps
 from bench.speed import noisy
 from bench.truth import COLUMNS, PARAMETERS, SENSOR, model
 from vibrident import Calibration, identify

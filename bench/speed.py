@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.figures import Figure, Section
-from bench.options import Options
+from bench.figures import Figure, Options, Section, steps
 from bench.pairs import pairwise
-from bench.progress import steps
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
 from vibrident import Calibration, identify, identify_many
 from vibrident.discretize import method

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 from joblib import Parallel, delayed
 
-from bench.progress import STDERR, steps
+from bench.figures import STDERR, steps
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Runs in a block: what is lost at most where a study is stopped.

@@ -11,7 +11,7 @@ import pytest
 from tests.support.fleets import DEADLY
 
 from vibrident.fleet import Asked, Local, Orders, Outcome, run, worker
-from vibrident.fleet.process import Identifier
+from vibrident.fleet.batch import Identifier
 
 Run = Callable[..., Outcome]
 

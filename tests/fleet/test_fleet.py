@@ -13,7 +13,7 @@ from tests.support.fleets import BROKEN, broken, deadly, fleet, good
 import vibrident
 from vibrident.errors import InputError
 from vibrident.fleet import Orders, key, parts
-from vibrident.fleet.process import Identifier
+from vibrident.fleet.batch import Identifier
 from vibrident.process import Died, Ended, _Child
 from vibrident.result import Result
 

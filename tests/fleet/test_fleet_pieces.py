@@ -12,7 +12,7 @@ from tests.support.fleets import good
 
 from vibrident.errors import InputError
 from vibrident.fleet import parts, row
-from vibrident.fleet.batching import BATCH_S, Batches
+from vibrident.fleet.coordinator import BATCH_S, Batches
 from vibrident.fleet.key import fingerprint
 from vibrident.fleet.limits import Specification, read_limits
 from vibrident.fleet.orders import Orders, memory_limit

@@ -7,7 +7,7 @@ import json
 import pytest
 from tests.support.shell import printed, run
 
-from vibrident.present import light as light_table
+from vibrident.present import setting_tables
 from vibrident.report import render
 from vibrident.result import Result
 
@@ -30,7 +30,7 @@ def test_light_goes_through_the_commands(tmp_path):
         parameter = result.parameters[name]
         assert abs(parameter.value - stated["value"]) < 4.0 * parameter.standard_uncertainty
     assert "fringe_slip" in result.warning_codes
-    assert light_table.light(result).rows[0][0] == "150 Hz"
+    assert setting_tables.light(result).rows[0][0] == "150 Hz"
     assert "## Interferometer" in render(result)
 
 

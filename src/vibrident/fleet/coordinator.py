@@ -6,7 +6,7 @@ import itertools
 import os
 import time
 import uuid
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,13 +17,62 @@ from vibrident import memory
 from vibrident.errors import InputError
 from vibrident.fleet import parts, patterns
 from vibrident.fleet.batch import Done, fingerprints, lost, work_off
-from vibrident.fleet.batching import BATCH_S, Batches, Task
 from vibrident.fleet.key import Fingerprint
 from vibrident.fleet.limits import Specification
 from vibrident.fleet.orders import Orders
 from vibrident.fleet.page import write_page
 from vibrident.fleet.schedulers import Reply, Scheduler
 from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
+
+#: Seconds of work in a batch: long against the time to send one, short against an acceptable loss.
+BATCH_S = 10.0
+#: Shortest batch, in seconds: the last calibrations are divided among all workers.
+_LEAST_BATCH_S = 0.5
+#: Most calibrations of a batch, however short they are.
+_MOST_IN_A_BATCH = 1000
+#: Share of the newest batch in a shape's time.
+_NEWEST_SHARE = 0.5
+
+Task = tuple[str, str]  # path, key
+
+
+@dataclass
+class Batches:
+    """Waiting calibrations, by shape, and the time that one of each shape takes."""
+
+    waiting: dict[str, deque[Task]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return sum(len(tasks) for tasks in self.waiting.values())
+
+    def add(self, shape: str, task: Task) -> None:
+        """Add a calibration to the waiting ones."""
+        self.waiting.setdefault(shape, deque()).append(task)
+
+    def measured(self, shape: str, seconds: float, calibrations: int) -> None:
+        """Update the time of a shape from a finished batch."""
+        each = seconds / calibrations
+        self.seconds[shape] = (1 - _NEWEST_SHARE) * self.seconds.get(shape, each) + _NEWEST_SHARE * each
+
+    def ahead_s(self) -> float:
+        """Seconds of waiting work; a calibration of a shape without a measured time counts as one second."""
+        return sum(len(tasks) * self.seconds.get(shape, 1.0) for shape, tasks in self.waiting.items())
+
+    def take(self, workers: int) -> tuple[str, list[Task]]:
+        """The next batch, of the shape with most waiting work; at least one calibration must be waiting.
+
+        Of a shape without a measured time, the batch is one calibration.
+        """
+        shape = max(self.waiting, key=lambda name: len(self.waiting[name]) * self.seconds.get(name, 1.0))
+        tasks, each = self.waiting[shape], self.seconds.get(shape)
+        wanted_s = min(BATCH_S, max(_LEAST_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
+        size = 1 if each is None else max(1, min(_MOST_IN_A_BATCH, round(wanted_s / max(each, 1e-6))))
+        batch = [tasks.popleft() for _ in range(min(size, len(tasks)))]
+        if not tasks:
+            del self.waiting[shape]
+        return shape, batch
+
 
 #: Calls a worker has at once: one that it works on, one that waits for it.
 WINDOW = 2

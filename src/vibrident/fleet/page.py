@@ -7,18 +7,22 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident import memory
-from vibrident.fleet import drawing
-from vibrident.fleet.limits import Specification
+from vibrident.fleet.limits import Limit, Specification
 from vibrident.fleet.parts import write_whole
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.fleet.statistics import Distribution, Group, Histogram, Statistics, statistics
 from vibrident.fleet.table import Tally
 from vibrident.naming import is_derived, parameter_name, scaled
-from vibrident.present import html, words
+from vibrident.present import axes, html, words
 from vibrident.present.numbers import NONE
 from vibrident.present.views import (
+    BLACK,
+    SKY,
+    VERMILION,
+    Axis,
     Beside,
     Block,
     Card,
@@ -26,8 +30,13 @@ from vibrident.present.views import (
     Column,
     Document,
     Facts,
+    Figure,
     Folded,
+    Look,
+    Panel,
     Sentence,
+    Series,
+    Stack,
     Table,
     columns,
     document,
@@ -171,7 +180,7 @@ def _distributions(found: Statistics, specification: Specification) -> Iterator[
     for group in found.groups:
         yield _numbers(group, specification)
         for derived in (False, True):
-            drawn = [drawing.distribution(one) for one in group.distributions if is_derived(one.parameter) == derived]
+            drawn = [distribution(one) for one in group.distributions if is_derived(one.parameter) == derived]
             gallery = Beside(tuple(drawn))
             if drawn:
                 yield Folded("Derived parameters", (gallery,)) if derived else gallery
@@ -291,7 +300,7 @@ def _throughput(seconds: np.ndarray, tally: Tally, began_at: float) -> Iterator[
     if now.size:
         elapsed = max(float(now.max()), 1e-9)
         yield Sentence(f"This run computed {now.size} in {elapsed:.4g} s, {now.size / elapsed:.3g} a second.")
-        drawn.append(drawing.over_time(now, "calibrations done"))
+        drawn.append(over_time(now, "calibrations done"))
     else:
         yield Sentence("This run computed none: all were there.")
     positive = seconds[seconds > 0]
@@ -299,5 +308,64 @@ def _throughput(seconds: np.ndarray, tally: Tally, began_at: float) -> Iterator[
         top = float(np.quantile(positive, 0.995)) or 1.0
         counts, edges = np.histogram(positive, 30, (0.0, top))
         found = Histogram(edges, counts, 0, int((positive > top).sum()))
-        drawn.append(drawing.histogram(found, "seconds of a calibration"))
+        drawn.append(histogram(found, "seconds of a calibration"))
     yield Beside(tuple(drawn))
+
+
+_BARS = Look(SKY)
+_OUTSIDE = Look("#fbeee6", width=0.0)
+#: Beside the bars, as a part of their range: half of a tick's label.
+_ROOM = 0.03
+_LIMIT = Look(VERMILION, width=1.6)
+_NOMINAL = Look(BLACK, "dashed", 1.4)
+
+
+def distribution(found: Distribution) -> Figure:
+    """A histogram of a parameter, with its limits and its nominal value."""
+    scale = scaled(found.unit, max(abs(found.least), abs(found.greatest)))
+    name = parameter_name(found.parameter).words
+    label = f"{name} in {scale.printed}" if scale.printed else name
+    return histogram(found.histogram, label, scale.factor, found.limit)
+
+
+def over_time(seconds: NDArray[np.float64], label: str) -> Figure:
+    """Calibrations finished in each interval of time; shape (calibrations,), seconds since the beginning."""
+    longest = float(seconds.max(initial=0.0))
+    unit, factor = ("h", 1 / 3600) if longest > 10_000 else ("min", 1 / 60) if longest > 300 else ("s", 1.0)
+    counts, edges = np.histogram(seconds, 30, (0.0, max(longest, 1e-3)))
+    return histogram(Histogram(edges, counts, 0, 0), f"{label}, in {unit} since the beginning", factor)
+
+
+def histogram(found: Histogram, label: str, factor: float = 1.0, limit: Limit | None = None) -> Figure:
+    """Bars over an axis.
+
+    Args:
+        found: counts.
+        label: under the axis.
+        factor: from the values to the numbers on the axis.
+        limit: for the values.
+    """
+    edges, tallest = found.edges * factor, float(max(found.counts.max(), 1))
+    low, high = float(edges[0]), float(edges[-1])
+    bars = Series((edges[1:] + edges[:-1]) / 2, found.counts.astype(float), "", _BARS, "columns", np.diff(edges) / 2)
+    series = [bars] if limit is None else [*_outside(limit, factor, low, high, tallest), bars]
+    if limit is not None:
+        for value, look in ((limit.nominal, _NOMINAL), (limit.lower, _LIMIT), (limit.upper, _LIMIT)):
+            if low <= value * factor <= high:
+                series.append(Series(np.full(2, value * factor), np.array([0.0, tallest]), "", look))
+    room = _ROOM * (high - low)
+    x = Axis(label, low - room, high + room, axes.linear_ticks(low, high, 4))
+    y = Axis("", 0.0, tallest, axes.linear_ticks(0.0, tallest, 4, whole=True))
+    beyond = (f"◂ {found.below}" if found.below else "", f"{found.above} ▸" if found.above else "")
+    panel = Panel(x, y, tuple(series), 1.2, " · ".join(filter(None, beyond)))
+    return Figure("histogram", label, (Stack((panel,)),), width_in=3.4)
+
+
+def _outside(limit: Limit, factor: float, low: float, high: float, top: float) -> list[Series]:
+    """Shade the values that do not conform."""
+    stretches = ((low, min(limit.lower * factor, high)), (max(limit.upper * factor, low), high))
+    return [
+        Series(np.array([(stop + start) / 2]), np.array([top]), "", _OUTSIDE, "columns", np.array([(stop - start) / 2]))
+        for start, stop in stretches
+        if stop > start
+    ]

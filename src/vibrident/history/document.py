@@ -12,9 +12,9 @@ import numpy as np
 from vibrident.comparison import COVERAGE_FACTOR
 from vibrident.errors import InputError
 from vibrident.history import control, query
+from vibrident.history.drift import Mixture
 from vibrident.history.due import RISK, Due, Tolerance, due, interval_in_force, later
 from vibrident.history.life import Entry, Life, covariance, life, years_between
-from vibrident.history.mixture import Mixture
 from vibrident.history.query import StoredSensor
 from vibrident.history.schema import REFERENCE_SENSITIVITY
 from vibrident.history.store import Store

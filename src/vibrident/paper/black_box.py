@@ -15,10 +15,9 @@ import equinox as eqx
 import numpy as np
 
 from vibrident.backend import jax, jnp, lax
-from vibrident.paper.dataset import Dataset
+from vibrident.paper.dataset import Dataset, Windows, cut, scored, whole_records
 from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import weighted_mse
-from vibrident.paper.windows import Windows, cut, scored, whole_records
 from vibrident.records import FloatArray
 
 Kind = Literal["gru", "lstm"]

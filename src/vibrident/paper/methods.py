@@ -13,13 +13,12 @@ from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihoo
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.identification import identify
 from vibrident.paper.black_box import Kind, fit_recurrent, predict_recurrent
-from vibrident.paper.dataset import Dataset
+from vibrident.paper.dataset import Dataset, scored
 from vibrident.paper.least_squares import from_extremes, from_sine_fits
 from vibrident.paper.metrics import Metrics
 from vibrident.paper.pinn import fit_pinn
 from vibrident.paper.training import Schedule, Trained
 from vibrident.paper.unrolled import Activation, Network, fit, network_for, plain_model
-from vibrident.paper.windows import scored
 from vibrident.records import FloatArray
 
 # Names of the methods in the tables.

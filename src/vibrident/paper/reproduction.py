@@ -12,7 +12,6 @@ from typing import Any
 from vibrident import __version__
 from vibrident.paper.black_box import Kind
 from vibrident.paper.experiment import interferometer, seismometer
-from vibrident.paper.learned_residual import Residual, learned_residuals
 from vibrident.paper.methods import Judge, MethodResult, recurrent
 from vibrident.paper.sections import (
     PaperSection,
@@ -22,7 +21,7 @@ from vibrident.paper.sections import (
     simulation,
 )
 from vibrident.paper.settings import Settings, Stages, silently
-from vibrident.paper.studies import NoiseStudy, RatePoint, error_by_noise, error_by_rate
+from vibrident.paper.studies import NoiseStudy, RatePoint, Residual, error_by_noise, error_by_rate, learned_residuals
 from vibrident.process import Process
 
 KINDS: tuple[Kind, ...] = ("gru", "lstm")

@@ -15,11 +15,10 @@ from vibrident.models.state_space import realise, state_scaling
 from vibrident.paper import claims, methods, published
 from vibrident.paper.black_box import HIDDEN
 from vibrident.paper.dataset import SENSOR
-from vibrident.paper.learned_residual import Residual
 from vibrident.paper.metrics import CurveDeviation, Metrics
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import PaperSection
-from vibrident.paper.studies import PARAMETERS
+from vibrident.paper.studies import PARAMETERS, Residual
 from vibrident.present.views import Column, Table
 from vibrident.records import STANDARD_GRAVITY
 

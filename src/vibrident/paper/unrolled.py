@@ -20,9 +20,8 @@ from vibrident.discretize import method
 from vibrident.estimators.optimise import Progress, silent
 from vibrident.models import SensorModel, parse
 from vibrident.models.state_space import realise
-from vibrident.paper.dataset import Dataset
+from vibrident.paper.dataset import Dataset, Seen, Windows, cut, scored, whole_records
 from vibrident.paper.training import Schedule, Trained, train
-from vibrident.paper.windows import Seen, Windows, cut, scored, whole_records
 from vibrident.problem import Coordinates
 from vibrident.records import FloatArray
 

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 
 from vibrident.naming import parameter_name
 from vibrident.present import certificate, figures, tables
-from vibrident.present.budget import budget
 from vibrident.present.comparison import beside, comparison_tables
 from vibrident.present.coverage import parameter_factor
 from vibrident.present.history import drift, drift_table, histories
-from vibrident.present.light import light
 from vibrident.present.numbers import NONE, plain, sensor_name, stated
 from vibrident.present.residual_tests import residual_tests
+from vibrident.present.setting_tables import budget, light
 from vibrident.present.views import (
     Block,
     Card,

@@ -11,8 +11,8 @@ from vibrident.nominal import Nominal
 from vibrident.present import words
 from vibrident.present.numbers import NONE, concise, fit_unit, percent, plain, sensitivity_scale, stated, uncertainty
 from vibrident.present.points import sensitivity_at
+from vibrident.present.tables import weight_rows
 from vibrident.present.views import Column, Sentence, Table, columns
-from vibrident.present.weights import weight_rows
 from vibrident.result import Parameter, Result
 
 if TYPE_CHECKING:

@@ -176,10 +176,10 @@ def approve(
     note_text: str = _NOTE,
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
-    from vibrident.history import edit
+    from vibrident.history import entry
 
     with _opened(store) as opened:
-        superseded = edit.approve(opened, number, by=by, note=note_text)
+        superseded = entry.approve(opened, number, by=by, note=note_text)
     out().print(f"Calibration {number} is approved.")
     for other in superseded:
         out().print(f"Calibration {other}, of the same data, is superseded.")
@@ -200,11 +200,11 @@ def event(
 ) -> None:
     """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
     day = read_date(date, "--date")
-    from vibrident.history import edit, query
+    from vibrident.history import entry, query
 
     with _opened(store) as opened:
         found = query.find(opened, serial, type_name, axis, maker)
-        edit.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
+        entry.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
     subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
     out().print(printable(f"{subject}: {kind}, {day or datetime.date.today()}"), soft_wrap=True)
 
@@ -275,7 +275,7 @@ def _write(document: Mapping[str, Any], target: Path) -> None:
         file = output.path / target.name
         if target.suffix.lower() in PICTURES:
             from vibrident import plots
-            from vibrident.history.figures import picture
+            from vibrident.history.page import picture
 
             plots.save(picture(document), file)
         elif target.suffix.lower() == ".html":
