@@ -44,15 +44,15 @@ def test_noise_of_every_sample_is_that_of_simulated_noise(model: str, rest: int,
     inner = slice(600, 900) if low else slice(300, 1200)
     found = np.std(draws, axis=0)[inner]
     # 400 draws tell a standard deviation to 3.5 %; neighbouring samples hardly add to that.
-    np.testing.assert_allclose(found / compensation.noise_deviation(known)[inner], 1.0, atol=0.16)
-    assert np.mean(found / compensation.noise_deviation(known)[inner]) == pytest.approx(1.0, abs=0.06)
+    np.testing.assert_allclose(found / compensation.noise_deviation[inner], 1.0, atol=0.16)
+    assert np.mean(found / compensation.noise_deviation[inner]) == pytest.approx(1.0, abs=0.06)
 
 
 def test_integrated_noise_grows_from_the_first_sample() -> None:
     values = {"generator_constant": 2.0, "natural_frequency": 50.0, "damping_ratio": 0.6}
     sensor = IdentifiedSensor.of(known_result("velocity-pickup", values))
     compensation = Compensation.of(sensor, Band(0.0, 10.0, ""), RATE, SAMPLES, around(np.full(9, 1e-6), 100))
-    noise = compensation.noise_deviation(around(np.full(9, 1e-6), 100))
+    noise = compensation.noise_deviation
     assert np.all(np.diff(noise) >= 0)
     # ωn²/G ∫ y dt dominates late: √(t Ts) times the white noise's deviation
     late = (2 * np.pi * 50.0) ** 2 / 2.0 * np.sqrt(SAMPLES) / RATE * 1e-3

@@ -207,10 +207,10 @@ def _corrected(
         acceleration = compensation.restored(spectrum)
         event = event_of(acceleration)
     if band_hz is None and record.excitation == "shock":
-        compensation = _for_the_peak(values, acceleration, compensation, around, found)
+        compensation = _for_the_peak(values, acceleration, compensation, found)
         band, spectrum = compensation.band, compensation.spectrum(values)
         acceleration = compensation.restored(spectrum)
-    components = _components(values, record.mask, spectrum, compensation, around, found)
+    components = _components(values, record.mask, spectrum, compensation, found)
     beside = background(record, values, acceleration, components, compensation.band, around, unit)
     components["background"] = beside.deviation
     findings = (*at_the_ends(record, values, around), *beside.findings)
@@ -219,10 +219,10 @@ def _corrected(
     acceleration = np.where(unknown, np.nan, acceleration)
     components = {name: np.where(unknown, np.nan, series) for name, series in components.items()}
     u = np.sqrt(sum(series**2 for series in components.values()))
-    peak = find_peak(acceleration, spectrum * compensation.after_integration, compensation, around, components)
+    peak = find_peak(acceleration, spectrum * compensation.after_integration, compensation, components)
     if peak is not None and hidden > abs(peak.value):
         peak = None
-    reference = reference_in_band(record, quantity, compensation, around.rest_samples)
+    reference = reference_in_band(record, quantity, compensation)
     agreement = None if reference is None else agreement_with(record, quantity, acceleration, components, reference)
     return Correction(
         record,
@@ -240,9 +240,7 @@ def _corrected(
     )
 
 
-def _for_the_peak(
-    values: FloatArray, acceleration: FloatArray, wide: Compensation, around: Surroundings, found: Content
-) -> Compensation:
+def _for_the_peak(values: FloatArray, acceleration: FloatArray, wide: Compensation, found: Content) -> Compensation:
     """A narrower band, if the peak of a shock has a smaller uncertainty in it.
 
     The corners at a shock's foot need a wide band, with its noise; its top does not. Judged by the mean square of noise
@@ -261,8 +259,8 @@ def _for_the_peak(
         if band.high_hz < max(2.0 * band.low_hz, PERIODS * wide.rate / wide.samples):
             break
         trial = replace(wide, band=band)
-        noise = trial.noise_deviation(around)[first:last]
-        removed = _removed(trial.spectrum(values), trial, around, found)[first:last]
+        noise = trial.noise_deviation[first:last]
+        removed = _removed(trial.spectrum(values), trial, found)[first:last]
         cost = float(np.mean(noise**2 + removed**2))
         if cost < least:
             best, least = trial, cost
@@ -274,11 +272,10 @@ def _components(
     mask: BoolArray,
     spectrum: np.ndarray,
     compensation: Compensation,
-    around: Surroundings,
     found: Content,
 ) -> dict[str, FloatArray]:
     """Standard uncertainty of every sample by origin."""
-    slopes = compensation.restored(spectrum, compensation.slopes)
+    slopes, around = compensation.restored(spectrum, compensation.slopes), compensation.around
     variance = np.einsum("ik,ij,jk->k", slopes, compensation.sensor.covariance, slopes, optimize=True)
     if around.offset_uncertainty > 0:
         constant = compensation.restored(compensation.spectrum(np.ones_like(values)))
@@ -289,9 +286,9 @@ def _components(
         later = np.abs(compensation.after_integration[0]) / compensation.rate
         offset = np.hypot(offset, later * step_behind(values, mask))
     return {
-        "noise": compensation.noise_deviation(around),
+        "noise": compensation.noise_deviation,
         "model": np.hypot(np.sqrt(np.maximum(variance, 0.0)), _misfit(spectrum, compensation)),
-        "band": _removed(spectrum, compensation, around, found),
+        "band": _removed(spectrum, compensation, found),
         "offset": offset,
         "ends": compensation.end_deviation(values),
     }
@@ -305,9 +302,9 @@ def _misfit(spectrum: np.ndarray, compensation: Compensation) -> FloatArray:
     return compensation.sensor.misfit * np.maximum(np.abs(values), nearby)
 
 
-def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundings, found: Content) -> FloatArray:
+def _removed(spectrum: np.ndarray, compensation: Compensation, found: Content) -> FloatArray:
     """Standard uncertainty for what the low-pass, and a lower edge, removed; shape (samples,)."""
-    band = compensation.band
+    band, around = compensation.band, compensation.around
     gain = top_octave(compensation.frequency_hz, band)
     ratio = np.where(compensation.lowpass > 0, gain / np.where(compensation.lowpass > 0, compensation.lowpass, 1.0), 0)
     octave = compensation.restored(spectrum, compensation.after_integration * ratio)
@@ -321,24 +318,22 @@ def _removed(spectrum: np.ndarray, compensation: Compensation, around: Surroundi
     lowest, highest = 0.5 * band.low_hz, found.frequency_hz[-1]
     if found.heard.any():  # what is removed and yet stands above the noise: the end of a sweep
         highest = min(highest, 2.0**LOBE_OCTAVES * found.frequency_hz[found.heard][-1])
-        local = np.maximum(local, _seen(spectrum, compensation, around, (band.high_hz, highest), width))
+        local = np.maximum(local, _seen(spectrum, compensation, (band.high_hz, highest), width))
     if lowest > 0:
         period = max(1, round(compensation.rate / band.low_hz))
-        local = local + _seen(spectrum, compensation, around, (lowest, band.low_hz), period)
+        local = local + _seen(spectrum, compensation, (lowest, band.low_hz), period)
     below = found.frequency_hz < band.low_hz
     lost = (1.0 - band.passed(found.frequency_hz[below])) ** 2 * found.acceleration[below] * found.lines[below]
     return np.sqrt(local + np.sum(lost) / found.event)
 
 
-def _seen(
-    spectrum: np.ndarray, compensation: Compensation, around: Surroundings, edges: tuple[float, float], width: int
-) -> FloatArray:
+def _seen(spectrum: np.ndarray, compensation: Compensation, edges: tuple[float, float], width: int) -> FloatArray:
     """Mean square nearby of what is removed between two frequencies, where it exceeds the noise; shape (samples,)."""
     frequency = compensation.frequency_hz
     inside = (frequency > edges[0]) & (frequency <= edges[1])
     gain = np.zeros(frequency.shape, dtype=complex)
     gain[inside] = (1.0 - compensation.lowpass[inside]) / compensation.sensor.frequency_response(frequency[inside])
-    noise = compensation.line_mean(np.abs(gain) ** 2 * around.noise(frequency))
+    noise = compensation.line_mean(np.abs(gain) ** 2 * compensation.around.noise(frequency))
     gain[inside] *= (2j * compensation.rate * np.tan(np.pi * frequency[inside] / compensation.rate)) ** (
         compensation.integrations
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,25 +32,18 @@ class Agreement:
     within_95_percent: float
 
 
-def reference_in_band(record: Record, quantity: Quantity, compensation: Compensation, rest: int) -> FloatArray | None:
+def reference_in_band(record: Record, quantity: Quantity, compensation: Compensation) -> FloatArray | None:
     """The reference as acceleration in the band, shape (samples,)."""
     if record.reference is None or not record.reference_mask.any():
         return None
-    values = bridged(record.reference, record.reference_mask)
-    if compensation.left_rest:
-        values -= np.mean(values[:rest])
+    values, around = bridged(record.reference, record.reference_mask), compensation.around
+    if around.rest_samples:
+        values -= np.mean(values[: around.rest_samples])
     else:
         values -= np.average(values, weights=np.hanning(values.size))
     order = DERIVATIVES[quantity]
-    plain = Compensation(
-        compensation.sensor,
-        compensation.band,
-        compensation.rate,
-        compensation.samples,
-        0,
-        compensation.left_rest,
-        compensation.right_rest and order == 0,
-    )
+    rests = replace(around, rests_at_end=around.rests_at_end and order == 0)
+    plain = replace(compensation, integrations=0, around=rests)
     gain = plain.lowpass * (2j * np.pi * plain.frequency_hz) ** order
     return plain.restored(plain.spectrum(values), gain)
 

@@ -44,15 +44,13 @@ class Compensation:
     rate: float  # samples per second
     samples: int  # of the record
     integrations: int  # from rest, before the filter: 0, 1 or 2
-    left_rest: bool  # whether the record is continued by rest before its first sample
-    right_rest: bool  # and after its last
+    around: Surroundings  # at rest, the record is continued by rest before its first sample and after its last
 
     @classmethod
     def of(cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:
         """The compensation for a record in its surroundings."""
         poles = sensor.zeros_at_rest if band.low_hz == 0.0 else 0
-        left = around.rest_samples > 0
-        return cls(sensor, band, rate, samples, poles, left, around.rests_at_end)
+        return cls(sensor, band, rate, samples, poles, around)
 
     @cached_property
     def pad(self) -> int:
@@ -129,9 +127,13 @@ class Compensation:
 
     def _continued(self, values: FloatArray) -> FloatArray:
         taper = self._taper
-        left = np.zeros(self.pad) if self.left_rest else (2.0 * values[0] - values[self.pad : 0 : -1]) * taper[::-1]
+        left = (
+            np.zeros(self.pad)
+            if self.around.rest_samples
+            else (2.0 * values[0] - values[self.pad : 0 : -1]) * taper[::-1]
+        )
         right = np.zeros(self.pad)
-        if not self.right_rest or self.integrations:  # the integral of a rest continues by reflection
+        if not self.around.rests_at_end or self.integrations:  # the integral of a rest continues by reflection
             right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * taper
         return np.concatenate([left, values, right])
 
@@ -158,12 +160,13 @@ class Compensation:
         """Mean over all frequencies, both signs, of a power given at the lines."""
         return float(np.sum(power * line_counts(self.size)) / self.size)
 
-    def noise_deviation(self, around: Surroundings) -> FloatArray:
+    @cached_property
+    def noise_deviation(self) -> FloatArray:
         """Standard deviation of the noise in the acceleration, shape (samples,).
 
         Constant for a plain filter; growing from the first sample on where the response is integrated.
         """
-        power = around.noise(self.frequency_hz)
+        power = self.around.noise(self.frequency_hz)
         if self.integrations == 0:
             return np.full(self.samples, np.sqrt(self.line_mean(np.abs(self.total) ** 2 * power)))
         impulse = np.zeros(self.samples)
@@ -181,10 +184,11 @@ class Compensation:
         ``values``: response without its offset.
         """
         total = np.zeros(self.samples)
-        if self.left_rest and self.right_rest:
+        rests = self.around.rest_samples > 0, self.around.rests_at_end
+        if all(rests):
             return total
         whole, length = self._autocovariance(values), max(NEAR * self.pad, FEWEST_NEAR)
-        for at_left, rest in ((True, self.left_rest), (False, self.right_rest)):
+        for at_left, rest in zip((True, False), rests, strict=True):
             if not rest:
                 side = self._edge(whole, at_left=at_left)
                 if not self.integrations:  # what is near the end may be faster than the rest of the record

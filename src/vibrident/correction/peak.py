@@ -9,7 +9,6 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from vibrident.correction.compensation import Compensation
-from vibrident.correction.quiet import Surroundings
 from vibrident.measure.lines import line_counts
 from vibrident.models.slopes import ComplexArray
 from vibrident.records import BoolArray, FloatArray
@@ -49,7 +48,6 @@ def find_peak(
     acceleration: FloatArray,
     spectrum: ComplexArray,
     compensation: Compensation,
-    around: Surroundings,
     components: Mapping[str, FloatArray],
 ) -> Peak | None:
     """The peak of a record; None if no sample is known.
@@ -65,10 +63,10 @@ def find_peak(
     sign = 1.0 if acceleration[index] >= 0 else -1.0
     position, top, curvature = _refined(spectrum, compensation, index, sign)
     parts = {name: float(series[index]) for name, series in components.items()}
-    bias = _noise_bias(sign * acceleration, index, parts.get("noise", 0.0), curvature, compensation, around)
+    bias = _noise_bias(sign * acceleration, index, parts.get("noise", 0.0), curvature, compensation)
     value = sign * (top - bias)
     u = float(np.sqrt(sum(part**2 for part in parts.values())))
-    freedoms = {"model": compensation.sensor.degrees_of_freedom, "noise": around.degrees_of_freedom}
+    freedoms = {"model": compensation.sensor.degrees_of_freedom, "noise": compensation.around.degrees_of_freedom}
     share = sum(parts.get(name, 0.0) ** 4 / freedom for name, freedom in freedoms.items())
     freedom = min(u**4 / share, 1e9) if share > 0 else 1e9
     k = float(stdtrit(freedom, 0.5 + COVERAGE / 2))
@@ -113,7 +111,6 @@ def _noise_bias(
     noise: float,
     curvature: float,
     compensation: Compensation,
-    around: Surroundings,
 ) -> float:
     """Bias of the maximum by noise, to first order: slope of the noise over the curvature, or many maxima.
 
@@ -123,7 +120,7 @@ def _noise_bias(
     if noise == 0.0:
         return 0.0
     omega = 2.0 * np.pi * compensation.frequency_hz
-    power = np.abs(compensation.total) ** 2 * around.noise(compensation.frequency_hz)
+    power = np.abs(compensation.total) ** 2 * compensation.around.noise(compensation.frequency_hz)
     slope = compensation.line_mean(omega**2 * power)
     bias = min(slope / (2.0 * -curvature), noise) if curvature < 0 else 0.0
     inner = upright[1:-1]
