@@ -78,11 +78,8 @@ def reference(
 ) -> tuple[Nominal | None, str]:
     """The reference frequency, and how it was chosen.
 
-    Args:
-        low_hz: lower end of the measured band.
-        high_hz: upper end of the measured band.
-        measured_hz: frequencies at which there are data.
-        stated_hz: what the calibration file asks for.
+    ``low_hz``: lower end of the measured band; ``high_hz``: upper end of the measured band; ``measured_hz``:
+    frequencies at which there are data; ``stated_hz``: what the calibration file asks for.
 
     Returns:
         the frequency (None if the stated one lies outside the band, or the band holds no nominal one), and the reason.

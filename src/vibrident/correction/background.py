@@ -46,14 +46,9 @@ def background(
 ) -> Background:
     """Compare the acceleration in the record's parts at rest with its uncertainty.
 
-    Args:
-        record: the record.
-        values: its response less the offset, shape (samples,).
-        acceleration: shape (samples,).
-        components: its standard uncertainty by origin, each of shape (samples,).
-        band: restored.
-        around: rest, offset and noise.
-        unit: of the acceleration.
+    ``values``: its response less the offset, shape (samples,); ``acceleration``: shape (samples,); ``components``: its
+    standard uncertainty by origin, each of shape (samples,); ``band``: restored; ``around``: rest, offset and noise;
+    ``unit``: of the acceleration.
     """
     noise = components["noise"]
     u = np.sqrt(sum(series**2 for series in components.values()))

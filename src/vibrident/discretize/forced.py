@@ -61,14 +61,9 @@ def forced_weights(
 ) -> ForcedWeights:
     """Weights of one step.
 
-    Args:
-        method: ``bandlimited``, ``foh`` or ``zoh``.
-        blocks: the core, on which the force acts, and the parallel blocks; each of second order, its numerator of at
-            most second degree.
-        ts: sampling interval, s.
-        fraction: where in the step the output is read.
-        terms: inputs a step.
-        nodes: m.
+    ``method``: ``bandlimited``, ``foh`` or ``zoh``; ``blocks``: the core, on which the force acts, and the parallel
+    blocks; each of second order, its numerator of at most second degree; ``ts``: sampling interval, s; ``fraction``:
+    where in the step the output is read; ``terms``: inputs a step; ``nodes``: m.
 
     Raises:
         ModelError: the method has no exact step.

@@ -113,11 +113,9 @@ def half_width_for(samples: int) -> int:
 def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
     """Legendre coefficients of the band-limited signal through ``samples``, ``delay_samples`` ago.
 
-    Args:
-        samples: shape (samples,), equally spaced.
-        valid: shape (samples,); steps whose interpolation would need an invalid sample are not usable.
-        terms: number of coefficients a step.
-        delay_samples: delay of the response channel after the input, in samples; any sign.
+    ``samples``: shape (samples,), equally spaced; ``valid``: shape (samples,); steps whose interpolation would need an
+    invalid sample are not usable; ``terms``: number of coefficients a step; ``delay_samples``: delay of the response
+    channel after the input, in samples; any sign.
     """
     n = samples.shape[0]
     half = half_width_for(n)

@@ -107,13 +107,9 @@ def together(
 
     If both are recorded together they pass the same filter, whose response cancels.
 
-    Args:
-        found: the displacement.
-        optical: the signals it was made from.
-        offset_s: time of the first optical sample.
-        response: one signal, its first sample at time zero.
-        every: decimation of the response.
-        delay_s: the optical channel comes later by this.
+    ``found``: the displacement; ``optical``: the signals it was made from; ``offset_s``: time of the first optical
+    sample; ``response``: one signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``:
+    the optical channel comes later by this.
 
     Raises:
         InputError: too little of the record is left.

@@ -42,12 +42,8 @@ class Baseband(Decimated):
     def around(raw: Signals, near_hz: float, response_hz: float, where: str, most: float = MOST_OF_ALL) -> Baseband:
         """Find the carrier near a frequency, and how wide its band is.
 
-        Args:
-            raw: one signal.
-            near_hz: its carrier, approximately.
-            response_hz: sampling rate of the sensor's response.
-            where: for messages.
-            most: of the signal's rate that the least band may take on either side.
+        ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of the sensor's
+        response; ``most``: of the signal's rate that the least band may take on either side.
 
         Raises:
             InputError: no carrier is found, or the band beside it is too narrow.

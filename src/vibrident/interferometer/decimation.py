@@ -88,12 +88,8 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
 def filtered(raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int) -> Any:
     """New samples from ``start`` on of signals that are read block by block.
 
-    Args:
-        raw: the signals.
-        shape: (signals, new samples).
-        factor: distance of the new samples, in theirs.
-        kernel: real or complex, shape (2 · HALF · factor + 1,).
-        start: first new sample.
+    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs; ``kernel``: real or complex,
+    shape (2 · HALF · factor + 1,); ``start``: first new sample.
     """
     first, last = start * factor, min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
     blocks = (raw.block(begin, min(begin + AT_ONCE, last)) for begin in range(first, last, AT_ONCE))

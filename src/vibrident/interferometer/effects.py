@@ -90,12 +90,9 @@ def cyclic_error(
     """Measure the cyclic error of a record; None if the record or a period of its motion is too short, or its signal
     lost.
 
-    Args:
-        signals: two in quadrature.
-        ellipse: that the phase is from.
-        knots: sample index and ellipse, where it changes; else empty.
-        fringes_a_sample: mean length of the phase's path between samples, turns.
-        highest_hz: of the motion: within a period of it, the polynomial is the motion.
+    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else empty;
+    ``fringes_a_sample``: mean length of the phase's path between samples, turns; ``highest_hz``: of the motion: within
+    a period of it, the polynomial is the motion.
     """
     period = signals.rate_hz / max(highest_hz, 1e-300)
     length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), USUAL), LONGEST, period))
@@ -231,12 +228,8 @@ def _patterns(
 ) -> list[tuple[float, SystematicEffect]]:
     """Independent effects of amplitudes with a covariance, with their size over the noise; not negligible ones.
 
-    Args:
-        source: of the effects, for the budget.
-        kind: of them.
-        members: records, with the change of the reference by a unit of each amplitude, shape (amplitudes, m).
-        covariance: of the amplitudes.
-        grid: frequencies, Hz.
+    ``source``: of the effects, for the budget; ``members``: records, with the change of the reference by a unit of each
+    amplitude, shape (amplitudes, m); ``covariance``: of the amplitudes; ``grid``: frequencies, Hz.
     """
     stacked = np.concatenate([change for _, change in members], axis=1)
     noise = np.concatenate([answer.noise for answer, _ in members])

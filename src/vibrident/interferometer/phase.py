@@ -74,12 +74,8 @@ def unwrapped(
 ) -> Iterator[FloatArray]:
     """The unwrapped phase, rad, block by block; fills ``path``.
 
-    Args:
-        signals: two in quadrature.
-        ellipse: that the phase is from.
-        knots: sample index and ellipse, where it changes; else empty.
-        path: what is found on the way.
-        error: amplitudes of a cyclic error to be taken out, rad, shape (6,).
+    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else empty; ``path``:
+    what is found on the way; ``error``: amplitudes of a cyclic error to be taken out, rad, shape (6,).
     """
     last, before = 0.0, None
     carried: tuple[float, int] | None = None

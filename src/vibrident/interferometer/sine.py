@@ -43,12 +43,8 @@ def fit_sine(
 ) -> Sine | None:
     """Fit a sine, offset and slope to the valid samples; None for less than a period.
 
-    Args:
-        values: shape (n,).
-        valid: shape (n,).
-        rate_hz: samples per second.
-        near_hz: approximate frequency.
-        known_hz: frequency of a fit to nearly the same values, from which this one starts.
+    ``values``: shape (n,); ``valid``: shape (n,); ``near_hz``: approximate frequency; ``known_hz``: frequency of a fit
+    to nearly the same values, from which this one starts.
     """
     index = np.flatnonzero(valid)
     if index.size < 8:

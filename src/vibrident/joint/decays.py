@@ -103,11 +103,8 @@ class FreeDecays:
     def result(self, z: FloatArray, rows: Sequence[BudgetRow], told: Sequence[ResultWarning], begin: float) -> Result:
         """Their result at the joint values.
 
-        Args:
-            z: (ln fn, ±δ), shape (2,).
-            rows: of the budget, with covariances of (ln fn, ±δ).
-            told: warnings of the joint fit.
-            begin: when that began, by ``time.perf_counter``.
+        ``z``: (ln fn, ±δ), shape (2,); ``rows``: of the budget, with covariances of (ln fn, ±δ); ``told``: warnings of
+        the joint fit; ``begin``: when that began, by ``time.perf_counter``.
         """
         turn = np.diag([1.0, np.copysign(1.0, z[1])])
         covariance = turn @ np.sum([row.covariance for row in rows], axis=0) @ turn

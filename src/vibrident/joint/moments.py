@@ -131,11 +131,9 @@ class Moments:
     def of(cls, own: Score, z: FloatArray, covariance: FloatArray, near: Score) -> Moments:
         """From an estimate ``z``, shape (p,), with its covariance as stated, shape (p, p).
 
-        Args:
-            own: the residual, with each record weighted by its residual at the estimate.
-            z: the estimate.
-            covariance: of it.
-            near: the same near the joint estimate: a larger residual there lowers the calibration's weight.
+        ``own``: the residual, with each record weighted by its residual at the estimate; ``z``: the estimate;
+        ``covariance``: of it; ``near``: the same near the joint estimate: a larger residual there lowers the
+        calibration's weight.
         """
         here = own.local(z)
         scale = _scale(here.matrix)

@@ -42,13 +42,9 @@ def forced_response(
 ) -> tuple[Any, Any]:
     """Every lane from its start state, shape (n, M); returns outputs, shape (L, M), and end states, shape (n, M).
 
-    Args:
-        weights: one set a sampling interval (leading axis R).
-        force: F of the response V at the nodes, elementwise.
-        lanes: the data.
-        starts: shape (n, M).
-        rounds: repetitions for the force at the nodes, without and with derivative: each of the latter adds one order
-            of the derivative's series.
+    ``weights``: one set a sampling interval (leading axis R); ``force``: F of the response V at the nodes, elementwise;
+    ``starts``: shape (n, M); ``rounds``: repetitions for the force at the nodes, without and with derivative: each of
+    the latter adds one order of the derivative's series.
     """
     settling, slope_rounds = rounds
     linear, w = weights.linear, weights
@@ -89,13 +85,9 @@ def forced_normal(
 ) -> Normal:
     """Normal equations of a nonlinear network, as :func:`vibrident.network.sensitivity.normal_equations`.
 
-    Args:
-        simulate: (parameters (P,), start states (n, M)) → outputs (L, M), end states (n, M).
-        z: parameters, shape (P,).
-        linear: weights of the linear part, for the first guess (leading axis R).
-        lanes: the data.
-        noise: standard deviation of the response noise, by lane, shape (M,).
-        segments: number of segments.
+    ``simulate``: (parameters (P,), start states (n, M)) → outputs (L, M), end states (n, M); ``z``: parameters, shape
+    (P,); ``linear``: weights of the linear part, for the first guess (leading axis R); ``noise``: standard deviation of
+    the response noise, by lane, shape (M,).
     """
     n, p = linear.output.shape[-1], z.shape[0]
     shots = _settled(simulate, z, _first_guess(linear, lanes, segments), lanes, segments)
@@ -169,11 +161,8 @@ def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) ->
 def _chain(matrix: Any, ends: Any, first: Any, initial: Any) -> Any:
     """X at every chunk's start from X' = M X + E at its end, X = ``initial`` at a segment's start.
 
-    Args:
-        matrix: M, ∂end/∂start of every chunk, shape (n, M, n).
-        ends: E, shape (n, K, M).
-        first: shape (M,).
-        initial: shape (n, K).
+    ``matrix``: M, ∂end/∂start of every chunk, shape (n, M, n); ``ends``: E, shape (n, K, M); ``first``: shape (M,);
+    ``initial``: shape (n, K).
     """
 
     def step(carried: Any, lane: Any) -> tuple[Any, Any]:

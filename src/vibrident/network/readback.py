@@ -18,11 +18,8 @@ Reading = Literal["eigenvalues", "elements"]
 def network_response(weights: Weights, frequency_hz: NDArray, sampling_interval_s: float, method: str) -> NDArray:
     """Complex steady-state response of the network to tones, shape (points,): its own sensitivity curve.
 
-    Args:
-        weights: one set (no leading axis).
-        frequency_hz: shape (points,), below half the sampling rate.
-        sampling_interval_s: Ts.
-        method: name of the discretisation, which defines the inputs for a tone.
+    ``weights``: one set (no leading axis); ``frequency_hz``: shape (points,), below half the sampling rate;
+    ``sampling_interval_s``: Ts; ``method``: name of the discretisation, which defines the inputs for a tone.
     """
     phi, gamma, c, d = (np.asarray(w, dtype=float) for w in weights)
     inputs = _tone_inputs(2 * np.pi * np.asarray(frequency_hz) * sampling_interval_s, gamma.shape[1], method)

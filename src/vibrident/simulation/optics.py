@@ -83,13 +83,8 @@ def optical_signals(
 ) -> FloatArray:
     """The signals of one record, in codes of the converter (or V without one): shape (2 or 1, samples).
 
-    Args:
-        motion: of the sensor's base.
-        optics: the interferometer.
-        rate_hz: of the signals.
-        samples: of them.
-        seed: of the calibration.
-        record: index of the record.
+    ``motion``: of the sensor's base; ``rate_hz``: of the signals; ``seed``: of the calibration; ``record``: index of
+    the record.
     """
     random = stream(seed, record, "optics")
     time = np.arange(samples) / rate_hz

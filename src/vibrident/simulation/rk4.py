@@ -103,11 +103,9 @@ def _begin(system: LinearSystem, motion: Motion, grid: SampleGrid, start: Start,
 def classical_rk4(derivative: Derivative, first: FloatArray, drive: FloatArray, step_s: FloatArray) -> FloatArray:
     """States after every step, shape (n, steps + 1, records).
 
-    Args:
-        derivative: (state (n, records), drive (records,)) → dstate/dt (n, records).
-        first: initial states, shape (n, records).
-        drive: input at the begin, middle and end of every step, shape (records, 2 · steps + 1).
-        step_s: step of every record, s, shape (records,).
+    ``derivative``: (state (n, records), drive (records,)) → dstate/dt (n, records); ``first``: initial states, shape
+    (n, records); ``drive``: input at the begin, middle and end of every step, shape (records, 2 · steps + 1);
+    ``step_s``: step of every record, s, shape (records,).
     """
     steps = (drive.shape[1] - 1) // 2
     states = np.empty((first.shape[0], steps + 1, first.shape[1]))

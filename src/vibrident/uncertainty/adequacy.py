@@ -77,12 +77,9 @@ def band_points(
 ) -> list[Points]:
     """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
 
-    Args:
-        records: the records.
-        predicted: predicted response of each, NaN where it is not defined.
-        response: function from frequencies to the model's complex sensitivity.
-        reference_noise: standard deviation of the noise of each record's reference channel itself.
-        hum_hz: tones of each record's response that do not come from the motion.
+    ``predicted``: predicted response of each, NaN where it is not defined; ``response``: function from frequencies to
+    the model's complex sensitivity; ``reference_noise``: standard deviation of the noise of each record's reference
+    channel itself; ``hum_hz``: tones of each record's response that do not come from the motion.
     """
     points = []
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):

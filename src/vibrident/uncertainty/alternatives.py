@@ -52,13 +52,8 @@ def other_solutions(
 ) -> Iterator[ResultWarning]:
     """A warning ``weakly_determined`` for each solution that fits as well as the estimate.
 
-    Args:
-        model: a linear model.
-        quantity: what the reference is.
-        sought: the points, with their deviations.
-        solution: the estimate.
-        begin: the start, with the other optima that were met.
-        units: of the parameters, by name.
+    ``model``: a linear model; ``quantity``: what the reference is; ``sought``: the points, with their deviations;
+    ``solution``: the estimate; ``begin``: the start, with the other optima that were met.
     """
     values, uncertainty = solution.values, solution.uncertainty
     same = [{name: float(value) for name, value in change(values).items()} for change in relabellings(model, values)]

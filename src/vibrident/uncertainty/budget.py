@@ -176,12 +176,9 @@ def explain(
 ) -> Explained | None:
     """Fit the effects beside the parameters; None where that leads to another optimum than the estimate.
 
-    Args:
-        weighted: the deviations over their noise.
-        effects: K of them.
-        shape: their patterns at the points, shape (n, K).
-        linear: the fit, linearised at the estimate.
-        covariance: of the estimate, by noise, shape (p, p).
+    ``weighted``: the deviations over their noise; ``effects``: K of them; ``shape``: their patterns at the points,
+    shape (n, K); ``linear``: the fit, linearised at the estimate; ``covariance``: of the estimate, by noise, shape (p,
+    p).
     """
     from scipy.optimize import least_squares  # slow to load
 

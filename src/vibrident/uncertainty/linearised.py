@@ -128,11 +128,9 @@ def amplitude_dependence(
 ) -> AmplitudeDependence | None:
     """The effect, if it is significant.
 
-    Args:
-        linear: the tones, linearised at the estimate.
-        model: the model's sensitivity at the tones, shape (n,).
-        response: measured amplitudes, shape (n,).
-        relative_deviation: of the measured sensitivity's real part, shape (n,).
+    ``linear``: the tones, linearised at the estimate; ``model``: the model's sensitivity at the tones, shape (n,);
+    ``response``: measured amplitudes, shape (n,); ``relative_deviation``: of the measured sensitivity's real part,
+    shape (n,).
     """
     count, parameters = len(model), linear.matrix.shape[1]
     if 2 * count < parameters + 4:

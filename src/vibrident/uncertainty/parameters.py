@@ -165,13 +165,8 @@ def parameter_table(
 ) -> dict[str, Parameter]:
     """Every estimated and derived parameter.
 
-    Args:
-        coordinates: the map from z to parameters.
-        z: the optimum, shape (p,).
-        covariance: of z, shape (p, p).
-        degrees_of_freedom: of the noise estimate.
-        units: fields of the units' templates.
-        doubtful: names of parameters that are not identifiable.
+    ``z``: the optimum, shape (p,); ``covariance``: of z, shape (p, p); ``degrees_of_freedom``: of the noise estimate;
+    ``units``: fields of the units' templates; ``doubtful``: names of parameters that are not identifiable.
     """
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
