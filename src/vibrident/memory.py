@@ -15,14 +15,12 @@ from typing import ParamSpec, TypeVar
 ONE_THREAD: dict[str, str] = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
-#: Environment variable with the most megabytes for the numbers of a file; it replaces all rules below.
-VARIABLE = "VIBRIDENT_MEMORY_MB"
+VARIABLE = "VIBRIDENT_MEMORY_MB"  # most megabytes for a file's numbers; replaces all rules below
 ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
 #: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor of 10 at most;
 #: float64 takes four times the room of 16 bit.
 EXPANSION = 64
-#: Part of the free memory for the numbers of one file; scaling them and the rest need as much again.
-_SHARE_OF_FREE = 1 / 3
+_SHARE_OF_FREE = 1 / 3  # of the free memory for a file's numbers; scaling and the rest need as much again
 _MEGABYTE = 1_000_000
 LONG = 2**18  # records longer than this return unused memory to the system at once
 _KEPT = 64 << 20  # freed bytes that a process keeps

@@ -7,13 +7,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-#: Nominal values of one decade, ISO 266:1997 (the R10 series of ISO 3).
-NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
+NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of one decade, ISO 266:1997
 #: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far below the distance
 #: of nominal and exact values.
 SAME = 1e-4
-#: The reference frequency where none is stated: of accelerometers (ISO 16063-21), and of seismometers and geophones.
-REFERENCES_HZ = (160.0, 1.0)
+REFERENCES_HZ = (160.0, 1.0)  # where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,7 @@ LOCAL_PERIODS = 2.0  # window over which the highest octave's power is averaged,
 CLEARLY = 6.0  # what is removed is seen where it exceeds the noise so many times in mean square
 CORE = 0.5  # a shock's top is above this part of its peak
 NARROWER = 3.0  # bands for the top are tried down to this many octaves narrower
-#: Warnings of the result that concern every corrected sample; its settings state what its uncertainties cover.
-INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")
+INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")  # warnings of the result that concern every sample
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
 
 

@@ -19,8 +19,7 @@ from vibrident.records import BoolArray, FloatArray, Record
 PARTS = 16  # parts in which a record is examined
 FEWEST = 16  # fewest samples of a part
 LAST_PARTS = 4  # number of them from the end
-#: A part is at rest if the response's standard deviation about a line is below this part of its largest deviation.
-STILL = 0.05
+STILL = 0.05  # a part is at rest if its scatter about a line is below this part of the largest deviation
 BEYOND = 6.0  # a mean square is significant beyond so many of its standard deviations
 SHIFTED = 0.5  # a mean is a shift if it is this part of the mean square
 CUT_OFF = 0.01  # motion is cut off if the last swing is above this part of the largest deviation

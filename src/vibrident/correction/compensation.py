@@ -27,8 +27,7 @@ from vibrident.sensor import IdentifiedSensor
 
 KERNEL_PERIODS = 8.0  # length of the filter's kernel on either side, in periods of the narrowest slope of L
 DECAY = 8.0  # time constants of 1/H's poles that the kernel covers
-#: Instants near an end at which the error of the continuation is computed; between them it is interpolated.
-EDGE_POINTS = 48
+EDGE_POINTS = 48  # instants near an end with a computed error of the continuation; interpolated between
 COLOUR = 256  # reach of the noise's autocovariance, samples on either side
 NEAR = 2  # the response near an end is that within so many lengths of the continuation …
 FEWEST_NEAR = 64  # … and at least so many samples

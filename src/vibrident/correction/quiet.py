@@ -29,12 +29,10 @@ USED = 0.9  # part of the rest that is used
 PARTS = 8  # parts in which a rest is examined
 DEPARTS = 4.0  # the last part may differ from the others by this many of their standard deviations
 FEWEST_FOR_SPECTRUM = 128  # least samples at rest from which a spectrum of the noise is taken
-#: Eighths of the rest, half overlapping, are worth so many independent averages (Welch 1967, Hann).
-WELCH_AVERAGES = 12.0
+WELCH_AVERAGES = 12.0  # eighths of the rest, half overlapping, are worth so many averages (Welch 1967, Hann)
 SHORT = 4  # longest gap of the response over which an integral goes on, samples …
 BESIDE = 32  # … with the error that bridges within so many samples beside it have
-#: Lines averaged when the noise is estimated beside the motion, and the bias of the least of so many averages.
-PLATEAU_LINES = 64
+PLATEAU_LINES = 64  # lines averaged when the noise is estimated beside the motion
 
 
 @dataclass(frozen=True, eq=False)

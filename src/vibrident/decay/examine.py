@@ -28,10 +28,8 @@ GONE = 0.3  # the motion has gone where its envelope is below this part of the n
 ROUNDS = 2  # rounds of noise and fit
 TAIL = 0.6  # if the motion lasts for less than this part of the record, tones are estimated from the remainder
 DRIFTS = 8.0  # a straight line is among the unknowns beyond so many standard deviations
-#: A coarse recorder shows a motion of at least so many of its steps; the rounding of a smaller one follows it.
-STEPS_OF_MOTION = 6.0
-#: The beginning of a decay is compared with its end at these parts of it: what depends on the amplitude goes fast.
-SHARES = (0.1, 0.25, 0.5)
+STEPS_OF_MOTION = 6.0  # fewest steps of a coarse recorder in a motion; the rounding of a smaller one follows it
+SHARES = (0.1, 0.25, 0.5)  # parts of a decay where its beginning is compared with its end
 DIFFER = 1e-4  # beginning and end of a decay differ below this probability
 IMITATED = 1e-3  # what is left of a bend's shape must be this part of it, or the linear unknowns imitate it
 KNOWN = 0.05  # largest standard uncertainty of ln fn and of δ with which beginning and end are compared

@@ -16,8 +16,7 @@ from vibrident.records import BoolArray, FloatArray
 
 MOST_ORDER = 64  # highest order of the autoregression
 ORDER_SHARE = 20  # fewest samples for each order
-#: A line is a tone above this multiple of the levels around it; the false-alarm probability per line is e^-20.
-TONE_POWER = 20.0
+TONE_POWER = 20.0  # a tone is above this multiple of the levels around it; false alarms: e^-20 a line
 AROUND_LINES = 64  # lines over which a level is taken
 MOST_TONES = 8  # most tones of a record
 

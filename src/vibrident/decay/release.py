@@ -24,11 +24,8 @@ TRIED = 3  # best trials that are fitted
 LARGER = 3.0  # a window is no free motion where its residual exceeds that of the windows after the release by so much
 FEWEST = 16  # fewest samples of a window
 ABRUPT = 0.08  # a release is abrupt: a residual below this part of the motion may be the sensor's own bend
-#: Significant ratio of the rms of a part of the residual to that of the remainder, even for a few samples.
-ONE_PIECE = 2.0
-#: A few first samples do not belong to the motion below this probability: to leave them out costs little if chance did
-#: it.
-ALIEN = 0.01
+ONE_PIECE = 2.0  # significant ratio of the rms of a part of the residual to that of the remainder
+ALIEN = 0.01  # a few first samples are not of the motion below this probability: leaving them out costs little
 SOON = 2  # so many are a few
 ALIEN_LATER = 5e-4  # the probability where more are left out
 TRIALS = 8  # numbers of first samples that are tried

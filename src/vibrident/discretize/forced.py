@@ -29,8 +29,7 @@ from vibrident.errors import ModelError
 from vibrident.models.base import Rational
 
 EXACT = ("zoh", "foh", "bandlimited")  # methods whose step is an exact exponential
-#: Nodes of the force in a step for |λ| Ts up to these values; beyond, the last.
-NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))
+NODES = ((0.15, 3), (0.5, 4), (1.2, 6), (math.inf, 8))  # up to |λ| Ts, nodes of the force; beyond, the last
 ROUNDS_TOLERANCE = 1e-10  # error of the iteration, relative to the response, for a spring that stiffens by a half
 SLOPE_TOLERANCE = 1e-4  # the same for the derivative, relative to itself; it is used for the steps and the covariance
 FEWEST_ROUNDS = 2  # fewest rounds of the iteration

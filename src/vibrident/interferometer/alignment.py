@@ -25,10 +25,8 @@ HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi *
 LOST = HALF_FILTER + 1  # samples lost at either end
 OF_SINE = 16.0, 1 << 14  # fewest samples that are kept of a period of a sine, and of a record of it
 OF_OTHERS = 6.0, 1 << 10  # fewest of a period of the highest frequency of other motion, and of a record of it …
-#: … and where light is lost: filters for a lower rate reach further beside the gap, over the pulse of a shock.
-BESIDE_GAPS = 48.0, 1 << 17
-#: Of a response that is sampled more slowly, so many samples of the displacement for each of its own, at least.
-FINER = 2.5
+BESIDE_GAPS = 48.0, 1 << 17  # … and where light is lost: filters for a lower rate reach further over a pulse
+FINER = 2.5  # fewest samples of the displacement for each of a slower response
 
 
 @functools.cache

@@ -26,8 +26,7 @@ MOST_GAPS = 400  # most gaps that are examined one by one
 EXCERPT = 2000  # samples of the excerpt
 POINTS = 4000  # points kept for pictures
 CARRIER_ROUNDS = 4  # rounds of the fits of carrier and sine
-#: If the phase jumps and elsewhere changes by more than this between samples, turns are missed there too.
-NEARLY_TOO_FAST = 2.3
+NEARLY_TOO_FAST = 2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
 NOISE_PIECE = 4096  # samples of a piece
 NOISE_BANDS = 12  # bands of the spectrum
 MEDIAN = float(np.log(2.0))  # median of an exponential distribution over its mean

@@ -32,9 +32,8 @@ TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
 LONGEST_STEP = 0.3  # longest step
 FURTHEST = 10.0  # largest change of the area from the start; beyond it the samples do not determine the ellipse
 FEWEST_BLOCKS = 20  # fewest blocks of samples from which the scatter beyond white noise is estimated
-#: Coefficients of |v|² − 1 and of c, s, c², s², s c in the six functions.
-_EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
-_SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]
+_EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])  # |v|² − 1 in the six functions
+_SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]  # c, s, c², s², s c in them
 #: From (p, q, a, b, e) to the shape, which changes the phase: p, q, b − a, e; and back.
 _SHAPE = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
 _BACK = _SHAPE.T / np.array([1.0, 1.0, 2.0, 1.0])

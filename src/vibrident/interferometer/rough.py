@@ -17,8 +17,7 @@ LINES = 1 << 14  # most samples of a spectrum
 SPECTRA = 8  # fewest spectra, half overlapping, less one: of fewer, a line of noise stands out by chance
 SMOOTH = 5  # lines that are averaged
 ABOVE = 6.0  # motion is above this multiple of the floor
-#: Band that is kept of slow signals, over the highest frequency that stands above the noise: 16 samples of its period.
-ROOM = 6.4
+ROOM = 6.4  # band kept of slow signals, over the highest frequency of the motion: 16 samples of its period
 FEWEST = 1 << 12  # fewest samples that are kept of slow signals
 
 

@@ -30,8 +30,7 @@ from vibrident.records import FloatArray
 ROUNDS = 4  # rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance
 SETTLED = 1e-3  # change of the joint coordinates, in standard uncertainties, that ends the rounds
 STEPS = 25  # most evaluations of the moments in a round
-#: A separate fit was not an optimum if the joint fit's cost is lower by this part; the moments have left it if its cost
-#: rises by this part.
+#: A separate fit was no optimum if the joint cost is lower by this part; the moments have left it if it is higher.
 BETTERED = 0.2
 OTHER_FACTOR = 2.0  # a separate fit whose frequencies differ by more than this factor from the joint one's …
 OTHER_U = 5.0  # … and by so many of its standard uncertainties is another optimum

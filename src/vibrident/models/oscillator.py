@@ -7,8 +7,7 @@ import numpy as np
 from vibrident.models.base import Derived, Parameters, ParameterSpec
 
 OSCILLATOR = ("natural_frequency", "damping_ratio")  # names of natural frequency and damping ratio
-#: Damping ratios from which start values are looked for.
-_DAMPINGS = (0.0005, 0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)
+_DAMPINGS = (0.0005, 0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)  # from which start values are looked for
 
 NATURAL_FREQUENCY = ParameterSpec(OSCILLATOR[0], "Hz", "log", symbol="fn", describes="oscillator", grid="band")
 DAMPING_RATIO = ParameterSpec(OSCILLATOR[1], "1", "positive", symbol="δ", describes="oscillator", grid=_DAMPINGS)

@@ -27,9 +27,7 @@ from vibrident.simulation.scheme import ExcitationNoiseLevel, Plan, Seed, Take, 
 from vibrident.simulation.sensors import Sensor, sensor_named
 from vibrident.simulation.truth import Start, exact_reference, exact_response
 
-#: Ratio of the simulated rate to the sampling rate. For a corner's 1/f² spectrum, aliasing at the fine rate is smaller
-#: by its square.
-OVERSAMPLING = 64
+OVERSAMPLING = 64  # simulated rate over the sampling rate: a corner's aliasing at 1/f² falls with its square
 PASS_BAND = 0.32  # edge of the pass band over the sampling rate
 STOP_BAND = 0.42  # edge of the stop band over the sampling rate
 DEPTH_DB = 160.0  # attenuation of the stop band, dB

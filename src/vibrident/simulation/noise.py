@@ -17,8 +17,7 @@ from vibrident.simulation.checks import require, require_choice, require_finite,
 from vibrident.simulation.motion import Tonal, Tones
 
 DEFAULT_BAND = 0.4  # upper band limit as a fraction of the sampling rate
-#: The noise repeats after this many times the record's length, so that its end is independent of its beginning.
-_PERIOD = 1.25
+_PERIOD = 1.25  # the noise repeats after so many records, so that its end is independent of its beginning
 
 
 @dataclass(frozen=True)

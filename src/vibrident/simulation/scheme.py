@@ -23,8 +23,7 @@ from vibrident.simulation.excitation import (
 from vibrident.simulation.motion import Motion, SampleGrid, Superposition, acceleration_on
 from vibrident.simulation.noise import excitation_noise
 
-#: A limit may be given by its nominal value, which lies up to 1.2 % (0.05 steps) from the exact one.
-_LIMIT_TOLERANCE = 0.1
+_LIMIT_TOLERANCE = 0.1  # a limit may be a nominal value, up to 1.2 % (0.05 steps) from the exact one
 _NAME_TOLERANCE = 1e-4  # relative distance within which a frequency counts as an exact one-third-octave frequency
 #: Streams of one record. The numbers define what a seed means; never reuse one.
 PURPOSES = {"excitation": 0, "excitation noise": 1, "reference": 2, "response": 3, "optics": 4}

@@ -79,8 +79,7 @@ def _beside_paper(name: str, title: str, add_on: str, more: Mapping[str, float])
     return Sensor(name, title, f"accelerometer+{add_on}", {**_paper(name, 1.0, "").parameters, **more})
 
 
-#: A third harmonic k3 A²/4 of 1 % at the amplitude A = 1.02 V of 1 g well below resonance.
-_CUBIC = {"cubic_stiffness": 0.04 / 1.02**2}
+_CUBIC = {"cubic_stiffness": 0.04 / 1.02**2}  # third harmonic k3 A²/4 of 1 % at the amplitude A = 1.02 V of 1 g
 _TWO_MODES = {"mode2_frequency": 300.0, "mode2_damping": 0.02, "mode2_gain": 0.01}
 _PIEZO = {"sensitivity": 1e-3, "natural_frequency": 30e3, "damping_ratio": 0.02}
 _GEOPHONE = {"generator_constant": 28.8, "natural_frequency": 4.5, "damping_ratio": 0.56}

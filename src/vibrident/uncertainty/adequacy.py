@@ -24,9 +24,7 @@ from vibrident.tails import f_tail
 if TYPE_CHECKING:
     from vibrident.decay.beside import DecayDeviation
 
-#: Lag-one correlation of residuals along frequency, in standard deviations, that a table without uncertainties may
-#: show.
-RANDOM_ENOUGH = 4.0
+RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
 SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
 PATTERN = 1e-5  # probability that random residuals are taken to follow it
 

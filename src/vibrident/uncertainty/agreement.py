@@ -19,9 +19,7 @@ from vibrident.result import ResultWarning
 from vibrident.uncertainty.linearised import Linearised
 from vibrident.uncertainty.parameters import WEAK
 
-#: Estimates of the same data by different estimators differ by less than this many of their joint standard
-#: uncertainties.
-SIGNIFICANT = 4.0
+SIGNIFICANT = 4.0  # joint standard uncertainties by which estimates of the same data may differ
 IRRELEVANT = 1e-4  # shifts of the coordinates (relative, nearly) below this are of no use to anybody
 CUT = 1.0 / 3.0  # part of the frequencies that is cut off, at either end
 SIGNIFICANT_SHIFT = 4.5  # a shift counts beyond this many of its standard deviations …

@@ -40,12 +40,9 @@ from vibrident.uncertainty.parameters import reference_direction
 
 STEP = 1e-5  # relative step of the central difference in frequency
 DATA = "data"  # kind of a row of type A
-#: Weighted deviations, given z and a change of log H at each point.
-Weighted = Callable[[FloatArray, np.ndarray], FloatArray]
+Weighted = Callable[[FloatArray, np.ndarray], FloatArray]  # of z and a change of log H at each point
 SEEN = 1e-3  # an effect is in the data if they reduce the prior variance of a_k by at least this part
-#: Largest shift of the estimate, in its standard deviations by noise and effects: a larger one is another optimum, not
-#: an effect.
-MOST_MOVED = 5.0
+MOST_MOVED = 5.0  # largest shift of the estimate in its standard deviations: beyond is another optimum, no effect
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,14 +21,9 @@ from vibrident.records import Calibration, FloatArray
 from vibrident.result import Correlation, Parameter, ResultWarning
 from vibrident.tails import student_quantile
 
-#: A parameter is weakly determined above this relative standard uncertainty (a delay: this many radians of phase at the
-#: highest frequency) …
-WEAK = 0.1
-#: … or where fixing one other parameter would shrink its uncertainty by more than this factor while its own relative
-#: uncertainty is above a tenth of WEAK.
-TRADE = 5.0
-#: Beyond this a relative standard uncertainty (of a delay: in rad) is no number to state: nothing is known.
-NOTHING = 1e3
+WEAK = 0.1  # relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter …
+TRADE = 5.0  # … or factor by which fixing one other parameter shrinks it, where it is above a tenth of WEAK
+NOTHING = 1e3  # beyond this relative standard uncertainty (delay: rad) nothing is known
 NEARER = 10.0  # a frequency at the end of its range is compared with one so many times nearer to the band
 TRADED_POINTS = 50  # frequencies of the band at which one parameter is traded for others
 MARGIN = 1e-3  # a parameter is at the end of its range if its relative distance from it is less than this
