@@ -150,11 +150,7 @@ class IdentifiedSensor:
         return next((power for power, c in enumerate(numerator) if c != 0.0), len(numerator))
 
     def require_uncertainty(self) -> None:
-        """Refuse a sensor whose parameters' covariance is not stated.
-
-        Raises:
-            InputError: the uncertainty or the correlation of a parameter is missing.
-        """
+        """Refuse a sensor whose parameters' covariance is not stated."""
         known = np.isfinite(self.covariance)
         if not known.all():
             names = [name for name, row in zip(self.model.parameter_names, known, strict=True) if not row.all()]

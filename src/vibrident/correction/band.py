@@ -221,11 +221,7 @@ def choose(found: Content, rate: float, highest: float, *, low_edge: bool) -> Ba
 
 
 def stated(band_hz: tuple[float, float], highest: float, why: str, *, low_edge: bool) -> Band:
-    """The band that the user asks for.
-
-    Raises:
-        InputError: it cannot be restored.
-    """
+    """The band that the user asks for."""
     low, high = (float(edge) for edge in band_hz)
     reasonable = np.isfinite([low, high]).all() and 0.0 <= low < high and 2.0 * high <= highest * (1.0 + 1e-9)
     if not reasonable:

@@ -102,9 +102,6 @@ def screened(given: Sequence[Record], unit: str) -> tuple[list[Record], list[Fin
     """The records as screened for a fit, but by their response: samples of the reference alone are not needed.
 
     ``unit``: of the response.
-
-    Raises:
-        InputError: no record is left.
     """
     kept, findings, refused = [], [], None
     for record in given:

@@ -68,9 +68,6 @@ def require_plain(estimator: object, *, sampled: bool) -> None:
     """Refuse what is not made for decays alone.
 
     ``estimator``: as requested; ``sampled``: whether the posterior was requested.
-
-    Raises:
-        ModelError: another estimator than ``auto`` or ``ml``, or samples, are requested.
     """
     if sampled or estimator not in ("auto", "ml"):
         raise ModelError(
@@ -83,11 +80,7 @@ def require_plain(estimator: object, *, sampled: bool) -> None:
 
 
 def require_one_oscillator(model: SensorModel) -> None:
-    """Refuse a model with parameters that decays alone do not determine.
-
-    Raises:
-        InputError: it has.
-    """
+    """Refuse a model with parameters that decays alone do not determine."""
     parts = [addon for addon in model.add_ons if addon.rational is not None or addon.force is not None]
     more = [spec.name for addon in parts for spec in addon.parameters]
     if more or model.core.oscillator != NAMES:

@@ -63,9 +63,6 @@ def forced_weights(
     ``method``: ``bandlimited``, ``foh`` or ``zoh``; ``blocks``: the core, on which the force acts, and the parallel
     blocks; each of second order, its numerator of at most second degree; ``ts``: sampling interval, s; ``fraction``:
     where in the step the output is read; ``terms``: inputs a step; ``nodes``: m.
-
-    Raises:
-        ModelError: the method has no exact step.
     """
     if method.name not in EXACT:
         raise ModelError(

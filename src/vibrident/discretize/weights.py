@@ -252,11 +252,7 @@ METHODS: dict[str, Method] = {
 
 
 def method(name: str) -> Method:
-    """The discretisation of that name.
-
-    Raises:
-        ModelError: the name is unknown.
-    """
+    """The discretisation of that name."""
     if name not in METHODS:
         raise unknown(f"The discretisation {name!r} is not known.", name, METHODS, "discretisation", kind=ModelError)
     return METHODS[name]

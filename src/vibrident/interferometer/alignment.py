@@ -108,9 +108,6 @@ def together(
     ``found``: the displacement; ``optical``: the signals it was made from; ``offset_s``: time of the first optical
     sample; ``response``: one signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``:
     the optical channel comes later by this.
-
-    Raises:
-        InputError: too little of the record is left.
     """
     values = _decimated(response, every)
     rate, first = response.rate_hz / every, lost_at_an_end(every) / response.rate_hz

@@ -62,9 +62,6 @@ def demodulate(
     ``seen``: the first look; ``factor``: optical samples for each of the displacement; ``near_hz``: approximate
     frequency of a sine, None for other motion; ``highest_hz``: of the motion: that of a sine, or the highest that
     stands above the noise; ``carrier_hz``: of the heterodyne signal, if any.
-
-    Raises:
-        InputError: most of the record is lost.
     """
     path = Path()
     knots = [(at, piece.for_phase) for at, piece in choice.knots]

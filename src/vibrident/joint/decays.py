@@ -33,11 +33,7 @@ class FreeDecays:
 
     @classmethod
     def of(cls, calibration: Calibration, model: str | None, *, inflate: bool) -> FreeDecays:
-        """The decays fitted by themselves.
-
-        Raises:
-            InputError: no record can be used, or the model has parameters that a decay does not determine.
-        """
+        """The decays fitted by themselves."""
         sensor = model_of(calibration, model)
         require_one_oscillator(sensor)
         records, findings = screen(calibration.records, calibration.units)

@@ -335,11 +335,7 @@ class SensorModel:
 
 
 def _require_identifier(name: str) -> None:
-    """Check a name: it is used in files, code and tables.
-
-    Raises:
-        ModelError: the name is no plain identifier.
-    """
+    """Check a name: it is used in files, code and tables."""
     if not (name.isidentifier() and name.isascii()):
         raise ModelError(
             f"{name!r} cannot be the name of a parameter.",

@@ -74,11 +74,7 @@ class Provenance:
 
 
 def check_size(what: str, values: FloatArray, where: str) -> None:
-    """Refuse values of a size that no unit explains.
-
-    Raises:
-        InputError: the largest magnitude is out of the range of ``LARGEST``.
-    """
+    """Refuse values of a size that no unit explains."""
     largest, span = float(np.max(np.abs(values))), f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
     if largest != 0.0 and not 1.0 / LARGEST <= largest <= LARGEST:
         text = f"{what} holds values of a size that no unit explains."

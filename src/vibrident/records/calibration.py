@@ -134,9 +134,6 @@ class Calibration:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
 
         ``unit``: of the response of the result; ``without_records``: the problem that a table is, in words.
-
-        Raises:
-            InputError: it is a table, or in another unit.
         """
         where = self.source or "calibration in memory"
         if self.table is not None:

@@ -32,11 +32,7 @@ _MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty
 
 
 def measured_part(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts that hold numbers which may not be finite.
-
-    Raises:
-        KeyError: one is missing.
-    """
+    """The parts that hold numbers which may not be finite."""
     return {key: document[key] for key in ("parameters", "correlation", "fit", "response", "measured")}
 
 
@@ -82,11 +78,7 @@ def json_text(document: Any) -> str:
 
 
 def refuse_constant(name: str) -> float:
-    """Refuse NaN and Infinity, which are no numbers of JSON.
-
-    Raises:
-        ValueError: always.
-    """
+    """Refuse NaN and Infinity, which are no numbers of JSON."""
     raise ValueError(f"{name}, which is no number of JSON")
 
 
@@ -218,11 +210,7 @@ class Result:
         return own != {"natural_frequency", "damping_ratio"}
 
     def require_gain(self, use: str) -> None:
-        """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain.
-
-        Raises:
-            InputError: the result is of free decays alone.
-        """
+        """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain."""
         if not self.has_gain:
             raise InputError(
                 f"The result has no gain, which {use} needs: free decays alone tell natural frequency and damping.",
@@ -281,11 +269,7 @@ class Result:
         return result
 
     def require_consistent(self) -> None:
-        """Check what the fields say of each other.
-
-        Raises:
-            ValueError: a curve's columns differ in length, or the matrix of correlation is not square.
-        """
+        """Check what the fields say of each other."""
         for name, curve in (("response", self.response), ("measured", self.measured)):
             points = len(curve.frequency_hz)
             for column in fields(curve):

@@ -234,9 +234,6 @@ class HalfSineShock(Said):
         peak: m/s².
         duration_s: width of the pulse at its foot, s.
         start_s: begin of the pulse, s, not negative.
-
-    Raises:
-        InputError: a number cannot be used.
     """
 
     peak: float
@@ -271,9 +268,6 @@ class Decay(Said):
 
     Attributes:
         amplitude: the static acceleration with the same displacement of the mass, m/s².
-
-    Raises:
-        InputError: the amplitude is not finite.
     """
 
     amplitude: float

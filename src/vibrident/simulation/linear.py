@@ -84,11 +84,7 @@ class LinearSystem:
         return float(np.max(np.abs(np.linalg.eigvals(self.a))))
 
     def tone_states(self, frequency_hz: FloatArray) -> ComplexArray:
-        """Steady states per unit of acceleration, (jωI − A)⁻¹ b, shape (n, points).
-
-        Raises:
-            InputError: a frequency is that of an undamped pole.
-        """
+        """Steady states per unit of acceleration, (jωI − A)⁻¹ b, shape (n, points)."""
         sigma = 2j * np.pi * np.asarray(frequency_hz, dtype=float) / self.scale
         denominator = sigma**self.order - np.polynomial.polynomial.polyval(sigma, self.a[-1] / self.scale)
         require(

@@ -97,11 +97,7 @@ class Take:
         return self.samples / self.sampling_rate_hz
 
     def checked(self) -> Take:
-        """The take itself, if its sampling resolves its motion.
-
-        Raises:
-            InputError: a frequency lies at or above half the sampling rate, or the motion does not fit into the record.
-        """
+        """The take itself, if its sampling resolves its motion."""
         where = f"record {self.name!r}"
         half = 0.5 * self.sampling_rate_hz
         require(
@@ -136,11 +132,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Plan:
-    """Common settings of a calibration's takes; named as in ``simulate``.
-
-    Raises:
-        InputError: a setting cannot be used.
-    """
+    """Common settings of a calibration's takes; named as in ``simulate``."""
 
     frequencies_hz: FloatArray
     sampling_rate_hz: float
@@ -161,11 +153,7 @@ class Plan:
         return self.samples / self.sampling_rate_hz
 
     def takes(self, excitation: str | Motion | Sequence[Motion], repeats: int) -> list[Take]:
-        """The records to be made, each motion ``repeats`` times in turn.
-
-        Raises:
-            InputError: the excitation is unknown or does not fit its record.
-        """
+        """The records to be made, each motion ``repeats`` times in turn."""
         require_usable(repeats >= 1, "repeats", repeats, "a whole number from 1", "simulate")
         if isinstance(excitation, str):
             require_choice("The excitation", excitation, KINDS)
@@ -200,11 +188,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class ExcitationNoiseLevel:
-    """Level of the noise motion on top of every excitation.
-
-    Raises:
-        InputError: the ratio is not finite.
-    """
+    """Level of the noise motion on top of every excitation."""
 
     snr_db: float | None  # rms of the excitation within the record over rms of the noise, dB; None for none
     band_hz: tuple[float, float] | None  # of the noise; None: up to 0.4 of the sampling rate

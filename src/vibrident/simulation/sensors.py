@@ -105,11 +105,7 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
 
 
 def sensor_named(name: str) -> Sensor:
-    """The sensor of that name.
-
-    Raises:
-        InputError: the name is unknown.
-    """
+    """The sensor of that name."""
     if name in SENSORS:
         return SENSORS[name]
     otherwise = "choose from the list, or give (model, parameters)"
