@@ -33,6 +33,8 @@ PHASE_SETTLED = 0.01
 PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
 #: Free motion of fewer turns over a record than this may be taken for a drift.
 AS_SLOW = 5.0
+#: Largest standard uncertainty of a coordinate with which two estimates are compared.
+KNOWN = 0.05
 #: Rounds in which hum is told from what the fit before took of it.
 HUM_ROUNDS = 5
 #: Change of a tone's place, in lines, that needs no further round.
@@ -113,7 +115,13 @@ def _beside_slow_motion(first: Attempt) -> Sequence[FloatArray] | None:
 
 
 def _moved(estimate: Estimate, freer: Estimate) -> bool:
-    """Whether further unknowns move an estimate by more than its noise then makes likely (Hausman 1978)."""
+    """Whether further unknowns move an estimate by more than its noise then makes likely (Hausman 1978).
+
+    Beside unknowns that imitate the motion little is left to tell the parameters by: along a valley as long as that a
+    step is no straight one, and nothing is seen to move.
+    """
+    if np.any(np.diag(freer.covariance) > KNOWN**2):
+        return False
     shift = freer.coordinates.place(estimate.coordinates.values(estimate.z)) - freer.z
     return rejected(float(shift @ inverse_where_shown(freer.covariance) @ shift), len(shift))
 
