@@ -25,10 +25,10 @@ from tests.support.hostile import STRINGS, with_text
 from tests.support.sample_results import table2
 
 from vibrident import escaping, plots, terminal
-from vibrident.cli.files import record_files
 from vibrident.errors import InputError
 from vibrident.export import Options, export, sensor_of
 from vibrident.export.formats.fmu import slave
+from vibrident.io.writer import record_files
 from vibrident.present import html, methods
 from vibrident.present.terminal import shown
 from vibrident.report import content

@@ -97,7 +97,7 @@ def test_the_command_writes_whole_files(form, files, tmp_path):
         (["--format", "xls"], "is not a choice of --format"),
         (["--format", "c"], "needs a sampling rate"),
         (["--format", "c", "--rate", "51200", "--band", "1000:10"], "The band cannot be used"),
-        (["--format", "c", "--rate", "51200", "--band", "wide"], "The band cannot be read"),
+        (["--format", "c", "--rate", "51200", "--band", "wide"], "--band cannot be read"),
         (["--format", "dcc"], "must state"),
         (["--format", "sacpz", "--without", "mode2"], "is not a choice of --without"),
     ],

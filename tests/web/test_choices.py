@@ -7,8 +7,8 @@ import shlex
 import pytest
 
 from vibrident.cli.options import DISCRETISATIONS, UNCERTAINTIES
-from vibrident.web.choices import Choices
 from vibrident.web.session import safe_name
+from vibrident.web.users import Choices
 from vibrident.workflow.estimators import estimator_names
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TextIO
 
 from vibrident.errors import InputError, VibridentError
-from vibrident.escaping import terminal
+from vibrident.escaping import terminal as printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,11 +40,6 @@ def out() -> Console:
 def err() -> Console:
     """Console for everything else: errors, warnings, progress."""
     return _console(stderr=True)
-
-
-def printable(text: str) -> str:
-    """Text of others with a mark in place of each control character."""
-    return terminal(text)
 
 
 def note(text: str) -> None:

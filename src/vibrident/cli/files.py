@@ -1,33 +1,13 @@
-"""Files of records and results: names for them, and samples as CSV."""
+"""Samples of records as CSV, and names for results."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vibrident.records import Record
-
-_UNSAFE = re.compile(r"[^\w.+-]+")
-#: Devices of Windows, with any ending.
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
-#: Bytes of a name: with a number and an ending, every file system takes it.
-_MOST_BYTES = 120
-
-
-def record_files(records: list[str]) -> list[str]:
-    """A unique CSV file name for each record, valid on every system."""
-    stems: list[str] = []
-    for record in records:
-        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
-        stem = stem.decode(errors="ignore").strip("._") or "record"
-        stem = f"record_{stem}" if _RESERVED.match(stem) or stem.startswith("-") else stem
-        used = {name.casefold() for name in stems}
-        candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
-        stems.append(next(name for name in candidates if name.casefold() not in used))
-    return [f"{stem}.csv" for stem in stems]
 
 
 def write_samples(path: Path, record: Record, **columns: Any) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vibrident.cli.options import not_read
 from vibrident.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,13 +29,7 @@ def read_date(text: str | None, option: str) -> datetime.date | None:
     try:
         return datetime.date.fromisoformat(text)
     except ValueError:
-        raise InputError(
-            "A date cannot be read.",
-            expected="a date such as 2025-03-31",
-            found=repr(text),
-            where=option,
-            remedy="write year, month and day",
-        ) from None
+        raise not_read(option, text, "a date such as 2025-03-31", "write year, month and day") from None
 
 
 def read_tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
@@ -61,13 +56,8 @@ def read_tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
     except ValueError:
         value = 0.0
     if not 0 < value < 1:
-        raise InputError(
-            "The tolerance cannot be read.",
-            expected="a part of the value, such as 1% or 0.01",
-            found=repr(text),
-            where="--tolerance",
-            remedy="give a number between 0 and 100 with %, or between 0 and 1",
-        )
+        remedy = "give a number between 0 and 100 with %, or between 0 and 1"
+        raise not_read("--tolerance", text, "a part of the value, such as 1% or 0.01", remedy)
     return Tolerance(value, nominal)
 
 

@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibrident.errors import InputError, did_you_mean
+from vibrident.cli.options import not_read
+from vibrident.errors import unknown
 
 if TYPE_CHECKING:
     from vibrident.simulation.optics import Optics
@@ -80,13 +81,7 @@ def _given(text: str | None) -> dict[str, Any]:
             continue
         key, _, value = (piece.strip() for piece in part.partition("="))
         if key not in KEYS:
-            raise InputError(
-                f"{key!r} is not a key of --optics.",
-                expected="KEY=VALUE, joined by commas; keys: " + ", ".join(KEYS),
-                found=repr(part),
-                where="--optics",
-                remedy=did_you_mean(key, KEYS),
-            )
+            raise unknown(f"{key!r} is not a key of --optics.", key, KEYS, "--optics")
         given[key] = True if key == "ellipse" and value == "random" else _number(key, value)
     return given
 
@@ -95,20 +90,15 @@ def _number(key: str, value: str) -> float:
     try:
         return float(value)
     except ValueError:
-        raise InputError(
-            f"The value of {key!r} is not a number.",
-            expected=f"{key}={KEYS[key][0]}, {KEYS[key][1]}",
-            found=repr(value),
-            where="--optics",
-            remedy="write a number with a point, without a unit",
-        ) from None
+        expected = f"{key}={KEYS[key][0]}, {KEYS[key][1]}"
+        raise not_read(f"--optics {key}", value, expected, "write a number with a point, without a unit") from None
 
 
 def write_optical(folder: Path, sensor: str, excitation: str, optics: Optics, *, seed: int, **settings: Any) -> None:
     """Write a simulated calibration with an interferometer's raw signals, and its truth."""
     from vibrident.simulation import sensor_named
     from vibrident.simulation.optics import write_optical_calibration
-    from vibrident.workflow.truth import write_truth
+    from vibrident.workflow.simulated import write_truth
 
     chosen = sensor_named(sensor)
     settings.pop("quantity", None)

@@ -162,17 +162,16 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
             return None
         parts = [part.strip() for part in text.split(",") if part.strip()]
         if not parts:
-            raise InputError(
-                f"The list of {name} is empty.",
-                expected="names joined by commas",
-                found=repr(text),
-                where=name,
-                remedy=f"name at least one, or leave {name} out",
-            )
+            raise not_read(name, text, "names joined by commas", f"name at least one, or leave {name} out")
         checked = [part if allowed is None else one_of(name, part, _given(allowed)) for part in parts]
         return list(dict.fromkeys(checked))
 
     return split
+
+
+def not_read(name: str, text: str, expected: str, remedy: str) -> InputError:
+    """The error of an option whose value cannot be read."""
+    return InputError(f"{name} cannot be read.", expected=expected, found=repr(text), where=name, remedy=remedy)
 
 
 def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
@@ -185,13 +184,7 @@ def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
     for text in given:
         key, separator, value = (part.strip() for part in text.partition("="))
         if not (key and separator and value):
-            raise InputError(
-                f"{name} cannot be read.",
-                expected=f"NAME=VALUE, such as {example}",
-                found=repr(text),
-                where=name,
-                remedy="write a name, = and a value",
-            )
+            raise not_read(name, text, f"NAME=VALUE, such as {example}", "write a name, = and a value")
         found[key] = value
     return found
 
@@ -230,13 +223,8 @@ def band(text: str | None) -> tuple[float, float] | None:
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
-        raise InputError(
-            "The band cannot be read.",
-            expected="two frequencies in Hz, a lower and a higher one, such as 10:1000",
-            found=repr(text),
-            where="--band",
-            remedy="write LOW:HIGH, numbers with a point, without units",
-        ) from None
+        expected = "two frequencies in Hz, a lower and a higher one, such as 10:1000"
+        raise not_read("--band", text, expected, "write LOW:HIGH, numbers with a point, without units") from None
     return low, high
 
 
@@ -254,13 +242,8 @@ def frequencies(text: str | None) -> list[float] | None:
     except ValueError:
         numbers = []
     if not numbers or (separator == ":" and len(numbers) != 2):
-        raise InputError(
-            "The frequencies cannot be read.",
-            expected="a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz",
-            found=repr(text),
-            where="--frequencies",
-            remedy="write numbers with a point, without units",
-        )
+        expected = "a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz"
+        raise not_read("--frequencies", text, expected, "write numbers with a point, without units")
     if separator == ",":
         return numbers
     from vibrident.simulation import one_third_octave

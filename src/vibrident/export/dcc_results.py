@@ -45,7 +45,7 @@ def measurement(tree: Tree, result: Result) -> Any:
             "parameters",
             "Parameters of the model",
             [_parameter(tree, result, *p) for p in result.parameters.items()],
-        ),
+        )
     ]
     if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
         results.append(

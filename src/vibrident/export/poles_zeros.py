@@ -43,9 +43,7 @@ class PolesZeros:
     def times(self, other: PolesZeros) -> PolesZeros:
         """The two in series."""
         return PolesZeros(
-            np.concatenate([self.zeros, other.zeros]),
-            np.concatenate([self.poles, other.poles]),
-            self.gain * other.gain,
+            np.concatenate([self.zeros, other.zeros]), np.concatenate([self.poles, other.poles]), self.gain * other.gain
         )
 
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from vibrident import __version__
-from vibrident.errors import InputError
+from vibrident.errors import InputError, unknown
 from vibrident.escaping import one_line
 from vibrident.models import ADD_ONS, SensorModel, parse
 from vibrident.records import FloatArray, Quantity
@@ -95,13 +95,8 @@ class Exported:
         possible = not_rational()
         for name in names:
             if name not in possible:
-                raise InputError(
-                    f"{name!r} cannot be left out.",
-                    expected=" | ".join(possible),
-                    found=repr(name),
-                    where="--without",
-                    remedy="identify with a model without it, if the sensor has none",
-                )
+                remedy = "identify with a model without it, if the sensor has none"
+                raise unknown(f"{name!r} cannot be left out.", name, possible, "--without", remedy)
         kept = [addon for addon in self.model.add_ons if addon.name not in names]
         gone = tuple(addon.name for addon in self.model.add_ons if addon.name in names)
         model = parse("+".join([self.model.core.name, *(addon.name for addon in kept)]))

@@ -39,7 +39,7 @@ _CHINESE = re.compile(r"[\u4e00-\u9fff]{2}")
 _NO_COLUMN = frozenset({"", "comment", "comments"})
 _UNIT = re.compile(
     r"[\[(<].*[\])>]|-|%|°|°C|deg|rad|dB|[numkMµμ]?(?:s|Hz|V|A|g|m|N|Pa|C|Ohm|Ω)|counts?|LSB|ticks?"
-    r"|[numkµμ]?(?:m|g|V|C|A)\s*/.*|mV/.*",
+    r"|[numkµμ]?(?:m|g|V|C|A)\s*/.*|mV/.*"
 )
 
 

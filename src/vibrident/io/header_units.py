@@ -139,15 +139,9 @@ def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: 
 def require_channel_unit(
     source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity | None = None
 ) -> None:
-    """Check a column of records against the calibration file.
+    """Check a column of records against the section ``key`` of the calibration file.
 
-    Args:
-        source: the file.
-        position: the column.
-        key: the section, for messages: "[reference]" or "[response]".
-        unit: after scaling; "" for the quantity's own.
-        scale: to that unit.
-        quantity: of the reference; None for the response.
+    ``scale`` leads to ``unit`` ("": the quantity's own); ``quantity`` is that of the reference, None for the response.
 
     Raises:
         InputError: the header names another quantity, or a unit that needs another scale.
@@ -171,13 +165,7 @@ def require_magnitude_unit(
 ) -> None:
     """Check a column of magnitudes, or of their uncertainties: not in dB or %, and in the stated unit.
 
-    Args:
-        source: the file.
-        position: the column.
-        key: of [table].
-        unit: of the response after scaling.
-        scale: from the column to response unit per SI unit of the reference.
-        quantity: of the reference.
+    ``scale`` leads from the column to ``unit`` of the response per SI unit of the reference ``quantity``.
 
     Raises:
         InputError: the header contradicts this.
@@ -205,14 +193,7 @@ def require_magnitude_unit(
 
 
 def require_response_unit(source: ColumnFile, position: int, key: str, unit: str, scale: float) -> None:
-    """Check the stated unit of the response: charge is no voltage, nor is a converter's count, without a scale.
-
-    Args:
-        source: the file.
-        position: of the response, or of a magnitude, which is per something.
-        key: the section, for messages.
-        unit: as stated.
-        scale: to that unit.
+    """Check the stated unit of a response or magnitude: charge is no voltage, nor is a converter's count, unscaled.
 
     Raises:
         InputError: the header names another unit, and nothing is said of how to convert it.

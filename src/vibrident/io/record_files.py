@@ -181,7 +181,10 @@ def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Pat
     entry, to_response, to_reference = part.entry, calibration.response, calibration.reference
     channels = _load(part, calibration, folder)
     response, reference = channels["response"], channels.get("reference")
-    sampling = _sampling(part, calibration, channels)
+    if (time := channels.get("time")) is not None:
+        sampling = timed(time.source, time.position, time.values)
+    else:
+        sampling = stated_sampling(part, calibration, [(c.source, c.position) for c in channels.values()])
     _check_headers(calibration, channels, reference_unit)
     if reference is not None:
         require_same_start((response.source, response.position), (reference.source, reference.position))
@@ -244,13 +247,6 @@ def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], 
     if (at := channels.get("reference")) is not None:
         stated = {"unit": reference_unit, "scale": reference.scale, "quantity": reference.quantity}
         require_channel_unit(at.source, at.position, "[reference]", **stated)
-
-
-def _sampling(part: Part, calibration: CalibrationFile, channels: dict[str, _Channel]) -> Sampling:
-    time = channels.get("time")
-    if time is None:
-        return stated_sampling(part, calibration, [(c.source, c.position) for c in channels.values()])
-    return timed(time.source, time.position, time.values)
 
 
 def timed(source: ColumnFile, position: int, times: FloatArray) -> Sampling:

@@ -18,6 +18,10 @@ from vibrident.records import Calibration, FloatArray, Record, ResponseTable, Sy
 
 CALIBRATION_FILE = "calibration.toml"
 _UNSAFE = re.compile(r"[^\w.+-]+")
+#: Devices of Windows, with any ending.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+#: Bytes of a name: with a number and an ending, every file system takes it.
+_MOST_BYTES = 120
 
 
 def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) -> Path:
@@ -88,19 +92,23 @@ def _write_data(folder: Path, calibration: Calibration) -> list[str]:
     if calibration.table is not None:
         _write_columns(folder / "table.csv", _table_columns(calibration.table))
         return ["table.csv"]
-    files: list[str] = []
-    for record in calibration.records:
-        files.append(_file_name(record.name, files))
-        _write_columns(folder / files[-1], _record_columns(record, calibration.quantity))
+    files = record_files([record.name for record in calibration.records])
+    for file, record in zip(files, calibration.records, strict=True):
+        _write_columns(folder / file, _record_columns(record, calibration.quantity))
     return files
 
 
-def _file_name(record_name: str, taken: list[str]) -> str:
-    """Return a unique file name for the record, valid on every system."""
-    stem = _UNSAFE.sub("_", record_name.removesuffix(".csv")).strip("._") or "record"
-    used = {name.casefold() for name in taken}
-    candidates = (f"{stem}.csv", *(f"{stem}_{number}.csv" for number in range(2, len(taken) + 3)))
-    return next(name for name in candidates if name.casefold() not in used)
+def record_files(records: list[str]) -> list[str]:
+    """A unique CSV file name for each record, valid on every system."""
+    stems: list[str] = []
+    for record in records:
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
+        stem = stem.decode(errors="ignore").strip("._") or "record"
+        stem = f"record_{stem}" if _RESERVED.match(stem) or stem.startswith("-") else stem
+        used = {name.casefold() for name in stems}
+        candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
+        stems.append(next(name for name in candidates if name.casefold() not in used))
+    return [f"{stem}.csv" for stem in stems]
 
 
 def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:

@@ -145,10 +145,7 @@ class DataStep:
             await self.on_data()
 
     def _reason(self, error: InputError) -> str:
-        known = {
-            unknown_kind("").problem: self._unknown(),
-            too_large(1.0).problem: self._large(),
-        }
+        known = {unknown_kind("").problem: self._unknown(), too_large(1.0).problem: self._large()}
         return known.get(error.problem, error.problem.rstrip("."))
 
     async def _result(self, place: Path) -> int:

@@ -14,11 +14,10 @@ from vibrident.present.charts import charts
 from vibrident.present.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
 from vibrident.registry import ESTIMATORS
 from vibrident.web import frame
-from vibrident.web.choices import Choices
 from vibrident.web.description import calibration_text
 from vibrident.web.looks import calibration
 from vibrident.web.session import CALIBRATION
-from vibrident.web.users import Confirmed, Job, User
+from vibrident.web.users import Choices, Confirmed, Job, User
 from vibrident.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.workflow.estimators import AUTO, estimators_with
 

@@ -7,7 +7,6 @@ import logging
 import secrets
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -116,11 +115,6 @@ class Chart:
         """Draw, or draw anew."""
         text = json.dumps(figure.decode())
         self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
-
-
-def send(path: Path, name: str) -> None:
-    """Let the browser download a file."""
-    ui.download.file(path, name)
 
 
 def _error_to_show(error: BaseException) -> VibridentError:

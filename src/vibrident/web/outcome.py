@@ -11,12 +11,13 @@ from nicegui import ui
 from vibrident.escaping import html
 from vibrident.report import FILE_NAMES
 from vibrident.web import frame, looks
-from vibrident.web.history import History
 from vibrident.web.session import RESULT
 from vibrident.web.users import Named, User
 
 #: Most bytes of a file that an export writes.
 _MOST_EXPORTED = 200_000_000
+#: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
+_ANY_SIZE = 1 << 42
 
 
 class OutcomeStep:
@@ -79,12 +80,12 @@ class OutcomeStep:
     def _downloads(self, named: Named) -> None:
         ui.html("<h3>Download</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            ui.button("result.json", on_click=lambda: frame.send(named.path, RESULT)).props("id=get-json")
+            ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
             for form, label in (("html", "Report (HTML)"), ("pdf", "Certificate (PDF)"), ("md", "Report (Markdown)")):
                 ui.button(label, on_click=lambda form=form: self._report(named, form)).props(f"outline id=get-{form}")
             if named.choices is not None:
                 name = named.choices.calibration
-                ui.button(name, on_click=lambda: frame.send(named.calibration, name)).props("outline id=get-toml")
+                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
         if named.choices is not None:
             ui.label(f"With {named.choices.calibration} in the folder of the data, the same in a shell:").classes(
                 "hint"
@@ -133,12 +134,7 @@ class OutcomeStep:
         folder = session.new_folder("export")
         try:
             made, name = await self.user.look(
-                looks.exported,
-                named.path,
-                folder,
-                form,
-                options,
-                file_bytes=_MOST_EXPORTED,
+                looks.exported, named.path, folder, form, options, file_bytes=_MOST_EXPORTED
             )
             place = await asyncio.to_thread(session.download, made)
         except Exception as error:
@@ -147,7 +143,42 @@ class OutcomeStep:
         finally:
             await asyncio.to_thread(shutil.rmtree, folder, True)
         if not errors.is_deleted:
-            frame.send(place, name)
+            ui.download.file(place, name)
+
+
+class History:
+    """What the history at ``store``, a URL, holds of a result's sensor, and a button that adds the result to it."""
+
+    def __init__(self, user: User, named: Named, store: str) -> None:
+        self.user, self.named, self.store = user, named, store
+
+    async def build(self) -> None:
+        """Build it, and show what is there."""
+        ui.html("<h3>History</h3>", sanitize=False)
+        with ui.element("div").classes("actions"):
+            self.button = ui.button("Add to history", on_click=self._add).props("outline id=add-to-history")
+        self.words = ui.label("").classes("hint").props("role=status id=history-words")
+        self.errors = ui.element("div").props("aria-live=assertive")
+        self.body = ui.element("div").props("id=history")
+        await self._ask(looks.history)
+
+    async def _add(self) -> None:
+        self.button.disable()
+        await self._ask(looks.added_to_history)
+        if not self.button.is_deleted:
+            self.button.enable()
+
+    async def _ask(self, function: Any) -> None:
+        self.errors.clear()
+        shown = await frame.looked(self.user, self.errors, function, self.named.path, self.store, file_bytes=_ANY_SIZE)
+        if shown is None or self.body.is_deleted:
+            return
+        self.words.text = shown["words"]
+        self.body.clear()
+        with self.body:
+            for _, figure, height in shown["charts"]:
+                frame.Chart(figure, height)
+            ui.html(f'<div class="scroll">{shown["tables"]}</div>', sanitize=False)
 
 
 async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any) -> None:
@@ -159,7 +190,7 @@ async def give(user: User, errors: ui.element, name: str, function: Any, *args: 
         frame.show_error(errors, error, user.session)
         return
     if not errors.is_deleted:
-        frame.send(place, name)
+        ui.download.file(place, name)
 
 
 def _verdict(shown: dict[str, Any]) -> None:

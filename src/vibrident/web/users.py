@@ -18,11 +18,11 @@ from typing import Any, ClassVar, TypeVar
 from vibrident.errors import InputError
 from vibrident.process import Limits
 from vibrident.sandbox import Ready
-from vibrident.web.choices import Choices
 from vibrident.web.description import Description
 from vibrident.web.looks import Guess, facts, prepare
 from vibrident.web.session import MEGABYTE, RESULT, Session
 from vibrident.web.worker import Worker, identify
+from vibrident.workflow.estimators import AUTO, estimators_with
 
 #: Seconds for which a page's state is kept without a browser.
 KEPT_S = 3600.0
@@ -40,6 +40,35 @@ _LOOK_MEMORY_A_BYTE = 5
 _ROUND_S = 20.0
 _KEY = "user"
 _T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Choices of one identification, also as a command for a shell.
+
+    Attributes:
+        calibration: name of the calibration file, in the folder of the data.
+        estimator: its name.
+        discretisation: of an estimator that has one; ignored for others.
+        uncertainty: what the uncertainties cover.
+    """
+
+    calibration: str
+    estimator: str = AUTO
+    discretisation: str = "bandlimited"
+    uncertainty: str = "auto"
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Every applicable option, including those at their default."""
+        own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
+        return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
+
+    @property
+    def command(self) -> str:
+        """For a shell, in the folder of the data; file names are safe within double quotes."""
+        file = f'"{self.calibration}"' if " " in self.calibration else self.calibration
+        return " ".join(("vibrident identify", file, *(f"--{key} {value}" for key, value in self.options.items())))
 
 
 @dataclass
@@ -125,6 +154,7 @@ class User:
 
     def __init__(self, users: Users) -> None:
         self.users = users
+        self.look = users.look
         self.session = Session(users.folder, users.limit_mb, users.make_room)
         self.worker = Worker()
         self.results: list[Named] = []
@@ -149,10 +179,6 @@ class User:
     def empty(self) -> bool:
         """Whether there is nothing to lose."""
         return not (self.session.names or self.results or self.busy)
-
-    async def look(self, function: Callable[..., _T], *args: Any, **limits: Any) -> _T:
-        """Run a function of ``looks`` in a separate process."""
-        return await self.users.look(function, *args, **limits)
 
     def start(self, choices: Choices) -> None:
         """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``."""

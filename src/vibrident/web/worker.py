@@ -48,7 +48,7 @@ class Worker:
         told = None if progress is None else partial(loop.call_soon_threadsafe, progress)
         self._process = process = Process(folder=folder)
         try:
-            await asyncio.to_thread(_called, process, task, args, limits, told)
+            await asyncio.to_thread(process.call, task, *args, limits=limits, progress=told)
         except Ended:
             raise asyncio.CancelledError from None
         except Died as death:
@@ -77,17 +77,6 @@ def simulate_demo() -> None:
     write_demo(Path.cwd())
     for name in ("calibration.toml", "truth.json"):
         Path(name).unlink()
-
-
-def _called(
-    process: Process,
-    task: Callable[..., None],
-    args: tuple[Any, ...],
-    limits: Limits,
-    progress: Callable[..., object] | None,
-) -> None:
-    with process:
-        process.call(task, *args, limits=limits, progress=progress)
 
 
 def _memory(folder: Path) -> int:

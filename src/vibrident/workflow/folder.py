@@ -1,4 +1,4 @@
-"""Files written all together or not at all: into a hidden folder in or beside the target, then moved."""
+"""Results read; files written all together or not at all: into a hidden folder in or beside the target, then moved."""
 
 from __future__ import annotations
 
@@ -8,13 +8,36 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vibrident.errors import InputError
 from vibrident.workflow.interruption import tidied_up
 
+if TYPE_CHECKING:
+    from vibrident.result import Result
+
 #: Moved last, so that its presence implies the others.
 _LAST = "result.json"
+
+
+def load_result(path: Path) -> Result:
+    """Read a result; an error names the file."""
+    from vibrident.result import Result
+
+    if path.suffix.lower() == ".toml" and os.path.isfile(path):
+        raise InputError(
+            "A result is needed here, not a calibration file.",
+            expected="a result.json that `vibrident identify` wrote",
+            found=path.name,
+            where=str(path),
+            remedy="name the result first and the calibration file after it, or identify first",
+        )
+    try:
+        return Result.load(path)
+    except InputError as error:
+        if error.where:
+            raise
+        raise error.at(str(path)) from error
 
 
 @dataclass

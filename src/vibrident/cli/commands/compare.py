@@ -15,8 +15,7 @@ from vibrident.cli.options import argument, flag, option
 from vibrident.errors import InputError, ModelError, NotConverged
 from vibrident.registry import ESTIMATORS
 from vibrident.workflow.estimators import estimator, estimators_with, misfit
-from vibrident.workflow.folder import write_json, written_whole
-from vibrident.workflow.results import load_result
+from vibrident.workflow.folder import load_result, write_json, written_whole
 
 if TYPE_CHECKING:
     from vibrident.records import Calibration
@@ -70,16 +69,19 @@ def compare(
         if files[0].suffix.lower() == ".toml":
             if len(files) > 1:
                 raise _mixed(files)
+            from vibrident.estimators import ranked
             from vibrident.io import read_guarded
 
             calibration = read_guarded(files[0])
-            methods = _methods(named or _usual(), names or (None,), steps or (None,))
+            methods = _methods(named or [one.name for one in ranked()], names or (None,), steps or (None,))
             results = _identified(calibration, methods, must=bool(named))
             scores = _cross_validated(calibration, methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
                 result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
         else:
-            _refuse_for_results({"--estimators": named, "--models": names, "--discretisations": steps})
+            for option_name, value in {"--estimators": named, "--models": names, "--discretisations": steps}.items():
+                if value:
+                    raise misfit(option_name, "a calibration file (.toml)", "results, which exist already")
             results, scores = _loaded(files), {}
         write_json(output.path / "comparison.json", document(results, known, scores))
     from vibrident.present import methods
@@ -91,13 +93,6 @@ def compare(
     if len({result.model for result in results.values()}) > 1:
         console.print(shown(*methods.models(results, scores), Sentence("")))
     wrote(output.files)
-
-
-def _usual() -> list[str]:
-    """All estimators, in the order of comparison; unsuitable ones are left out later."""
-    from vibrident.estimators import ranked
-
-    return [one.name for one in ranked()]
 
 
 def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> list[Method]:
@@ -169,12 +164,6 @@ def _loaded(files: list[Path]) -> dict[str, Result]:
     if any(file.suffix.lower() == ".toml" for file in files):
         raise _mixed(files)
     return {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}
-
-
-def _refuse_for_results(given: dict[str, object]) -> None:
-    for name, value in given.items():
-        if value:
-            raise misfit(name, "a calibration file (.toml)", "results, which exist already")
 
 
 def _mixed(files: list[Path]) -> InputError:

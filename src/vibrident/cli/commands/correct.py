@@ -7,10 +7,9 @@ from typing import Any
 
 from vibrident.cli import options
 from vibrident.cli.console import out, warn, wrote
-from vibrident.cli.files import record_files, write_samples
+from vibrident.cli.files import write_samples
 from vibrident.cli.options import flag, option
-from vibrident.workflow.folder import write_json, written_whole
-from vibrident.workflow.results import load_result
+from vibrident.workflow.folder import load_result, write_json, written_whole
 
 _CHOSEN = "chosen from noise, motion, sensor and sampling rate"
 
@@ -34,6 +33,7 @@ def correct(
     """
     limits = options.band(band)
     from vibrident.io import read_guarded
+    from vibrident.io.writer import record_files
 
     known = load_result(result)
     data = read_guarded(calibration)

@@ -7,8 +7,9 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.cli.console import out, printable
+from vibrident.cli.console import out
 from vibrident.cli.options import option
+from vibrident.escaping import terminal as printable
 from vibrident.workflow.folder import written_whole
 from vibrident.workflow.simulated import RESPONSE_NOISE, SAMPLES, SENSOR, SNR_DB, write_demo
 
@@ -21,9 +22,7 @@ if TYPE_CHECKING:
 SHOWN_HZ = (10.0, 160.0, 630.0, 1000.0)
 
 
-def demo(
-    folder: Path = option("--out", "DIR", "Folder for everything; other files in it stay.", Path("demo")),
-) -> None:
+def demo(folder: Path = option("--out", "DIR", "Folder for everything; other files in it stay.", Path("demo"))) -> None:
     """Simulate a calibration, identify the sensor, compare with the truth, write a report."""
     with written_whole(folder) as output:
         _steps(output.path, folder)
@@ -84,7 +83,7 @@ def _beside(results: list[Result]) -> Shown:
     from vibrident.present import methods
     from vibrident.present.terminal import shown
     from vibrident.simulation import SENSORS
-    from vibrident.workflow.truth import true_values
+    from vibrident.workflow.simulated import true_values
 
     sensor = SENSORS[SENSOR]
     response = parse(sensor.model).frequency_response(sensor.parameters, np.array(SHOWN_HZ))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from vibrident.cli.console import err, out, printable
+from vibrident.cli.console import err, out
+from vibrident.escaping import terminal as printable
 
 UNFIT = 2
 

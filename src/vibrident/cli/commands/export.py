@@ -8,8 +8,7 @@ from vibrident.cli import options
 from vibrident.cli.console import wrote
 from vibrident.cli.options import choice, option
 from vibrident.registry import EXPORTS
-from vibrident.workflow.folder import written_whole
-from vibrident.workflow.results import load_result
+from vibrident.workflow.folder import load_result, written_whole
 
 
 def export(

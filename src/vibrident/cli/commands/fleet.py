@@ -70,17 +70,21 @@ def fleet(
     Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
     """
     from vibrident.fleet import Asked, Orders
+    from vibrident.fleet.limits import Specification, read_limits
+    from vibrident.models import parse
 
+    if model is not None:
+        parse(model)  # a wrong name is refused once, not in every row
     orders = Orders(
         str(folder),
-        _known(model),
+        model,
         estimator,
         time_limit_s,
         None if memory_limit_mb is None else int(memory_limit_mb * 1e6),
         results,
         "gpu" if device == "gpu" else "cpu",
     )
-    asked = Asked(patterns, orders, _specification(limits), fresh=not resume)
+    asked = Asked(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
     if store is not None:
         _require_store(store, results=results)
     outcome = _run(asked, workers, scheduler, quiet=quiet)
@@ -91,21 +95,6 @@ def fleet(
     if strict and outcome.tally.doubts:
         note(f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, failed or doubtful.")
         raise typer.Exit(DOUBTFUL)
-
-
-def _known(model: str | None) -> str | None:
-    """The name of a model; a wrong one is refused once, not in every row."""
-    if model is not None:
-        from vibrident.models import parse
-
-        parse(model)
-    return model
-
-
-def _specification(path: Path | None) -> Any:
-    from vibrident.fleet.limits import Specification, read_limits
-
-    return Specification() if path is None else read_limits(path)
 
 
 def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool) -> Outcome:
@@ -143,7 +132,7 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     from vibrident import history
     from vibrident.cli.progress import Busy
     from vibrident.present.views import count
-    from vibrident.workflow.results import load_result
+    from vibrident.workflow.folder import load_result
 
     nameless = 0
 

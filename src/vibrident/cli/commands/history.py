@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from vibrident.cli.console import note, out, printable, wrote
+from vibrident.cli.console import note, out, wrote
 from vibrident.cli.history_options import question, read_date, read_tolerance
 from vibrident.cli.options import RESULT_FILES, argument, between, choice, one_of, option
 from vibrident.errors import InputError
-from vibrident.workflow.folder import write_json, written_whole
-from vibrident.workflow.results import load_result
+from vibrident.escaping import terminal as printable
+from vibrident.workflow.folder import load_result, write_json, written_whole
 
 if TYPE_CHECKING:
     from vibrident.history.store import Store
@@ -170,10 +170,7 @@ def due(
 
 @history.command("approve")
 def approve(
-    number: int = _CALIBRATION,
-    store: str | None = _STORE,
-    by: str | None = _BY,
-    note_text: str = _NOTE,
+    number: int = _CALIBRATION, store: str | None = _STORE, by: str | None = _BY, note_text: str = _NOTE
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
     from vibrident.history import entry
@@ -226,10 +223,7 @@ def result(
 
 
 @history.command("export")
-def export(
-    target: Path = argument("FILE.parquet|FILE.csv", "File to write."),
-    store: str | None = _STORE,
-) -> None:
+def export(target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.history import query
     from vibrident.history.export import write as write_table

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.cli import options
-from vibrident.cli.console import note, out, printable, wrote
+from vibrident.cli.console import note, out, wrote
 from vibrident.cli.options import option
+from vibrident.escaping import terminal as printable
 from vibrident.workflow.folder import written_whole
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from vibrident.cli import options
 from vibrident.cli.console import note, out, wrote
 from vibrident.cli.options import choice, flag, option
 from vibrident.errors import InputError
-from vibrident.workflow.folder import write_json, written_whole
-from vibrident.workflow.results import load_result
+from vibrident.workflow.folder import load_result, write_json, written_whole
 
 if TYPE_CHECKING:
     from vibrident.planning import Plan, Recording
@@ -137,13 +136,9 @@ def _parameters(given: list[str]) -> dict[str, float]:
         try:
             values[name] = float(number)
         except ValueError:
-            raise InputError(
-                "A parameter cannot be read.",
-                expected="NAME=VALUE, such as delay=1e-5",
-                found=repr(f"{name}={number}"),
-                where="--parameter",
-                remedy="write the value as a number in SI units, frequencies in Hz",
-            ) from None
+            remedy = "write the value as a number in SI units, frequencies in Hz"
+            text = f"{name}={number}"
+            raise options.not_read("--parameter", text, "NAME=VALUE, such as delay=1e-5", remedy) from None
     return values
 
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.cli import options
 from vibrident.cli.console import out, warn, wrote
-from vibrident.cli.files import record_files, write_samples
+from vibrident.cli.files import write_samples
 from vibrident.cli.options import option
-from vibrident.workflow.folder import write_json, written_whole
-from vibrident.workflow.results import load_result
+from vibrident.workflow.folder import load_result, write_json, written_whole
 
 if TYPE_CHECKING:
     from vibrident.prediction import Predictions
@@ -29,6 +28,7 @@ def predict(
     About forty samples at each end, where the reference cannot be interpolated, are blank.
     """
     from vibrident.io import read_guarded
+    from vibrident.io.writer import record_files
 
     known = load_result(result)
     data = read_guarded(calibration)

@@ -11,8 +11,7 @@ from vibrident.cli.console import note, wrote
 from vibrident.cli.files import distinct
 from vibrident.cli.options import choice, option
 from vibrident.errors import InputError
-from vibrident.workflow.folder import written_whole
-from vibrident.workflow.results import load_result
+from vibrident.workflow.folder import load_result, written_whole
 
 if TYPE_CHECKING:
     from vibrident.present.views import Section

@@ -195,7 +195,7 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
         ours(
             "Sensitivity for e^(+j w t): the phase is that of the response minus that of the reference, so lag "
             "is negative. A positive delay means that the response comes later, a factor e^(-j w delay). "
-            "Gains are signed.",
+            "Gains are signed."
         ),
     )
     covered = result.settings.get("uncertainty_covers")
