@@ -75,16 +75,12 @@ def plotly(text: object) -> str:
 
 def markdown(text: object) -> str:
     """For a table's cell, a heading or a part of a line of Markdown, with GitHub's extensions."""
-    return _MARKDOWN.sub(_in_markdown, one_line(text))
+    return _MARKDOWN.sub(lambda found: _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}"), one_line(text))
 
 
 def markdown_paragraph(text: object) -> str:
     """For a paragraph of Markdown: it does not begin a heading, a list or a rule either."""
     return _MARKDOWN_START.sub(lambda m: f"{m[1]}{m[3] or ''}\\{m[2] or m[4]}", markdown(text))
-
-
-def _in_markdown(found: re.Match[str]) -> str:
-    return _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}")
 
 
 def typst_data(value: Any) -> Any:

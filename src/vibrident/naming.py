@@ -119,12 +119,9 @@ class Scale:
 
 def pretty(unit: str) -> str:
     """Write a unit with superscripts: ``m/s^2`` becomes ``m/s²``; no unit becomes ``1``."""
-    text = re.sub(r"\^(?:\(([+-]?\d+)\)|([+-]?\d+))", _superscript, unit.strip())
+    power = r"\^(?:\(([+-]?\d+)\)|([+-]?\d+))"
+    text = re.sub(power, lambda found: (found[1] or found[2]).translate(_SUPERSCRIPTS), unit.strip())
     return text.replace("*", "·") or "1"
-
-
-def _superscript(power: re.Match[str]) -> str:
-    return (power.group(1) or power.group(2)).translate(_SUPERSCRIPTS)
 
 
 def scaled(unit: str, size: float) -> Scale:

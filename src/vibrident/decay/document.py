@@ -220,7 +220,8 @@ def _warnings(
 ) -> tuple[ResultWarning, ...]:
     warnings = [ResultWarning(f.code, f.message) for f in findings]
     drifting = [s for index, s in enumerate(decays.fit.stretches) if s.drift and drifts(decays.fit, index)]
-    warnings += [ResultWarning("drift", _drifts(s.name)) for s in drifting]
+    text = "the response drifts; a straight line was fitted along with the decay."
+    warnings += [ResultWarning("drift", f"{s.name}: {text}") for s in drifting]
     if not decays.adequate:
         text = (
             "One linear oscillator does not explain the free decays: the motion in stretches of time is "
@@ -239,10 +240,6 @@ def _warnings(
     if decays.fit.damping_ratio == 0.0:
         warnings.append(ResultWarning("at_bound", f"{NAMES[1]} lies at its bound, zero."))
     return tuple(warnings)
-
-
-def _drifts(record: str) -> str:
-    return f"{record}: the response drifts; a straight line was fitted along with the decay."
 
 
 def amplitude_words(change: Change) -> str:

@@ -109,7 +109,8 @@ def together(
     sample; ``response``: one signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``:
     the optical channel comes later by this.
     """
-    values = _decimated(response, every)
+    blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
+    values = decimated((block[0].astype(float, copy=False) for block in blocks), response.samples, every)
     rate, first = response.rate_hz / every, lost_at_an_end(every) / response.rate_hz
     time = first + np.arange(values.shape[0]) / rate
     wanted = ((time + delay_s - offset_s) * optical.rate_hz - found.first) / found.factor
@@ -133,11 +134,6 @@ def _moved(
     low, high = np.floor(at).astype(int) - half, np.floor(at).astype(int) + half + 2
     sound = bad[np.minimum(high, valid.shape[0])] == bad[np.maximum(low, 0)]
     return kept, at_positions(values, at, spacing) if at.size else np.zeros(0), sound
-
-
-def _decimated(response: Signals, every: int) -> FloatArray:
-    blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
-    return decimated((block[0].astype(float, copy=False) for block in blocks), response.samples, every)
 
 
 def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float) -> Aligned:

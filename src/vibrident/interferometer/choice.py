@@ -42,8 +42,10 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
     for index, (found, name) in enumerate(zip(surveys, names, strict=True)):
         if found.knots and (found.whole or drifts):
             choices.append(_moving(found, name, index))
-        elif found.whole:
-            choices.append(_own(found, common, index, len(steady)))
+        elif found.whole and common is None:
+            choices.append(Choice(found.ellipse, (), "of this record", index))
+        elif found.whole and common is not None:
+            choices.append(Choice(common.of(found.ellipse), (), f"common to {len(steady)} records", -1))
         elif steady:
             choices.append(_borrowed(found, name, index, surveys, steady, common, scatter))
         else:
@@ -97,12 +99,6 @@ def _common(found: Sequence[Ellipse]) -> tuple[_Common | None, FloatArray]:
     total = sum(float((s - mean) @ w @ (s - mean)) for w, s in zip(weights, shapes, strict=True))
     same = chdtrc(4 * (len(found) - 1), total) > CHANCE
     return (_Common(found[0], mean, covariance) if same else None), np.std(shapes, axis=0, ddof=1)
-
-
-def _own(found: Survey, common: _Common | None, index: int, count: int) -> Choice:
-    if common is None:
-        return Choice(found.ellipse, (), "of this record", index)
-    return Choice(common.of(found.ellipse), (), f"common to {count} records", -1)
 
 
 def _moving(found: Survey, name: str, index: int) -> Choice:

@@ -233,8 +233,10 @@ def _patterns(
     """
     stacked = np.concatenate([change for _, change in members], axis=1)
     noise = np.concatenate([answer.noise for answer, _ in members])
-    values, vectors = np.linalg.eigh(_weighed(stacked, noise, covariance))
-    turned = _root(covariance) @ vectors
+    root = _root(covariance)
+    rows = (root.T @ stacked) / np.maximum(noise, 1e-300)
+    values, vectors = np.linalg.eigh(np.real(rows @ np.conj(rows.T)))
+    turned = root @ vectors
     return [
         (float(value), _pattern(source, kind, [(one.frequency_hz, -(along @ change)) for one, change in members], grid))
         for value, along in zip(values, turned.T, strict=True)
@@ -245,12 +247,6 @@ def _patterns(
 def _root(covariance: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))
-
-
-def _weighed(stacked: np.ndarray, noise: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Σ over points of |change|² over the noise's variance, in directions of unit variance, shape (4, 4)."""
-    rows = (_root(covariance).T @ stacked) / np.maximum(noise, 1e-300)
-    return np.real(rows @ np.conj(rows.T))
 
 
 def _pattern(

@@ -290,7 +290,7 @@ def _about(
                 "name": number.name,
                 "unit": joint.unit,
                 "joint": _stated(joint),
-                "separate": {labels[o]: _stated(_parameter(separate[o], number.name)) for o in owners},
+                "separate": {labels[o]: _stated((separate[o] or {}).get(number.name)) for o in owners},
                 "chi2": None if verdict is None else verdict.chi2,
                 "probability": None if verdict is None else verdict.probability,
             }
@@ -318,10 +318,6 @@ def _alone(one: Fitted, uncertainty: Uncertainty) -> dict[str, Parameter]:
     covariance = np.sum([row.covariance for row in rows], axis=0)
     units = unit_fields(one.evidence.calibration)
     return parameter_table(estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {})
-
-
-def _parameter(table: Mapping[str, Parameter] | None, name: str) -> Parameter | None:
-    return None if table is None else table[name]
 
 
 def _stated(parameter: Parameter | None) -> dict[str, float | None] | None:

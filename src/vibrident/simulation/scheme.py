@@ -161,8 +161,11 @@ class Plan:
         else:
             given = list(excitation) if isinstance(excitation, Sequence) else [excitation]
             motions = given * repeats
-        names = _distinct([_name(motion) for motion in motions])
-        pairs = zip(names, motions, strict=True)
+        names = [
+            f"{nominal_frequency_name(motion.frequency_hz)} Hz" if isinstance(motion, Sine) else motion.kind
+            for motion in motions
+        ]
+        pairs = zip(_distinct(names), motions, strict=True)
         return [Take(name, motion, self.sampling_rate_hz, self.samples).checked() for name, motion in pairs]
 
     def _named(self, kind: str, turn: int) -> list[Motion]:
@@ -222,10 +225,6 @@ class ExcitationNoiseLevel:
             band_hz=self.band_hz,
         )
         return replace(take, motion=Superposition((take.motion, noise)))
-
-
-def _name(motion: Motion) -> str:
-    return f"{nominal_frequency_name(motion.frequency_hz)} Hz" if isinstance(motion, Sine) else motion.kind
 
 
 def _distinct(names: list[str]) -> list[str]:

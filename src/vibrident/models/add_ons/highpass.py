@@ -16,13 +16,14 @@ from vibrident.models.base import AddOn, Core, Labels, Parameters, ParameterSpec
 
 
 def _rational(parameters: Parameters, system: Rational) -> Rational:
-    corner = 2.0 * np.pi * parameters["highpass_frequency"]
+    corner = 2.0 * np.pi * parameters[_CORNER]
     low = system.denominator
     product = [corner * low[0]]
     product += [corner * low[k] + low[k - 1] for k in range(1, len(low))]
     return Rational(system.gain, (0.0, *system.numerator), (*product, low[-1]), system.angular_scale)
 
 
+_CORNER = "highpass_frequency"
 _QUESTION = "which of its three real poles is the high-pass's; the lowest was taken"
 
 
@@ -32,10 +33,6 @@ def _others(core: Core, values: Values) -> tuple[Relabelling, ...]:
     return _exchanged(core, -1.0), _exchanged(core, 1.0)
 
 
-def _in_order(values: Values, other: Values) -> bool:
-    return other["highpass_frequency"] >= values["highpass_frequency"]
-
-
 def _exchanged(core: Core, side: float) -> Relabelling:
     """The corner for the sensor's lower (``side`` −1) or upper real pole."""
     assert core.oscillator is not None
@@ -43,11 +40,11 @@ def _exchanged(core: Core, side: float) -> Relabelling:
     gain = core.parameters[0].name if core.output == "displacement" else None
 
     def exchange(values: Values) -> dict[str, Any]:
-        natural, damping, corner = (values[name] for name in (frequency, ratio, "highpass_frequency"))
+        natural, damping, corner = (values[name] for name in (frequency, ratio, _CORNER))
         root = (damping * damping - 1.0) ** 0.5
         mine, other = natural * (damping + side * root), natural * (damping - side * root)
         now = (corner * other) ** 0.5
-        found = dict(values) | {frequency: now, ratio: (corner + other) / (2.0 * now), "highpass_frequency": mine}
+        found = dict(values) | {frequency: now, ratio: (corner + other) / (2.0 * now), _CORNER: mine}
         if gain is not None:
             found[gain] = values[gain] * (natural / now) ** 2
         return found
@@ -60,7 +57,7 @@ HIGHPASS = AddOn(
     title="first-order high-pass",
     parameters=(
         ParameterSpec(
-            "highpass_frequency",
+            _CORNER,
             "Hz",
             "log",
             guesses=(0.03, 0.3, 3.0, 30.0),
@@ -70,6 +67,6 @@ HIGHPASS = AddOn(
         ),
     ),
     rational=_rational,
-    corner="highpass_frequency",
-    labels=Labels(_others, _in_order, lambda values, uncertainty: True, _QUESTION),
+    corner=_CORNER,
+    labels=Labels(_others, lambda values, other: other[_CORNER] >= values[_CORNER], lambda values, u: True, _QUESTION),
 )
