@@ -26,18 +26,12 @@ FEWEST = 4  # fewer records or rows than this are not split into folds
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """What the folds say.
+    """What the folds say."""
 
-    Attributes:
-        deviation_percent: rms of |model/measured − 1| at the points left out, %.
-        deviation_in_u: the same in standard uncertainties of the measurement; about 1 for a right model. None if none
-            is known.
-        folds: how many fits were made.
-    """
-
-    deviation_percent: float
+    deviation_percent: float  # rms of |model/measured − 1| at the points left out, %
+    # the same in standard uncertainties of the measurement; about 1 for a right model. None if none is known.
     deviation_in_u: float | None
-    folds: int
+    folds: int  # how many fits were made
 
 
 @in_one_thread

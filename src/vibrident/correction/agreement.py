@@ -15,21 +15,13 @@ from vibrident.records import FloatArray, Quantity, Record
 
 @dataclass(frozen=True)
 class Agreement:
-    """The compensated acceleration against the reference's, away from the record's ends.
+    """The compensated acceleration against the reference's, away from the record's ends."""
 
-    Attributes:
-        rmse: against the reference in the same band, m/s².
-        nrmse: that over the reference's standard deviation.
-        rmse_unfiltered: against the reference as it is; None if the reference is no acceleration.
-        reference_peak: the reference's sample of largest magnitude, filtered to the band, m/s².
-        within_95_percent: part of these samples whose deviation lies within k = 1.96 of its uncertainty.
-    """
-
-    rmse: float
-    nrmse: float | None
-    rmse_unfiltered: float | None
-    reference_peak: float
-    within_95_percent: float
+    rmse: float  # against the reference in the same band, m/s²
+    nrmse: float | None  # that over the reference's standard deviation
+    rmse_unfiltered: float | None  # against the reference as it is; None if the reference is no acceleration
+    reference_peak: float  # the reference's sample of largest magnitude, filtered to the band, m/s²
+    within_95_percent: float  # part of these samples whose deviation lies within k = 1.96 of its uncertainty
 
 
 def reference_in_band(record: Record, quantity: Quantity, compensation: Compensation) -> FloatArray | None:

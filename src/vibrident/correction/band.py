@@ -37,17 +37,11 @@ PERIODS = 4.0  # fewest periods of the lower edge, and of the upper, in a record
 
 @dataclass(frozen=True)
 class Band:
-    """The band that the compensation passes.
+    """The band that the compensation passes."""
 
-    Attributes:
-        low_hz: L = 1 from here; zero if L passes constant acceleration. L = 0 below low_hz/2.
-        high_hz: L = 1 up to here; L = 0 from 2 high_hz.
-        chosen: how it was chosen, in words.
-    """
-
-    low_hz: float
-    high_hz: float
-    chosen: str
+    low_hz: float  # L = 1 from here; zero if L passes constant acceleration. L = 0 below low_hz/2.
+    high_hz: float  # L = 1 up to here; L = 0 from 2 high_hz
+    chosen: str  # how it was chosen, in words
 
     @property
     def stop_hz(self) -> float:

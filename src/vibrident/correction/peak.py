@@ -21,27 +21,16 @@ ENDS = 2.0  # a peak near a record's end counts if it is larger by so many stand
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest magnitude of the acceleration.
+    """The largest magnitude of the acceleration."""
 
-    Attributes:
-        value: signed, m/s².
-        time_s: from the record's first sample.
-        standard_uncertainty: m/s².
-        interval_95: m/s².
-        effective_degrees_of_freedom: by Welch and Satterthwaite (GUM G.4).
-        coverage_factor: of the interval.
-        components: standard uncertainty by origin, m/s².
-        noise_bias: subtracted: a maximum of signal and noise is biased high, m/s².
-    """
-
-    value: float
-    time_s: float
-    standard_uncertainty: float
-    interval_95: tuple[float, float]
-    effective_degrees_of_freedom: float
-    coverage_factor: float
-    components: Mapping[str, float]
-    noise_bias: float
+    value: float  # signed, m/s²
+    time_s: float  # from the record's first sample
+    standard_uncertainty: float  # m/s²
+    interval_95: tuple[float, float]  # m/s²
+    effective_degrees_of_freedom: float  # by Welch and Satterthwaite (GUM G.4)
+    coverage_factor: float  # of the interval
+    components: Mapping[str, float]  # standard uncertainty by origin, m/s²
+    noise_bias: float  # subtracted: a maximum of signal and noise is biased high, m/s²
 
 
 def find_peak(

@@ -215,9 +215,7 @@ def _answer(
         size = float(np.std(values[valid]))
         relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
     covariance = choice.ellipse.shape_covariance
-    return effects.Answer(
-        frequency, effects.of_shape(harmonics), harmonics, relative_noise, choice.group, covariance, around
-    )
+    return effects.Answer(frequency, harmonics, relative_noise, choice.group, covariance, around)
 
 
 def _slips(path: Path, open_gaps: int, left_out: float, name: str) -> list[OpticalFinding]:

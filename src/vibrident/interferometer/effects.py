@@ -163,12 +163,17 @@ class Answer:
     """Effect of the ellipse's errors on the reference of one record."""
 
     frequency_hz: FloatArray  # shape (m,)
-    relative: np.ndarray  # change of the reference for one unit of p, q, b − a, e, complex, shape (4, m)
-    harmonics: np.ndarray  # the same for one radian of cos nφ and sin nφ, n = 1, 2, 4, shape (6, m)
+    harmonics: np.ndarray  # change of the reference for one radian of cos nφ and sin nφ, n = 1, 2, 4, (6, m)
     noise: FloatArray  # relative standard uncertainty of the reference by phase noise, shape (m,)
     group: int  # of records that share one ellipse
     covariance: FloatArray  # of the ellipse's shape, shape (4, 4)
     cyclic: Cyclic | None  # the measured cyclic error; None if it cannot be measured
+
+    @property
+    def relative(self) -> np.ndarray:
+        """Change of the reference for one unit of p, q, b − a, e of the ellipse, complex, shape (4, m)."""
+        cosine, sine, cosine2, sine2 = self.harmonics[:4]
+        return np.stack([-sine, cosine, 0.5 * sine2, 0.5 * cosine2])
 
 
 def of_sine(amplitude: float, mean: float, frequency_hz: float) -> tuple[FloatArray, np.ndarray]:
@@ -198,11 +203,6 @@ def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[Floa
             frequencies.append(float(np.sqrt(low * high)))
             columns.append(errors[:, inside] @ np.conj(reference[inside]) / power)
     return np.array(frequencies), np.array(columns).T
-
-
-def of_shape(harmonics: np.ndarray) -> np.ndarray:
-    """Change of the reference for one unit of p, q, b − a, e from those for cos nφ, sin nφ: (6, m) → (4, m)."""
-    return np.stack([-harmonics[1], harmonics[0], 0.5 * harmonics[3], 0.5 * harmonics[2]])
 
 
 def effects(

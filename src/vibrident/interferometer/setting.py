@@ -16,27 +16,16 @@ Kind = Literal["quadrature", "heterodyne"]
 
 @dataclass(frozen=True)
 class Interferometer:
-    """A laser interferometer on the reference surface.
+    """A laser interferometer on the reference surface."""
 
-    Attributes:
-        kind: ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier.
-        wavelength_m: in the medium.
-        wavelength_relative_uncertainty: relative standard uncertainty of it.
-        passes: times the beam goes to the target and back.
-        carrier_hz: nominal carrier of a heterodyne signal; estimated near this value.
-        direction: sign of the displacement for growing phase; None if unknown.
-        delay_s: the optical channel comes later than the response channel by this time.
-        delay_standard_uncertainty_s: of that.
-    """
-
-    kind: Kind
-    wavelength_m: float
-    wavelength_relative_uncertainty: float = 0.0
-    passes: int = 1
-    carrier_hz: float | None = None
-    direction: int | None = None
-    delay_s: float = 0.0
-    delay_standard_uncertainty_s: float = 0.0
+    kind: Kind  # ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier
+    wavelength_m: float  # in the medium
+    wavelength_relative_uncertainty: float = 0.0  # relative standard uncertainty of it
+    passes: int = 1  # times the beam goes to the target and back
+    carrier_hz: float | None = None  # nominal carrier of a heterodyne signal; estimated near this value
+    direction: int | None = None  # sign of the displacement for growing phase; None if unknown
+    delay_s: float = 0.0  # the optical channel comes later than the response channel by this time
+    delay_standard_uncertainty_s: float = 0.0  # of that
 
     @property
     def metres_per_radian(self) -> float:

@@ -17,21 +17,14 @@ from vibrident.discretize.weights import Weights
 
 
 class Cell(NamedTuple):
-    """Weights of one layer, as in the paper's Table 1.
+    """Weights of one layer, as in the paper's Table 1."""
 
-    Attributes:
-        w1: input → hidden, shape (n, q).
-        w2: hidden → output, shape (n,).
-        w3: feedback → hidden, shape (n, n).
-        w4: feedforward input → output, shape (q,).
-        activation: of the hidden layer; None is the exact, linear network. ``jnp.tanh`` is the paper's option, which
-            breaks the equivalence with the state equation.
-    """
-
-    w1: Any
-    w2: Any
-    w3: Any
-    w4: Any
+    w1: Any  # input → hidden, shape (n, q)
+    w2: Any  # hidden → output, shape (n,)
+    w3: Any  # feedback → hidden, shape (n, n)
+    w4: Any  # feedforward input → output, shape (q,)
+    # of the hidden layer; None is the exact, linear network. ``jnp.tanh`` is the paper's option, which breaks the
+    # equivalence with the state equation.
     activation: Any = None
 
     @classmethod

@@ -16,7 +16,7 @@ from vibrident.simulation.excitation import (
     random_phases,
 )
 from vibrident.simulation.motion import Motion, Superposition
-from vibrident.simulation.noise import ChannelNoise, ExcitationNoise, excitation_noise
+from vibrident.simulation.noise import ChannelNoise, excitation_noise
 from vibrident.simulation.rk4 import rk4_response
 from vibrident.simulation.scheme import nominal_frequency_name, one_third_octave
 from vibrident.simulation.sensors import SENSORS, Sensor, sensor_named
@@ -27,7 +27,6 @@ __all__ = [
     "BandLimitedRandom",
     "ChannelNoise",
     "Decay",
-    "ExcitationNoise",
     "HalfSineShock",
     "Motion",
     "Multisine",

@@ -86,13 +86,8 @@ class ChannelNoise:
     def applied(self, truth: FloatArray, sampling_rate_hz: float, rng: np.random.Generator) -> FloatArray:
         """The channel's samples for a true signal.
 
-        Args:
-            truth: shape (samples,).
-            sampling_rate_hz: samples per second.
-            rng: the channel's own stream.
-
-        Returns:
-            Shape (samples,), in the unit of ``truth``.
+        ``truth``: shape (samples,); ``rng``: the channel's own stream. Returns shape (samples,), in the unit of
+        ``truth``.
         """
         samples = truth.shape[0]
         one = float(np.sqrt(np.mean(np.square(truth)))) if self.unit == "rms" else 1.0

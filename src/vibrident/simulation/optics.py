@@ -167,13 +167,8 @@ def write_optical_calibration(
     A record becomes an HDF5 file with the signals (up to 16 bit as int16) and the response. Signals that are sampled
     faster than the response get their own file.
 
-    Args:
-        folder: created if it does not exist.
-        sensor: as of ``simulate``.
-        excitation: as of ``simulate``.
-        optics: the interferometer and its faults.
-        seed: of everything random.
-        settings: further settings of ``simulate``.
+    ``sensor``, ``excitation`` and ``settings`` are those of ``simulate``; ``optics``: the interferometer and its
+    faults; the folder is created if it does not exist.
 
     Returns:
         The calibration with the true displacement as its reference.

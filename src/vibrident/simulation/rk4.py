@@ -35,14 +35,9 @@ def rk4_response(
 ) -> FloatArray:
     """Response of one sensor to many motions by RK4, shape (records, samples), in response units.
 
-    Args:
-        model: the sensor model.
-        parameters: name to value, SI units, frequencies in Hz.
-        motions: acceleration of the base, one a record.
-        sampling_rates_hz: samples per second, one a record.
-        samples: number of samples of every record.
-        start: as for ``exact_response``.
-        substeps: steps a sample.
+    ``parameters``: name to value, SI units, frequencies in Hz; ``motions``: acceleration of the base, one a record,
+    with ``sampling_rates_hz``; ``samples``: of every record; ``start``: as for ``exact_response``; ``substeps``: steps
+    a sample.
 
     Raises:
         InputError: the method diverges at this step, or ``substeps`` is below 1.

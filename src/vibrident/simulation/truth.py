@@ -42,13 +42,8 @@ def exact_response(
     A delay τ gives the response of t − τ; before the start that is zero (``rest``), the tones' earlier part
     (``steady``) or the held value (``Decay``).
 
-    Args:
-        model: the sensor model.
-        parameters: name to value, SI units, frequencies in Hz.
-        motion: acceleration of the base.
-        sampling_rate_hz: samples per second.
-        samples: number of samples.
-        start: state of the sensor at t = 0.
+    ``parameters``: name to value, SI units, frequencies in Hz; ``motion``: acceleration of the base; ``start``: state
+    of the sensor at t = 0.
 
     Raises:
         ModelError: the response would contain derivatives of the acceleration.
