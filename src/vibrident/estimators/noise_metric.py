@@ -104,7 +104,7 @@ class Place:
         It is if the noise was read there, and is the response's alone: that of the reference moves with the network.
         """
         step = self.inverse @ self.gradient
-        straight = self.far * float(np.max(np.abs(step))) <= STRAIGHT and not self.seen
+        straight = self.far <= LONG_STEP and self.far * float(np.max(np.abs(step))) <= STRAIGHT and not self.seen
         return self.z + step if straight and self._length(step - self.read_at) <= READ_NEAR else None
 
     def ahead(self, damping: float, bent: Bent | None, part: float = 1.0) -> FloatArray:
@@ -228,19 +228,14 @@ class _Weighed:
     ) -> list[_Weighed]:
         """Of records, after a step, shape (p,), from the noise as read before it; the list of which is emptied.
 
-        ``known``: that was read here; it is read again only where tones hid it.
+        ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
-        tones, unknowns, rests, found = [], [], [], list[NoiseSpectrum]()
-        for record in lines:
-            spectrum = before.pop(0)
-            tones.append(spectrum.tones)
-            unknowns.append(_unknowns(record, spectrum))
-            as_read = known and not spectrum.tones and spectrum.passed == 0.0  # then nothing is asked of the rest
-            weight = record.twice / (max(record.samples, 1) * spectrum.level)
-            rests.append(record.residual if as_read else _left(record, step, unknowns[-1], weight))
-            found += [spectrum] if known and not spectrum.tones else []
-            del spectrum  # of a long record each copy counts
-        if len(found) < len(rests):
+        tones, unknowns = [own.tones for own in before], [_unknowns(*pair) for pair in zip(lines, before, strict=True)]
+        if known and not any(tones) and not any(_edges(*pair) for pair in zip(lines, before, strict=True)):
+            found, rests = list(before), [record.residual for record in lines]
+            before.clear()
+        else:
+            rests = [_left(record, step, u, before.pop(0)) for record, u in zip(lines, unknowns, strict=True)]
             used = [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)]
             found = spectra_of(lines, motions, used)
         return [cls._weighed(*each) for each in zip(lines, tones, unknowns, rests, found, strict=True)]
@@ -302,8 +297,9 @@ def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     return float(sums[-1, -1] - sums[:-1, -1] @ inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1])
 
 
-def _left(record: RecordLines, step: FloatArray, unknowns: LinesAt, weight: FloatArray) -> ComplexArray:
+def _left(record: RecordLines, step: FloatArray, unknowns: LinesAt, spectrum: NoiseSpectrum) -> ComplexArray:
     """What a step and the best unknowns leave of the residual, shape (lines,)."""
+    weight = record.twice / (max(record.samples, 1) * spectrum.level)
     rest = record.residual - step @ record.slopes
     sums = products(lambda part: (unknowns(part), rest[None, part]), weight)
     amounts = inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1]
@@ -314,10 +310,13 @@ def _left(record: RecordLines, step: FloatArray, unknowns: LinesAt, weight: Floa
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
     """Lines of what is unknown beside the parameters."""
+    return record.unknowns(edges=_edges(record, spectrum), tones=spectrum.tones)
+
+
+def _edges(record: RecordLines, spectrum: NoiseSpectrum) -> bool:
+    """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
     steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
-    driven = record.model is not None  # a free decay has nothing but initial states
-    edges = driven and (steep or spectrum.passed > 0 or record.rings_unseen)
-    return record.unknowns(edges=edges, tones=spectrum.tones)
+    return record.model is not None and (steep or spectrum.passed > 0 or record.rings_unseen)
 
 
 def beside_hum(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
