@@ -32,7 +32,7 @@ STIFFENED = 5.0
 #: No coordinate moves further at once.
 LONGEST = 0.7
 #: A candidate arrived where a step of hardly any damping leads no further than this, and not down.
-NO_STEP = 1e-6
+NO_STEP = 1e-9
 #: Residuals beyond so many times the common size, or so many standard deviations, count for less than their square.
 UNCOMMON = 8.0
 #: What is positive stays above this part of one unit.
