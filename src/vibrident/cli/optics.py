@@ -33,16 +33,19 @@ KEYS = {
     "passes": ("N", "of the beam"),
     "ellipse": ("random", "offsets, amplitudes and quadrature drawn anew"),
 }
+#: Key → field of ``Optics``, where its name is another.
+_FIELDS = {
+    "rate": "rate_hz",
+    "dropout": "dropout_s",
+    "table": "table_m",
+    "delay": "delay_s",
+    "carrier-drift": "carrier_drift_hz",
+    "ellipse": "random",
+}
 
 
 def optics_of(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
-    """The interferometer of --interferometer and --optics.
-
-    Args:
-        kind: of INTERFEROMETERS.
-        text: KEY=VALUE joined by commas.
-        rate_hz: of the response.
-        seed: of the random numbers.
+    """The interferometer of --interferometer and --optics, KEY=VALUE joined by commas; ``rate_hz`` of the response.
 
     Raises:
         InputError: a key is unknown, or a value is not a number.
@@ -51,26 +54,17 @@ def optics_of(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     from vibrident.simulation.optics import CARRIER, Optics, drawn
 
     given = _given(text)
-    carrier = None
+    passes = int(given.pop("passes", 1))
+    setting = Interferometer("quadrature", 632.991e-9, passes=passes, direction=1)
     if kind == "heterodyne":
         carrier = given.pop("carrier", CARRIER * given.get("rate", rate_hz))
-    setting = Interferometer(
-        "heterodyne" if kind == "heterodyne" else "quadrature",
-        632.991e-9,
-        passes=int(given.pop("passes", 1)),
-        carrier_hz=carrier,
-        direction=1,
-    )
+        setting = replace(setting, kind="heterodyne", carrier_hz=carrier)
     cyclic = tuple(given.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
-    hidden = given.pop("hidden-delay", None)
-    names = {"rate": "rate_hz", "dropout": "dropout_s", "table": "table_m", "delay": "delay_s"}
-    names |= {"carrier-drift": "carrier_drift_hz", "ellipse": "random"}
-    values: dict[str, Any] = {names.get(key, key): value for key, value in given.items()}
-    for key in ("bits", "dropouts"):
-        if key in values:
-            values[key] = int(values[key])
-    if hidden is not None:
-        values |= {"delay_s": hidden, "hidden_delay": True}
+    if (hidden := given.pop("hidden-delay", None)) is not None:
+        given |= {"delay": hidden, "hidden_delay": True}
+    values: dict[str, Any] = {_FIELDS.get(key, key): value for key, value in given.items()}
+    for key in {"bits", "dropouts"} & values.keys():
+        values[key] = int(values[key])
     return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
 
 

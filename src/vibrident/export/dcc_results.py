@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.export.dcc_tree import Tree, cleaned, identified, numeral
+from vibrident.export.dcc_tree import Tree, cleaned, numeral
 from vibrident.export.dcc_units import d_si
 from vibrident.present.coverage import coverage
 from vibrident.records import FloatArray
@@ -92,10 +92,8 @@ def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
         tree.named(entry["name"]),
         text("description", *notes) if notes else None,
         make("manufacturer", tree.named(entry["manufacturer"])) if entry.get("manufacturer") else None,
-        make("model", text=cleaned(entry["type"])) if entry.get("type") else None,
-        make("identifications", make("identification", make("issuer", text="manufacturer"), identified(tree, serial)))
-        if serial
-        else None,
+        tree.optional("model", entry.get("type")),
+        make("identifications", tree.identification("manufacturer", serial)) if serial else None,
     )
 
 
@@ -141,7 +139,7 @@ def _half_open(low: float | None, high: float | None) -> list[str]:
 def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = None) -> Any:
     return tree.make(
         "si:real",
-        tree.make("si:label", text=cleaned(label)) if label else None,
+        tree.optional("si:label", label),
         tree.make("si:value", text=numeral(value)),
         tree.make("si:unit", text=unit),
         spread,

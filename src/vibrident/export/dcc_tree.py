@@ -33,6 +33,17 @@ class Tree:
         """Own text, in English; one ``content`` a line."""
         return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
 
+    def optional(self, tag: str, text: object) -> Any:
+        """An element with a given text; None if there is none."""
+        return self.make(tag, text=cleaned(text)) if text else None
+
+    def identification(self, issuer: str, value: object, name: str = "") -> Any:
+        """A number by which its issuer knows a thing."""
+        known = self.make("value", text=cleaned(value))
+        return self.make(
+            "identification", self.make("issuer", text=issuer), known, self.text("name", name) if name else None
+        )
+
     def named(self, text: object) -> Any:
         """A given ``name``: one ``content`` without language."""
         return self.make("name", self.make("content", text=cleaned(text)))
@@ -41,11 +52,6 @@ class Tree:
         """Text by the laboratory, line by line, in an unknown language."""
         lines = [line for line in str(text).splitlines() if line.strip()] or [""]
         return self.make(tag, *(self.make("content", text=cleaned(line)) for line in lines))
-
-
-def identified(tree: Tree, text: object) -> Any:
-    """The ``value`` of an identification."""
-    return tree.make("value", text=cleaned(text))
 
 
 def numeral(value: float) -> str:

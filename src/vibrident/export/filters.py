@@ -38,13 +38,7 @@ LONGEST = 16384
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """y = sections(taps(x)).
-
-    Attributes:
-        taps: the delay line.
-        sections: after the taps.
-        rate_hz: sampling rate.
-    """
+    """y = sections(taps(x)) at a sampling rate: a delay line, then sections."""
 
     taps: Taps
     sections: SecondOrderSections

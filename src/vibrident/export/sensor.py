@@ -115,11 +115,7 @@ class Exported:
 
 @dataclass(frozen=True, eq=False)
 class ExportedSensor(Exported):
-    """The same with the result that it comes from.
-
-    Attributes:
-        result: the source.
-    """
+    """The same with the result that it comes from."""
 
     result: Result
 
@@ -149,11 +145,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Exp
 
 
 def require_linear(sensor: Exported) -> None:
-    """Refuse a nonlinear model.
-
-    Raises:
-        InputError: it has a cubic stiffness.
-    """
+    """Refuse a nonlinear model."""
     if not sensor.model.is_linear:
         bent = [addon for addon in sensor.model.add_ons if addon.force is not None]
         raise InputError(
@@ -166,11 +158,7 @@ def require_linear(sensor: Exported) -> None:
 
 
 def check_band(low: float, high: float) -> tuple[float, float]:
-    """The band, checked.
-
-    Raises:
-        InputError: the two frequencies are not a band.
-    """
+    """The two frequencies, refused if they are not a band."""
     if not (math.isfinite(high) and 0.0 < low < high):
         raise InputError(
             "The band cannot be used.",

@@ -19,12 +19,7 @@ _NUMBER_BYTES = 8
 
 
 def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
-    """Refuse to read more numbers than memory allows.
-
-    Args:
-        path: the file; its size sets the limit.
-        numbers: declared number of values to read.
-        number_bytes: of each, if a library needs more than float64.
+    """Refuse to read more numbers, as declared, than a file of this size may hold.
 
     Raises:
         InputError: they are too many; or the environment variable of the limit is not a number.
@@ -61,11 +56,7 @@ def memory_for(file_bytes: int) -> float:
 
 
 def require_few(path: Path, columns: Sequence[object], what: str = "columns") -> None:
-    """Refuse a file with too many columns.
-
-    Raises:
-        InputError: there are more than ``MOST_COLUMNS``.
-    """
+    """Refuse a file with more than ``MOST_COLUMNS`` columns."""
     if len(columns) > MOST_COLUMNS:
         raise InputError(
             f"The file has too many {what}.",

@@ -250,15 +250,7 @@ def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
 
 
 def _behind_names(rows: list[int], lines: list[str], delimiter: str, numeric: list[int], decimal: str) -> int:
-    """The first data line: behind a row of names, if each row above that holds text among its numbers ("Channels, 2").
-
-    Args:
-        rows: lines from the first that holds a number in its place.
-        lines: of the head.
-        delimiter: between cells.
-        numeric: columns of numbers.
-        decimal: sign.
-    """
+    """The first data line: behind a row of names, if each line above has text among its numbers ("Channels, 2")."""
     last: list[str] = []
     for line in rows:
         row = split_line(lines[line], delimiter)

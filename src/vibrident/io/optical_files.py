@@ -91,12 +91,7 @@ class Optical:
 
 
 def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
-    """Read the records of a calibration whose reference is an interferometer's signals.
-
-    Args:
-        calibration: the checked calibration file.
-        folder: where its relative paths start.
-        where: the calibration file, for messages.
+    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `read_records`.
 
     Raises:
         InputError: a file cannot be used, or the signals cannot be followed.

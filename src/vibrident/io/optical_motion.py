@@ -29,13 +29,7 @@ ENDS = 48
 
 
 def clocks_apart(optical_s: float, response_s: float, name: str) -> tuple[OpticalFinding, ...]:
-    """A doubt where one channel lasts a whole number of times as long as the other: a rate wrong by a factor does that.
-
-    Args:
-        optical_s: how long the optical signals last by their rate.
-        response_s: the same of the response.
-        name: of the record.
-    """
+    """A doubt where one channel lasts, by its rate, a whole number of times as long as the other: a rate is wrong."""
     times = max(optical_s, response_s) / max(min(optical_s, response_s), 1e-300)
     whole = round(min(times, MOST_TIMES + 1.0))
     if not 2 <= whole <= MOST_TIMES or abs(times / whole - 1.0) > SAME_TIME:
@@ -65,12 +59,7 @@ def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
 
 
 def part_outside(response: Signals, seen: Aligned) -> float:
-    """Part of a response's power so near to its ends that no fit sees it: filters and interpolation reach so far.
-
-    Args:
-        response: as recorded.
-        seen: what is left of it.
-    """
+    """Part of a response's power so near to its ends that no fit sees it: filters and interpolation reach so far."""
     beside = ENDS / seen.rate_hz
     first, last = (seen.start_s + beside, seen.start_s + seen.response.shape[0] / seen.rate_hz - beside)
     first, last = int(first * response.rate_hz), int(last * response.rate_hz)
@@ -86,13 +75,7 @@ def part_outside(response: Signals, seen: Aligned) -> float:
 
 def require_pulse(seen: Aligned, outside: float, name: str) -> None:
     """Refuse a shock that is not seen: too near to an end, where what is left is free ringing, which any sensitivity
-    explains; or too weak, where the differences of a displacement are noise of the phase.
-
-    Args:
-        seen: both channels, with an acceleration.
-        outside: part of the response's power that no fit sees.
-        name: of the record, for messages.
-    """
+    explains; or too weak, where the differences of a displacement are noise of the phase."""
     if outside > MOST_LOST_OF_SHOCK:
         raise InputError(
             "The shock is too near to an end of the record.",

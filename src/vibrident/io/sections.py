@@ -59,13 +59,7 @@ class InterferometerSection(FileSection):
 
 
 def check_interferometer(section: InterferometerSection, reference: Collection[str], table: bool, where: str) -> None:
-    """Check the combination of the section's keys, and with the other sections.
-
-    Args:
-        section: as read.
-        reference: keys that [reference] states.
-        table: whether there is a [table].
-        where: the calibration file, for messages.
+    """Check the combination of the section's keys, with those of [reference], and whether there is a [table].
 
     Raises:
         InputError: they contradict each other.

@@ -40,8 +40,7 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     """
     target = Path(folder)
     partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-    _refuse_masks(calibration)
-    _refuse_equal_names(calibration)
+    _refuse_unwritable(calibration)
     try:
         partial.mkdir(parents=True)
         try:
@@ -63,7 +62,8 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     return target / CALIBRATION_FILE
 
 
-def _refuse_masks(calibration: Calibration) -> None:
+def _refuse_unwritable(calibration: Calibration) -> None:
+    names = [record.name for record in calibration.records]
     for record in calibration.records:
         if not record.mask.all():
             raise InputError(
@@ -73,16 +73,11 @@ def _refuse_masks(calibration: Calibration) -> None:
                 where=f"record {record.name!r}",
                 remedy="write the calibration before samples are left out",
             )
-
-
-def _refuse_equal_names(calibration: Calibration) -> None:
-    names = [record.name for record in calibration.records]
-    for name in names:
-        if names.count(name) > 1:
+        if names.count(record.name) > 1:
             raise InputError(
                 "Two records have the same name.",
                 expected="a unique name for each record",
-                found=repr(name),
+                found=repr(record.name),
                 where="calibration to be written",
                 remedy="change one of the names",
             )

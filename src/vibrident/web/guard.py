@@ -30,8 +30,7 @@ _BUSY = b"The server takes as many files as it can at this moment. Try again in 
 def policy(host: str) -> str:
     """The content security policy: only this server as source and target.
 
-    Args:
-        host: of the page, target of its WebSocket; some browsers do not count it as ``'self'``.
+    Some browsers do not count the target of the page's WebSocket, ``host``, as ``'self'``.
     """
     return (
         "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "

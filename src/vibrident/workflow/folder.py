@@ -111,11 +111,7 @@ def write_json(path: Path, document: Any) -> None:
 
 
 def refuse_used(target: Path, *, force: bool) -> None:
-    """Refuse a folder that is not empty, unless forced.
-
-    Raises:
-        InputError: the folder is not empty.
-    """
+    """Refuse a folder that is not empty, unless forced."""
     if force or not target.is_dir() or not any(target.iterdir()):
         return
     raise InputError(

@@ -17,7 +17,7 @@ from vibrident.errors import InputError
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_schema import validate
 from vibrident.export.dcc_tree import DCC as NAMESPACE
-from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, identified
+from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
 from vibrident.present.coverage import coverage, interval_text
@@ -107,16 +107,8 @@ def _certificate(tree: Tree, result: Result, options: Options) -> Any:
 def _administration(tree: Tree, result: Result, options: Options) -> Any:
     stated, named = result.certificate, result.sensor
     make, text = tree.make, tree.text
-    made = make("identification", make("issuer", text="manufacturer"), identified(tree, named["serial_number"]))
-    made.append(text("name", "serial number"))
     date = str(stated["date_of_calibration"])
     place = str(stated.get("place") or "laboratory").strip().lower()
-    number = make(
-        "identification",
-        make("issuer", text="calibrationLaboratory"),
-        identified(tree, stated["number"]),
-        text("name", "certificate number"),
-    )
     order = stated.get("order_number")
     core = make(
         "coreData",
@@ -126,26 +118,22 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make("uniqueIdentifier", text=cleaned(f"{stated['laboratory']} {stated['number']}")),
         make(
             "identifications",
-            number,
-            make(
-                "identification", make("issuer", text="customer"), identified(tree, order), text("name", "order number")
-            )
-            if order
-            else None,
+            tree.identification("calibrationLaboratory", stated["number"], "certificate number"),
+            tree.identification("customer", order, "order number") if order else None,
         ),
-        make("receiptDate", text=str(stated["date_of_receipt"])) if stated.get("date_of_receipt") else None,
+        tree.optional("receiptDate", stated.get("date_of_receipt")),
         make("beginPerformanceDate", text=date),
         make("endPerformanceDate", text=date),
         make("performanceLocation", text=_PLACES.get(place, "other")),
-        make("issueDate", text=str(stated["date_of_issue"])) if stated.get("date_of_issue") else None,
+        tree.optional("issueDate", stated.get("date_of_issue")),
     )
     maker, kind = named.get("manufacturer"), named.get("type")
     item = make(
         "item",
         tree.named(kind) if kind else text("name", "vibration sensor"),
         make("manufacturer", tree.named(maker)) if maker else None,
-        make("model", text=cleaned(kind)) if kind else None,
-        make("identifications", made),
+        tree.optional("model", kind),
+        make("identifications", tree.identification("manufacturer", named["serial_number"], "serial number")),
     )
     persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
     signed = [(name, role) for name, role in persons if not _blank(name)]
@@ -156,9 +144,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make("items", item),
         make(
             "calibrationLaboratory",
-            make("calibrationLaboratoryCode", text=cleaned(stated["accreditation"]))
-            if stated.get("accreditation")
-            else None,
+            tree.optional("calibrationLaboratoryCode", stated.get("accreditation")),
             _contact(tree, "contact", stated["laboratory"], stated.get("laboratory_address"), options.country),
         ),
         make(
