@@ -14,7 +14,7 @@ USERS = ("paper", "simulation")
 #: Words that mean something else where they stand.
 OTHERS = {
     "cli/commands/demo.py": {"ipnn"},  # shows the paper's network
-    "cli/optics.py": {"delay"},  # of the optical channel
+    "cli/commands/simulate.py": {"delay"},  # of the optical channel
     "cli/options.py": {"cubic"},  # a simulated sensor
     "estimators/network_settings.py": {"ipnn"},  # where the same estimator is told of
     "estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it

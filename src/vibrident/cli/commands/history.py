@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vibrident.cli.console import note, out, wrote
-from vibrident.cli.history_options import question, read_date, read_tolerance
-from vibrident.cli.options import RESULT_FILES, argument, between, choice, one_of, option
+from vibrident.cli.options import RESULT_FILES, argument, between, choice, not_read, one_of, option
 from vibrident.errors import InputError
 from vibrident.escaping import terminal as printable
 from vibrident.workflow.folder import load_result, write_json, written_whole
 
 if TYPE_CHECKING:
+    from vibrident.history.document import Question
+    from vibrident.history.due import Tolerance
+    from vibrident.history.query import StoredSensor
     from vibrident.history.store import Store
     from vibrident.present.views import Block
 
@@ -62,7 +65,7 @@ def add(
     date: str | None = option("--date", "DATE", "Of the calibration, for results without one."),
 ) -> None:
     """Add results. An existing result stays unchanged."""
-    day = read_date(date, "--date")
+    day = _date(date, "--date")
     from vibrident.history.entry import add_all, rows_of
     from vibrident.present.views import count
 
@@ -115,7 +118,7 @@ def show(
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
-    asked = question(quantity, frequency, read_tolerance(tolerance, nominal), limits, interval, read_date(at, "--at"))
+    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(at, "--at"))
     with _opened(store) as opened:
         document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), asked)
     _print(form, document, lambda: page.printed(document))
@@ -139,7 +142,7 @@ def due(
     form: str = _FORM,
 ) -> None:
     """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
-    given = read_tolerance(tolerance, nominal)
+    given = _tolerance(tolerance, nominal)
     if (given is None) == (limits is None):
         raise InputError(
             "No tolerance is given." if limits is None else "Two tolerances are given.",
@@ -152,7 +155,7 @@ def due(
     from vibrident.history.document import all_due, of_sensor
     from vibrident.present.views import count
 
-    asked = question(quantity, frequency, given, limits, interval)
+    asked = _question(quantity, frequency, given, limits, interval)
     with _opened(store) as opened:
         if serial is None:
             rows = all_due(opened, asked, type_name)
@@ -196,7 +199,7 @@ def event(
     maker: str | None = _MAKER,
 ) -> None:
     """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
-    day = read_date(date, "--date")
+    day = _date(date, "--date")
     from vibrident.history import entry, query
 
     with _opened(store) as opened:
@@ -243,6 +246,82 @@ def upgrade(store: str | None = _STORE) -> None:
         before, after = opened.upgrade()
         what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
         out().print(printable(f"{opened.shown} {what}; schema {after}"), soft_wrap=True)
+
+
+def _date(text: str | None, option: str) -> datetime.date | None:
+    """A date of an option."""
+    if text is None:
+        return None
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise not_read(option, text, "a date such as 2025-03-31", "write year, month and day") from None
+
+
+def _tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
+    """A tolerance such as 1% or 0.01."""
+    if nominal is not None and (not math.isfinite(nominal) or nominal == 0):
+        raise InputError(
+            "A tolerance is relative to the nominal value, which cannot be 0.",
+            expected="a finite number other than 0, in the quantity's unit",
+            found=f"{nominal:g}",
+            where="--nominal",
+            remedy="give the value that the sensor is used with, or leave --nominal out",
+        )
+    if text is None:
+        return None
+    from vibrident.history.due import Tolerance
+
+    try:
+        percent = text.strip().endswith("%")
+        value = float(text.strip().removesuffix("%")) * (0.01 if percent else 1.0)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1:
+        remedy = "give a number between 0 and 100 with %, or between 0 and 1"
+        raise not_read("--tolerance", text, "a part of the value, such as 1% or 0.01", remedy)
+    return Tolerance(value, nominal)
+
+
+def _question(
+    quantity: str | None,
+    frequency: float | None,
+    tolerance: Tolerance | None,
+    limits: Path | None,
+    interval: float | None,
+    until: datetime.date | None = None,
+) -> Question:
+    """What is asked of a history."""
+    if quantity is not None and frequency is not None:
+        raise InputError(
+            "Two quantities are asked for.",
+            expected="a parameter, or the sensitivity at a frequency",
+            found="both",
+            where="--quantity, --frequency",
+            remedy="give one of the two",
+        )
+    from vibrident.history.document import Question
+
+    asked = Question(frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=interval)
+    asked = asked if quantity is None else replace(asked, quantity=quantity)
+    return asked if limits is None else replace(asked, tolerances=_by_type(limits, asked))
+
+
+def _by_type(limits: Path, asked: Question) -> Callable[[StoredSensor], Tolerance | None]:
+    """The tolerance of a sensor, from a limits file; of the reference sensitivity as of the sensitivity."""
+    from vibrident.fleet.limits import read_limits
+    from vibrident.history.due import Tolerance
+
+    known = read_limits(limits)
+    name = "sensitivity" if asked.quantity == "reference_sensitivity" else asked.quantity
+
+    def tolerance(sensor: StoredSensor) -> Tolerance | None:
+        limit = known.limit(sensor.type or None, name)
+        if limit is None or not limit.nominal or asked.frequency_hz is not None:
+            return None
+        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
+
+    return tolerance
 
 
 def _opened(url: str | None) -> Store:
