@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -75,12 +76,12 @@ def cases() -> Cases:
     for sensor, motion in itertools.product(SENSORS, MOTIONS):
         for _ in range(EACH):
             noise = next(turn)
-            yield f"{sensor}/{motion}/{noise.name}", _maker(sensor, motion, noise)
+            yield f"{sensor}/{motion}/{noise.name}", partial(_maker, sensor, motion, noise)
     for motion, noises in BENCH.items():
         for sensor, noise in itertools.product(BENCH_SENSORS, noises):
-            yield f"{sensor}/{motion}/{noise.name}", _maker(sensor, motion, noise)
+            yield f"{sensor}/{motion}/{noise.name}", partial(_maker, sensor, motion, noise)
     for noise, motion in itertools.product(NOISES, ("sine", "multisine")):
-        yield f"far-light+boxcar/{motion}/{noise.name}", _maker("far-light+boxcar", motion, noise)
+        yield f"far-light+boxcar/{motion}/{noise.name}", partial(_maker, "far-light+boxcar", motion, noise)
 
 
 def readable(given: Setting) -> Setting:
@@ -91,18 +92,15 @@ def readable(given: Setting) -> Setting:
     return replace(given, quantity="velocity" if given.quantity == "displacement" else given.quantity)
 
 
-def _maker(sensor: str, motion: str, noise: Noise):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        if motion == "rung":  # a beginning has lines of its own, which stand out of a displacement
-            given = replace(given, quantity="acceleration")
-        if motion not in ("sine", "multisine", "mixed") and (noise.reference or noise.bits):
-            given = readable(given)
-        made = records(motion, given, noise, rng)
-        allowed = {"reference_noise"} if noise.reference else set()
-        model = given.sensor.model
-        strange = "boxcar" in sensor and motion != "sine"  # no network: refused, as documented
-        made = calibration(made, model, given.quantity)
-        return Trial(made, model, truth(given.sensor), allowed=frozenset(allowed), strange=strange)
-
-    return make
+def _maker(sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    if motion == "rung":  # a beginning has lines of its own, which stand out of a displacement
+        given = replace(given, quantity="acceleration")
+    if motion not in ("sine", "multisine", "mixed") and (noise.reference or noise.bits):
+        given = readable(given)
+    made = records(motion, given, noise, rng)
+    allowed = {"reference_noise"} if noise.reference else set()
+    model = given.sensor.model
+    strange = "boxcar" in sensor and motion != "sine"  # no network: refused, as documented
+    made = calibration(made, model, given.quantity)
+    return Trial(made, model, truth(given.sensor), allowed=frozenset(allowed), strange=strange)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -42,23 +43,23 @@ def cases() -> Cases:
         if "stated frequency" in defect.name and motion != "sine":
             continue
         sensor, noise = next(turn)
-        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", _maker(sensor, motion, noise, defect)
+        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", partial(_maker, sensor, motion, noise, defect)
     for (name, factors), motion in itertools.product(BECOMES.items(), MOTIONS[:5]):
         sensor = "in-light" if "frequency" in name or motion != "random" else "in-damped"
         noise = next(turn)[1]
-        yield f"{name}/{motion}/{sensor}/{noise.name}", _becoming(name, factors, sensor, motion, noise)
+        yield f"{name}/{motion}/{sensor}/{noise.name}", partial(_becoming, name, factors, sensor, motion, noise)
     for (name, factors), motion in itertools.product(ANOTHER.items(), MOTIONS):
         noise = next(turn)[1]
-        yield f"{name}/{motion}/in-light/{noise.name}", _another(name, factors, motion, noise)
+        yield f"{name}/{motion}/in-light/{noise.name}", partial(_another, name, factors, motion, noise)
     for quantities, motion in itertools.product(MISTAKEN, MOTIONS):
         sensor, noise = next(turn)
         name = f"reference mistaken:{quantities[0]} for {quantities[1]}"
-        yield f"{name}/{motion}/{sensor}/{noise.name}", _mistaken(name, quantities, sensor, motion, noise)
+        yield f"{name}/{motion}/{sensor}/{noise.name}", partial(_mistaken, name, quantities, sensor, motion, noise)
     for rest, noise in itertools.product((0.3, 0.6), NOISES):
-        yield f"rest in sines:{rest:g}/sine/in-light/{noise.name}", _resting(rest, noise)
+        yield f"rest in sines:{rest:g}/sine/in-light/{noise.name}", partial(_resting, rest, noise)
     for defect, motion in itertools.product(acquisition(), MOTIONS):
         sensor, noise = next(turn)
-        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", _maker(sensor, motion, noise, defect)
+        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", partial(_maker, sensor, motion, noise, defect)
 
 
 MISTAKEN = (
@@ -71,50 +72,42 @@ MISTAKEN = (
 
 def _trial(made: list[Raw], given: Setting, defect: Defect | str) -> Trial:
     model = given.sensor.model
-    cause, heeds = (defect, False) if isinstance(defect, str) else (defect.name, defect.heeds_polarity)
-    cause, true = cause.split(":")[0], truth(given.sensor)
-    return Trial(calibration(made, model, given.quantity), model, true, cause=cause, polarity_heeds=heeds)
+    cause = defect.split(":")[0] if isinstance(defect, str) else defect.cause
+    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause)
 
 
-def _maker(sensor: str, motion: str, noise: Noise, defect: Defect):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        if noise.bits:
-            given = readable(given)
-        made = records(motion, given, noise, rng, stated="stated" in defect.name)
-        return _trial(defect.change(made, rng), given, defect)
-
-    return make
+def _maker(sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    if noise.bits:
+        given = readable(given)
+    made = records(motion, given, noise, rng, stated="stated" in defect.name)
+    return _trial(defect.change(made, rng), given, defect)
 
 
-def _becoming(name: str, factors: dict[str, float], sensor: str, motion: str, noise: Noise):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        other = twin(given.sensor, **factors)
-        samples = SHAPES[motion][1]
-        t = np.arange(samples) / given.rate
-        at = t[-1] * rng.uniform(0.4, 0.6)
-        made = []
-        for i, move in enumerate(excite(motion, given, rng)):
-            response = switched(move, given.sensor, other, at, t)
-            reference, response = recorded(move.reference(t, given.quantity), response, given.rate, noise, rng)
-            made.append(Raw(f"{motion}-{i}", reference, response, given.rate, motion))
-        return _trial(made, given, name)
+def _becoming(
+    name: str, factors: dict[str, float], sensor: str, motion: str, noise: Noise, rng: np.random.Generator
+) -> Trial:
+    given = setting(sensor, rng)
+    other = twin(given.sensor, **factors)
+    samples = SHAPES[motion][1]
+    t = np.arange(samples) / given.rate
+    at = t[-1] * rng.uniform(0.4, 0.6)
+    made = []
+    for i, move in enumerate(excite(motion, given, rng)):
+        response = switched(move, given.sensor, other, at, t)
+        reference, response = recorded(move.reference(t, given.quantity), response, given.rate, noise, rng)
+        made.append(Raw(f"{motion}-{i}", reference, response, given.rate, motion))
+    return _trial(made, given, name)
 
-    return make
 
-
-def _another(name: str, factors: dict[str, float], motion: str, noise: Noise):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting("in-light", rng)
-        other = replace(given, sensor=_other(given.sensor, factors, given.rate))
-        seed = int(rng.integers(2**31))
-        own, strange = (records(motion, g, noise, np.random.default_rng(seed)) for g in (given, other))
-        at = int(rng.integers(len(own)))
-        own[at] = strange[at]
-        return _trial(own, given, name)
-
-    return make
+def _another(name: str, factors: dict[str, float], motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
+    given = setting("in-light", rng)
+    other = replace(given, sensor=_other(given.sensor, factors, given.rate))
+    seed = int(rng.integers(2**31))
+    own, strange = (records(motion, g, noise, np.random.default_rng(seed)) for g in (given, other))
+    at = int(rng.integers(len(own)))
+    own[at] = strange[at]
+    return _trial(own, given, name)
 
 
 def _other(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:
@@ -122,27 +115,22 @@ def _other(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:
     return replace(twin(sensor, **factors), parameters={**twin(sensor, **factors).parameters, **late})
 
 
-def _mistaken(name: str, quantities: tuple[str, str], sensor: str, motion: str, noise: Noise):
-    def make(rng: np.random.Generator) -> Trial:
-        given = replace(setting(sensor, rng), quantity=quantities[0])
-        made = records(motion, given, noise, rng)
-        return _trial(made, replace(given, quantity=quantities[1]), name)
+def _mistaken(
+    name: str, quantities: tuple[str, str], sensor: str, motion: str, noise: Noise, rng: np.random.Generator
+) -> Trial:
+    given = replace(setting(sensor, rng), quantity=quantities[0])
+    made = records(motion, given, noise, rng)
+    return _trial(made, replace(given, quantity=quantities[1]), name)
 
-    return make
 
-
-def _resting(rest: float, noise: Noise):
+def _resting(rest: float, noise: Noise, rng: np.random.Generator) -> Trial:
     """Sines that begin late in their record."""
-
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting("in-light", rng)
-        count, samples = SHAPES["sine"]
-        t = np.arange(samples) / given.rate
-        made = []
-        for i, tone in enumerate(excite("sine", given, rng)):
-            move = motions.gated(tone, samples, given.rate, rest)
-            channels = move.reference(t, given.quantity), move.response(given.sensor, t)
-            made.append(Raw(f"sine-{i} of {count}", *recorded(*channels, given.rate, noise, rng), given.rate, "sine"))
-        return _trial(made, given, "rest in sines")
-
-    return make
+    given = setting("in-light", rng)
+    count, samples = SHAPES["sine"]
+    t = np.arange(samples) / given.rate
+    made = []
+    for i, tone in enumerate(excite("sine", given, rng)):
+        move = motions.gated(tone, samples, given.rate, rest)
+        channels = move.reference(t, given.quantity), move.response(given.sensor, t)
+        made.append(Raw(f"sine-{i} of {count}", *recorded(*channels, given.rate, noise, rng), given.rate, "sine"))
+    return _trial(made, given, "rest in sines")

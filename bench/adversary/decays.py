@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -28,15 +29,15 @@ GROWTH = (0.1, 1.0)
 def cases() -> Cases:
     """Names and makers."""
     for sensor, noise, count in itertools.product(SENSORS, NOISES, (1, 4)):
-        yield f"alone {count}/{sensor}/{noise.name}", _alone(sensor, noise, count)
+        yield f"alone {count}/{sensor}/{noise.name}", partial(_alone, sensor, noise, count)
     for growth, noise, count in itertools.product(GROWTH, NOISES, (1, 4)):
-        yield f"damping grows {growth:g}/{count}/{noise.name}", _growing(growth, noise, count)
+        yield f"damping grows {growth:g}/{count}/{noise.name}", partial(_growing, growth, noise, count)
     for sensor, noise in itertools.product(SENSORS[1:], NOISES):
-        yield f"with sines/{sensor}/{noise.name}", _with_sines(sensor, noise, 1.0, 1.0)
+        yield f"with sines/{sensor}/{noise.name}", partial(_with_sines, sensor, noise, 1.0, 1.0)
     for damping, frequency in ((0.1, 1.0), (0.7, 1.0), (3.0, 1.0), (1.0, 1.05), (1.0, 0.8)):
         for noise in NOISES:
             name = f"another's with sines/damping {damping:g} frequency {frequency:g}/{noise.name}"
-            yield name, _with_sines("in-light", noise, damping, frequency)
+            yield name, partial(_with_sines, "in-light", noise, damping, frequency)
 
 
 def _decay(sensor: Sensor, rate: float, noise: Noise, rng: np.random.Generator, name: str) -> Raw:
@@ -48,46 +49,36 @@ def _decay(sensor: Sensor, rate: float, noise: Noise, rng: np.random.Generator, 
     return Raw(name, np.zeros(0), values + rng.normal() * np.std(values), rate, "decay")
 
 
-def _alone(sensor: str, noise: Noise, count: int):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        made = [_decay(given.sensor, given.rate, noise, rng, f"decay-{i}") for i in range(count)]
-        true = {name: given.sensor.parameters[name] for name in ("natural_frequency", "damping_ratio")}
-        return Trial(calibration(made, given.sensor.model, "acceleration"), given.sensor.model, true)
-
-    return make
+def _alone(sensor: str, noise: Noise, count: int, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    made = [_decay(given.sensor, given.rate, noise, rng, f"decay-{i}") for i in range(count)]
+    true = {name: given.sensor.parameters[name] for name in ("natural_frequency", "damping_ratio")}
+    return Trial(calibration(made, given.sensor.model, "acceleration"), given.sensor.model, true)
 
 
-def _growing(growth: float, noise: Noise, count: int):
+def _growing(growth: float, noise: Noise, count: int, rng: np.random.Generator) -> Trial:
     """V̈ + 2 δ (1 + g V²) ωn V̇ + ωn² V = 0 with V = 1 at first."""
+    given = setting("in-light", rng)
+    p = given.sensor.parameters
+    w, d = TAU * p["natural_frequency"], p["damping_ratio"]
 
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting("in-light", rng)
-        p = given.sensor.parameters
-        w, d = TAU * p["natural_frequency"], p["damping_ratio"]
+    def slope(_, state):
+        return [state[1], -w * w * state[0] - 2.0 * d * (1.0 + growth * state[0] ** 2) * w * state[1]]
 
-        def slope(_, state):
-            return [state[1], -w * w * state[0] - 2.0 * d * (1.0 + growth * state[0] ** 2) * w * state[1]]
-
-        made = []
-        for i in range(count):
-            t = np.arange(SAMPLES) / given.rate
-            way = solve_ivp(slope, (0.0, t[-1]), [1.0 - 0.2 * i, 0.0], "DOP853", t, rtol=1e-7, atol=1e-9)
-            made.append(Raw(f"decay-{i}", np.zeros(0), recorded_channel(way.y[0], noise, rng), given.rate, "decay"))
-        true = {name: p[name] for name in ("natural_frequency", "damping_ratio")}
-        return Trial(calibration(made, "accelerometer", "acceleration"), "accelerometer", true, cause="damping grows")
-
-    return make
+    made = []
+    for i in range(count):
+        t = np.arange(SAMPLES) / given.rate
+        way = solve_ivp(slope, (0.0, t[-1]), [1.0 - 0.2 * i, 0.0], "DOP853", t, rtol=1e-7, atol=1e-9)
+        made.append(Raw(f"decay-{i}", np.zeros(0), recorded_channel(way.y[0], noise, rng), given.rate, "decay"))
+    true = {name: p[name] for name in ("natural_frequency", "damping_ratio")}
+    return Trial(calibration(made, "accelerometer", "acceleration"), "accelerometer", true, cause="damping grows")
 
 
-def _with_sines(sensor: str, noise: Noise, damping: float, frequency: float):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        other = twin(given.sensor, damping_ratio=damping, natural_frequency=frequency)
-        made = records("sine", given, noise, rng)
-        made += [_decay(other, given.rate, noise, rng, f"decay-{i}") for i in range(2)]
-        cause = "" if damping == frequency == 1.0 else "decay of another sensor"
-        model = given.sensor.model
-        return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause)
-
-    return make
+def _with_sines(sensor: str, noise: Noise, damping: float, frequency: float, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    other = twin(given.sensor, damping_ratio=damping, natural_frequency=frequency)
+    made = records("sine", given, noise, rng)
+    made += [_decay(other, given.rate, noise, rng, f"decay-{i}") for i in range(2)]
+    cause = "" if damping == frequency == 1.0 else "decay of another sensor"
+    model = given.sensor.model
+    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause)

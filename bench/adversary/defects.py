@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -38,12 +39,10 @@ class Defect:
     Attributes:
         name: cause and size.
         change: of all records.
-        heeds: a ``polarity`` warning says what is wrong.
     """
 
     name: str
     change: Changes
-    heeds_polarity: bool = False
 
     @property
     def cause(self) -> str:
@@ -66,76 +65,57 @@ def one(change: Change) -> Changes:
     return changed
 
 
-def _on(channel: str, change: Callable[[Real, np.random.Generator], Real]) -> Change:
-    return lambda raw, rng: replace(raw, **{channel: change(getattr(raw, channel), rng)})
+def _on(channel: str, change: Callable[..., Real], *sizes: Any) -> Change:
+    """A change of one channel by a function of its values, random numbers, and the sizes."""
+    return lambda raw, rng: replace(raw, **{channel: change(getattr(raw, channel), rng, *sizes)})
 
 
-def clip(part: float, side: str = "both") -> Callable[[Real, np.random.Generator], Real]:
+def clip(values: Real, rng: np.random.Generator, part: float, side: str = "both") -> Real:
     """Cut at a part of the peak, on both sides or above."""
-
-    def cut(values: Real, rng: np.random.Generator) -> Real:
-        limit = part * float(np.max(np.abs(values)))
-        return np.clip(values, -limit if side == "both" else None, limit)
-
-    return cut
+    limit = part * float(np.max(np.abs(values)))
+    return np.clip(values, -limit if side == "both" else None, limit)
 
 
-def dropout(count: int, length: int, held: bool) -> Callable[[Real, np.random.Generator], Real]:
+def dropout(values: Real, rng: np.random.Generator, count: int, length: int, held: bool) -> Real:
     """Stretches of samples that are zero, or keep the last value before them."""
-
-    def dropped(values: Real, rng: np.random.Generator) -> Real:
-        values = values.copy()
-        for at in rng.integers(1, values.size - length, count):
-            values[at : at + length] = values[at - 1] if held else 0.0
-        return values
-
-    return dropped
+    values = values.copy()
+    for at in rng.integers(1, values.size - length, count):
+        values[at : at + length] = values[at - 1] if held else 0.0
+    return values
 
 
-def step(size: float) -> Callable[[Real, np.random.Generator], Real]:
+def step(values: Real, rng: np.random.Generator, size: float) -> Real:
     """A gain that changes in the middle."""
-
-    def stepped(values: Real, rng: np.random.Generator) -> Real:
-        at = int(values.size * rng.uniform(0.4, 0.6))
-        return np.concatenate([values[:at], (1.0 + size) * values[at:]])
-
-    return stepped
+    at = int(values.size * rng.uniform(0.4, 0.6))
+    return np.concatenate([values[:at], (1.0 + size) * values[at:]])
 
 
-def ramp(size: float) -> Callable[[Real, np.random.Generator], Real]:
+def ramp(values: Real, rng: np.random.Generator, size: float) -> Real:
     """A gain that changes evenly over the record."""
-    return lambda values, rng: values * (1.0 + size * np.linspace(0.0, 1.0, values.size))
+    return values * (1.0 + size * np.linspace(0.0, 1.0, values.size))
 
 
-def drift(size: float) -> Callable[[Real, np.random.Generator], Real]:
+def drift(values: Real, rng: np.random.Generator, size: float) -> Real:
     """A zero that wanders by this much of the rms."""
-    return lambda values, rng: values + size * rms(values) * np.linspace(-1.0, 1.0, values.size) ** 3
+    return values + size * rms(values) * np.linspace(-1.0, 1.0, values.size) ** 3
 
 
-def settling(size: float) -> Callable[[Real, np.random.Generator], Real]:
+def settling(values: Real, rng: np.random.Generator, size: float) -> Real:
     """A zero that settles by this much of the rms, as while an amplifier warms up."""
-    return lambda values, rng: values + size * rms(values) * np.exp(-np.linspace(0.0, 1.0, values.size) / 0.6)
+    return values + size * rms(values) * np.exp(-np.linspace(0.0, 1.0, values.size) / 0.6)
 
 
-def spikes(count: int, size: float) -> Callable[[Real, np.random.Generator], Real]:
+def spikes(values: Real, rng: np.random.Generator, count: int, size: float) -> Real:
     """Single samples off by this many rms."""
-
-    def spiked(values: Real, rng: np.random.Generator) -> Real:
-        values = values.copy()
-        values[rng.integers(0, values.size, count)] += size * rms(values) * rng.choice([-1.0, 1.0], count)
-        return values
-
-    return spiked
+    values = values.copy()
+    values[rng.integers(0, values.size, count)] += size * rms(values) * rng.choice([-1.0, 1.0], count)
+    return values
 
 
-def missing(count: int) -> Callable[[Real, np.random.Generator], Real]:
+def missing(values: Real, rng: np.random.Generator, count: int) -> Real:
     """Samples lost, one here and there; the rest moves up and the end is repeated."""
-
-    def lost(values: Real, rng: np.random.Generator) -> Real:
-        kept = np.delete(values, rng.integers(values.size // 10, values.size - 10, count))
-        return np.concatenate([kept, kept[-(values.size - kept.size) :]])
-
-    return lost
+    kept = np.delete(values, rng.integers(values.size // 10, values.size - 10, count))
+    return np.concatenate([kept, kept[-(values.size - kept.size) :]])
 
 
 def gap(length: int) -> Change:
@@ -181,59 +161,49 @@ def cuts(count: int, length: int) -> Change:
     return cut
 
 
-def compressed(part: float) -> Callable[[Real, np.random.Generator], Real]:
+def compressed(values: Real, rng: np.random.Generator, part: float) -> Real:
     """The response falls short by this part at its peak, as the cube of it."""
-    return lambda values, rng: values * (1.0 - part * (values / np.max(np.abs(values))) ** 2)
+    return values * (1.0 - part * (values / np.max(np.abs(values))) ** 2)
 
 
-def squared(part: float) -> Callable[[Real, np.random.Generator], Real]:
+def squared(values: Real, rng: np.random.Generator, part: float) -> Real:
     """A square of this part of the peak is added."""
-    return lambda values, rng: values + part * values**2 / np.max(np.abs(values))
+    return values + part * values**2 / np.max(np.abs(values))
 
 
-def dead_band(part: float) -> Callable[[Real, np.random.Generator], Real]:
+def dead_band(values: Real, rng: np.random.Generator, part: float) -> Real:
     """What is smaller than this part of the peak is not seen."""
-
-    def banded(values: Real, rng: np.random.Generator) -> Real:
-        edge = part * np.max(np.abs(values))
-        return np.sign(values) * np.maximum(np.abs(values) - edge, 0.0)
-
-    return banded
+    edge = part * np.max(np.abs(values))
+    return np.sign(values) * np.maximum(np.abs(values) - edge, 0.0)
 
 
-def slewed(part: float) -> Callable[[Real, np.random.Generator], Real]:
+def slewed(values: Real, rng: np.random.Generator, part: float) -> Real:
     """The response cannot change faster than this part of its fastest change."""
-
-    def limited(values: Real, rng: np.random.Generator) -> Real:
-        most = part * float(np.max(np.abs(np.diff(values))))
-        out = values.copy()
-        for i in range(1, out.size):
-            out[i] = out[i - 1] + min(max(values[i] - out[i - 1], -most), most)
-        return out
-
-    return limited
+    most = part * float(np.max(np.abs(np.diff(values))))
+    out = values.copy()
+    for i in range(1, out.size):
+        out[i] = out[i - 1] + min(max(values[i] - out[i - 1], -most), most)
+    return out
 
 
-def folded(tone: float, size: float) -> Callable[[Real, np.random.Generator], Real]:
+def folded(values: Real, rng: np.random.Generator, tone: float, size: float) -> Real:
     """A tone from above half the rate, folded into the band."""
-    return lambda values, rng: (
-        values + size * rms(values) * np.cos(TAU * (tone * np.arange(values.size) + rng.random()))
-    )
+    return values + size * rms(values) * np.cos(TAU * (tone * np.arange(values.size) + rng.random()))
 
 
-def respond(change: Callable[[Real, np.random.Generator], Real]) -> Changes:
+def respond(change: Callable[..., Real], *sizes: Any) -> Changes:
     """In the response of every record."""
-    return each(_on("response", change))
+    return each(_on("response", change, *sizes))
 
 
-def refer(change: Callable[[Real, np.random.Generator], Real]) -> Changes:
+def refer(change: Callable[..., Real], *sizes: Any) -> Changes:
     """In the reference of every record."""
-    return each(_on("reference", change))
+    return each(_on("reference", change, *sizes))
 
 
-def respond_once(change: Callable[[Real, np.random.Generator], Real]) -> Changes:
+def respond_once(change: Callable[..., Real], *sizes: Any) -> Changes:
     """In the response of one record."""
-    return one(_on("response", change))
+    return one(_on("response", change, *sizes))
 
 
 def swapped(raw: Raw, rng: np.random.Generator) -> Raw:
@@ -258,14 +228,9 @@ def repeated(times: int) -> Changes:
     ]
 
 
-def scaled(factor: float) -> Callable[[Real, np.random.Generator], Real]:
+def scaled(values: Real, rng: np.random.Generator, factor: float) -> Real:
     """Another gain (−1: polarity)."""
-    return lambda values, rng: factor * values
-
-
-def constant(offset: float) -> Callable[[Real, np.random.Generator], Real]:
-    """A constant of this many rms."""
-    return lambda values, rng: values + offset * rms(values)
+    return factor * values
 
 
 def _sizes(name: str, sizes: tuple[float, ...], make: Callable[[float], Changes]) -> list[Defect]:
@@ -277,44 +242,44 @@ def recordings() -> tuple[Defect, ...]:
     found: list[Defect] = []
     for part in (0.9, 0.7, 0.4):
         found += [
-            Defect(f"clipped response:{part:g}", respond(clip(part))),
-            Defect(f"clipped response above:{part:g}", respond(clip(part, "above"))),
-            Defect(f"clipped reference:{part:g}", refer(clip(part))),
-            Defect(f"clipped reference above:{part:g}", refer(clip(part, "above"))),
+            Defect(f"clipped response:{part:g}", respond(clip, part)),
+            Defect(f"clipped response above:{part:g}", respond(clip, part, "above")),
+            Defect(f"clipped reference:{part:g}", refer(clip, part)),
+            Defect(f"clipped reference above:{part:g}", refer(clip, part, "above")),
         ]
     for count, length in ((10, 5), (1, 20), (3, 100)):
         for held in (True, False):
             kind = "held" if held else "zero"
             found += [
-                Defect(f"dropouts {kind} response:{count}x{length}", respond(dropout(count, length, held))),
-                Defect(f"dropouts {kind} reference:{count}x{length}", refer(dropout(count, length, held))),
+                Defect(f"dropouts {kind} response:{count}x{length}", respond(dropout, count, length, held)),
+                Defect(f"dropouts {kind} reference:{count}x{length}", refer(dropout, count, length, held)),
             ]
-    found += _sizes("gain step", (0.001, 0.01, 0.1, 0.5), lambda s: respond(step(s)))
-    found += _sizes("gain step of the reference", (0.01, 0.1), lambda s: refer(step(s)))
-    found += _sizes("gain ramp", (0.01, 0.1), lambda s: respond(ramp(s)))
-    found += _sizes("gain of one record", (0.003, 0.03, 0.3), lambda s: respond_once(scaled(1.0 + s)))
-    found += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift(s)))
+    found += _sizes("gain step", (0.001, 0.01, 0.1, 0.5), lambda s: respond(step, s))
+    found += _sizes("gain step of the reference", (0.01, 0.1), lambda s: refer(step, s))
+    found += _sizes("gain ramp", (0.01, 0.1), lambda s: respond(ramp, s))
+    found += _sizes("gain of one record", (0.003, 0.03, 0.3), lambda s: respond_once(scaled, 1.0 + s))
+    found += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift, s))
     found += _sizes("offset", (1.0, 100.0), lambda s: each(lambda r, g: r.both(lambda v: v + s * rms(v))))
-    found += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes(3, s)))
-    found += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes(3, s)))
-    found += _sizes("missing samples", (1, 3), lambda s: respond(missing(int(s))))
+    found += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes, 3, s))
+    found += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes, 3, s))
+    found += _sizes("missing samples", (1, 3), lambda s: respond(missing, int(s)))
     found += _sizes("jump of time", (1, 37, 400), lambda s: each(gap(int(s))))
-    found += _sizes("compression", (0.001, 0.01, 0.1, 0.2), lambda s: respond(compressed(s)))
-    found += _sizes("square", (0.01, 0.1), lambda s: respond(squared(s)))
-    found += _sizes("dead band", (0.001, 0.01), lambda s: respond(dead_band(s)))
-    found += _sizes("slew rate", (0.5, 0.8), lambda s: respond(slewed(s)))
-    found += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded(0.19, s)))
+    found += _sizes("compression", (0.001, 0.01, 0.1, 0.2), lambda s: respond(compressed, s))
+    found += _sizes("square", (0.01, 0.1), lambda s: respond(squared, s))
+    found += _sizes("dead band", (0.001, 0.01), lambda s: respond(dead_band, s))
+    found += _sizes("slew rate", (0.5, 0.8), lambda s: respond(slewed, s))
+    found += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded, 0.19, s))
     found += _sizes("copies", (2, 5), lambda s: repeated(int(s)))
     found += _sizes("rate with stated frequency", (0.5, 2.0, 1.024), lambda s: each(rate(s, stated=True)))
     found += [
         Defect("swapped channels", each(swapped)),
         Defect("swapped channels of one record", one(swapped)),
-        Defect("polarity of one record", respond_once(scaled(-1.0))),
-        Defect("polarity of the reference of one record", one(_on("reference", scaled(-1.0)))),
+        Defect("polarity of one record", respond_once(scaled, -1.0)),
+        Defect("polarity of the reference of one record", one(_on("reference", scaled, -1.0))),
         Defect("dead response", respond_once(lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
         Defect("dead reference", one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size)))),
         Defect("constant response", respond_once(lambda v, g: np.full(v.size, v[0]))),
-        *_sizes("settling zero", (0.02,), lambda s: respond(settling(s))),
+        *_sizes("settling zero", (0.02,), lambda s: respond(settling, s)),
     ]
     return tuple(found)
 

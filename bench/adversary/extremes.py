@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -28,94 +29,78 @@ def cases() -> Cases:
     """Names and makers."""
     for scale, motion in itertools.product(SCALES, ("sine", "random", "shock")):
         for side in ("response", "reference"):
-            yield f"scale {side} {scale:g}/{motion}", _scaled(scale, side, "in-light", motion)
-        yield f"scale both {scale:g}/pickup/{motion}", _scaled(scale, "both", "pickup-in-damped", motion)
+            yield f"scale {side} {scale:g}/{motion}", partial(_scaled, scale, side, "in-light", motion)
+        yield f"scale both {scale:g}/pickup/{motion}", partial(_scaled, scale, "both", "pickup-in-damped", motion)
     for motion, shapes in SHAPES.items():
         for shape, sensor in itertools.product(shapes, ("in-light", "in-damped", "above-light")):
-            yield f"{shape[0]} records of {shape[1]}/{motion}/{sensor}", _shaped(shape, sensor, motion)
+            yield f"{shape[0]} records of {shape[1]}/{motion}/{sensor}", partial(_shaped, shape, sensor, motion)
     for periods, sensor in itertools.product((0.8, 1.2, 1.9, 2.5), ("in-light", "below-damped", "above-light")):
-        yield f"{periods:g} periods/{sensor}", _few_periods(periods, sensor)
+        yield f"{periods:g} periods/{sensor}", partial(_few_periods, periods, sensor)
     for kind, motion, sensor in itertools.product(EFFECTS, ("sine", "random"), ("in-light", "above-light")):
-        yield f"declared {kind}/{motion}/{sensor}", _declared(kind, motion, sensor)
+        yield f"declared {kind}/{motion}/{sensor}", partial(_declared, kind, motion, sensor)
 
 
-def _scaled(scale: float, side: str, sensor: str, motion: str):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        sign = np.sign(given.sensor.gain)
-        name = next(iter(given.sensor.parameters))
-        given = replace(given, sensor=twin(given.sensor, **{name: abs(1.0 / given.sensor.gain)}))
-        factor = scale if side in ("response", "both") else 1.0 / scale
-        made = []
-        for raw in records(motion, given, QUIET, rng):
-            response = raw.response * (scale if side != "reference" else 1.0)
-            made.append(
-                replace(raw, response=response, reference=raw.reference * (1.0 if side == "response" else scale))
-            )
-        if side == "both":
-            factor = 1.0
-        true = twin(given.sensor, **{name: factor})
-        assert np.sign(true.gain) == sign
-        model = true.model
-        strange = not 1e-29 < scale < 1e29  # refused, as documented
-        return Trial(calibration(made, model, given.quantity), model, truth(true), strange=strange)
-
-    return make
+def _scaled(scale: float, side: str, sensor: str, motion: str, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    sign = np.sign(given.sensor.gain)
+    name = next(iter(given.sensor.parameters))
+    given = replace(given, sensor=twin(given.sensor, **{name: abs(1.0 / given.sensor.gain)}))
+    factor = scale if side in ("response", "both") else 1.0 / scale
+    made = []
+    for raw in records(motion, given, QUIET, rng):
+        response = raw.response * (scale if side != "reference" else 1.0)
+        made.append(replace(raw, response=response, reference=raw.reference * (1.0 if side == "response" else scale)))
+    if side == "both":
+        factor = 1.0
+    true = twin(given.sensor, **{name: factor})
+    assert np.sign(true.gain) == sign
+    model = true.model
+    strange = not 1e-29 < scale < 1e29  # refused, as documented
+    return Trial(calibration(made, model, given.quantity), model, truth(true), strange=strange)
 
 
-def _shaped(shape: tuple[int, int], sensor: str, motion: str):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        made = records(motion, given, QUIET, rng, shape=shape)
-        model = given.sensor.model
-        small = shape[0] * shape[1] <= 400 or (shape[0] == 1 and motion == "sine")
-        few = frozenset({"short_record", "weakly_determined", "at_bound", "lack_of_fit"} if small else ())
-        return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), allowed=few, strange=small)
-
-    return make
+def _shaped(shape: tuple[int, int], sensor: str, motion: str, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    made = records(motion, given, QUIET, rng, shape=shape)
+    model = given.sensor.model
+    small = shape[0] * shape[1] <= 400 or (shape[0] == 1 and motion == "sine")
+    few = frozenset({"short_record", "weakly_determined", "at_bound", "lack_of_fit"} if small else ())
+    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), allowed=few, strange=small)
 
 
-def _few_periods(periods: float, sensor: str):
+def _few_periods(periods: float, sensor: str, rng: np.random.Generator) -> Trial:
     """Sines of so many periods a record."""
-
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        made = []
-        for i, raw in enumerate(records("sine", given, QUIET, rng, stated=True)):
-            assert raw.frequency_hz
-            length = max(16, int(periods * given.rate / raw.frequency_hz))
-            made.append(replace(raw.both(lambda v, n=length: v[:n]), name=f"sine-{i}"))
-        model = given.sensor.model
-        allowed = frozenset({"short_record"} if periods < 2.0 else ())
-        return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), allowed=allowed)
-
-    return make
+    given = setting(sensor, rng)
+    made = []
+    for i, raw in enumerate(records("sine", given, QUIET, rng, stated=True)):
+        assert raw.frequency_hz
+        length = max(16, int(periods * given.rate / raw.frequency_hz))
+        made.append(replace(raw.both(lambda v, n=length: v[:n]), name=f"sine-{i}"))
+    model = given.sensor.model
+    allowed = frozenset({"short_record"} if periods < 2.0 else ())
+    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), allowed=allowed)
 
 
 EFFECTS = ("gain", "timing", "phase", "clock")
 
 
-def _declared(kind: str, motion: str, sensor: str):
+def _declared(kind: str, motion: str, sensor: str, rng: np.random.Generator) -> Trial:
     """A systematic error drawn from the uncertainty that is declared for it: the statement must cover it."""
-
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        u = {"gain": 0.003, "timing": 0.05 / given.rate, "phase": 0.003, "clock": 1e-4}[kind]
-        error = u * float(np.clip(rng.normal(), -2.0, 2.0))
-        own = given.sensor
-        seen = {
-            "gain": twin(own, sensitivity=1.0 + error),
-            "timing": replace(own, parameters={**own.parameters, "delay": error}),
-            "phase": Turned(own.model, own.parameters, error),
-            "clock": own,
-        }[kind]
-        made = records(motion, replace(given, sensor=seen), QUIET, rng)
-        if kind == "clock":
-            made = [replace(raw, rate=raw.rate * (1.0 + error)) for raw in made]
-        effect = SystematicEffect("declared", kind, u)  # type: ignore[arg-type]
-        return Trial(calibration(made, own.model, given.quantity, effects=(effect,)), own.model, truth(own))
-
-    return make
+    given = setting(sensor, rng)
+    u = {"gain": 0.003, "timing": 0.05 / given.rate, "phase": 0.003, "clock": 1e-4}[kind]
+    error = u * float(np.clip(rng.normal(), -2.0, 2.0))
+    own = given.sensor
+    seen = {
+        "gain": twin(own, sensitivity=1.0 + error),
+        "timing": replace(own, parameters={**own.parameters, "delay": error}),
+        "phase": Turned(own.model, own.parameters, error),
+        "clock": own,
+    }[kind]
+    made = records(motion, replace(given, sensor=seen), QUIET, rng)
+    if kind == "clock":
+        made = [replace(raw, rate=raw.rate * (1.0 + error)) for raw in made]
+    effect = SystematicEffect("declared", kind, u)  # type: ignore[arg-type]
+    return Trial(calibration(made, own.model, given.quantity, effects=(effect,)), own.model, truth(own))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import tempfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,29 +42,26 @@ QUIET = Noise("0.1 %", 1e-3)
 def cases() -> Cases:
     """Names and makers."""
     for header, motion in itertools.product(HEADERS, ("sine", "random", "sweep")):
-        yield f"{header.replace('/', ' per ')}/{motion}", _maker("", motion, header)
+        yield f"{header.replace('/', ' per ')}/{motion}", partial(_maker, "", motion, header, "in-light")
     for wrong, motion, sensor in itertools.product(WRONG, ("sine", "random"), ("in-light", "in-damped")):
         if motion == "sine" or "frequencies" not in wrong:
-            yield f"{wrong}/{motion}/{sensor}", _maker(wrong, motion, "time_s", sensor)
+            yield f"{wrong}/{motion}/{sensor}", partial(_maker, wrong, motion, "time_s", sensor)
 
 
-def _maker(wrong: str, motion: str, header: str, sensor: str = "in-light"):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        made = records(motion, given, QUIET, rng, stated="frequencies" in wrong)
-        files, sampling = _written(made, wrong, header)
-        text = _calibration_file(given.sensor.model, given.quantity, sampling, made, tuple(files))
-        model, cause = given.sensor.model, wrong and f"file: {wrong}"
+def _maker(wrong: str, motion: str, header: str, sensor: str, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    made = records(motion, given, QUIET, rng, stated="frequencies" in wrong)
+    files, sampling = _written(made, wrong, header)
+    text = _calibration_file(given.sensor.model, given.quantity, sampling, made, tuple(files))
+    model, cause = given.sensor.model, wrong and f"file: {wrong}"
 
-        def reading() -> Calibration:
-            with tempfile.TemporaryDirectory() as folder:
-                for name, content in {**files, "calibration.toml": text}.items():
-                    Path(folder, name).write_text(content, encoding="utf-8")
-                return read(Path(folder, "calibration.toml"))
+    def reading() -> Calibration:
+        with tempfile.TemporaryDirectory() as folder:
+            for name, content in {**files, "calibration.toml": text}.items():
+                Path(folder, name).write_text(content, encoding="utf-8")
+            return read(Path(folder, "calibration.toml"))
 
-        return Trial(reading, model, truth(given.sensor), cause=cause)
-
-    return make
+    return Trial(reading, model, truth(given.sensor), cause=cause)
 
 
 def _written(made: list[Raw], wrong: str, header: str) -> tuple[dict[str, str], str]:

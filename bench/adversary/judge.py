@@ -64,7 +64,7 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
     """The class of a trial that gave a result."""
     z = distances(result, trial.truth)
     wrong = [name for name, value in z.items() if value > LIMIT]
-    unheeded = [name for name in wrong if not heeded(name, result, polarity=trial.polarity_heeds)]
+    unheeded = [name for name in wrong if not heeded(name, result)]
     alarms = [] if trial.cause else false_alarms(trial, result)
     kind = SILENT if unheeded else ALARM if alarms else WARNED if result.warnings and wrong else RIGHT
     fit = result.fit
@@ -112,14 +112,13 @@ def as_normal(ratio: float, freedom: float) -> float:
     return float(norm.isf(tail)) if tail > 1e-300 else ratio
 
 
-def heeded(name: str, result: Result, *, polarity: bool) -> bool:
-    """Whether a warning would keep a person from relying on this parameter."""
+def heeded(name: str, result: Result) -> bool:
+    """Whether a warning, but for one of the polarity, would keep a person from relying on this parameter."""
     own = (name, *MADE_OF.get(name, ()))
     for warning in result.warnings:
         if warning.code == "polarity":
-            if polarity:
-                return True
-        elif warning.code in OF_PARAMETERS:
+            continue
+        if warning.code in OF_PARAMETERS:
             text = named(warning.message)
             if any(part in text for part in own):
                 return True

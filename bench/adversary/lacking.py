@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import numpy as np
 
@@ -33,25 +34,22 @@ def cases() -> Cases:
     for lacked, sensors in LACKS.items():
         for sensor, motion in itertools.product(sensors, MOTIONS):
             noise = next(turn)
-            yield f"{lacked}/{sensor}/{motion}/{noise.name}", _lacking(lacked, sensor, motion, noise)
+            yield f"{lacked}/{sensor}/{motion}/{noise.name}", partial(_lacking, lacked, sensor, motion, noise)
     for bend, rest, motion in itertools.product(BENDS, RESTS, ("sine", "multisine", "random", "sweep")):
         for asked in ("accelerometer", "accelerometer+cubic"):
             if asked == "accelerometer" and rest != "at zero":
                 continue  # a linear sensor of another natural frequency stands there
             noise = next(turn)
             name = f"spring {bend:g} rest {rest}/{motion}/{noise.name}/{asked}"
-            yield name, _bending(bend, rest, motion, noise, asked)
+            yield name, partial(_bending, bend, rest, motion, noise, asked)
 
 
-def _lacking(lacked: str, sensor: str, motion: str, noise: Noise):
-    def make(rng: np.random.Generator) -> Trial:
-        given = setting(sensor, rng)
-        made = records(motion, given, noise, rng)
-        model = "+".join(part for part in given.sensor.parts if part != lacked)
-        true = seen_without_mode2(given) if lacked == "mode2" else truth(given.sensor)
-        return Trial(calibration(made, model, given.quantity), model, true, cause=f"model lacks {lacked}")
-
-    return make
+def _lacking(lacked: str, sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
+    given = setting(sensor, rng)
+    made = records(motion, given, noise, rng)
+    model = "+".join(part for part in given.sensor.parts if part != lacked)
+    true = seen_without_mode2(given) if lacked == "mode2" else truth(given.sensor)
+    return Trial(calibration(made, model, given.quantity), model, true, cause=f"model lacks {lacked}")
 
 
 def seen_without_mode2(given: Setting) -> dict[str, float]:
@@ -61,34 +59,30 @@ def seen_without_mode2(given: Setting) -> dict[str, float]:
     return {name: value for name, value in found.items() if name != "conversion_coefficient"}
 
 
-def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str):
+def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str, rng: np.random.Generator) -> Trial:
     """Springs that harden or soften, with the reference's own zero and the rest point of the spring."""
-
-    def make(rng: np.random.Generator) -> Trial:
-        rate, samples = 2000.0, SHAPES[motion][1]
-        low, top = 0.005 * rate, 0.1 * rate
-        fn = top * rng.uniform(0.3, 0.8)
-        parameters = {"sensitivity": 1.0, "natural_frequency": fn, "damping_ratio": rng.uniform(0.25, 0.6)}
-        made = []
-        for i, (move, spacing) in enumerate(_periodic(motion, (low, top), samples, rate, rng)):
-            sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 0.0})
-            t = np.arange(samples) / rate
-            level = float(np.max(np.abs(move.response(sensor, t))))
-            size = (i % 3 + 1) / 3.0
-            move = move.scaled(size / level)  # the largest |V| is about one third, two thirds, one
-            sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend})
-            spring, shown = RESTS[rest]
-            answer = bent(move, sensor, spacing, offset=spring)[0]  # the recorder couples the response by AC
-            channels = move.acceleration(t) + shown, answer.acceleration(t)
-            reference, response = recorded(*channels, rate, noise, rng)
-            made.append(Raw(f"{motion}-{i}", reference, response, rate, motion))
-        true = truth(Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend}))
-        cause = "" if asked.endswith("cubic") else "model lacks cubic"
-        if asked.endswith("cubic") and any(RESTS[rest]):
-            cause = "rest point of a cubic spring"
-        return Trial(calibration(made, asked, "acceleration"), asked, true, cause=cause)
-
-    return make
+    rate, samples = 2000.0, SHAPES[motion][1]
+    low, top = 0.005 * rate, 0.1 * rate
+    fn = top * rng.uniform(0.3, 0.8)
+    parameters = {"sensitivity": 1.0, "natural_frequency": fn, "damping_ratio": rng.uniform(0.25, 0.6)}
+    made = []
+    for i, (move, spacing) in enumerate(_periodic(motion, (low, top), samples, rate, rng)):
+        sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 0.0})
+        t = np.arange(samples) / rate
+        level = float(np.max(np.abs(move.response(sensor, t))))
+        size = (i % 3 + 1) / 3.0
+        move = move.scaled(size / level)  # the largest |V| is about one third, two thirds, one
+        sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend})
+        spring, shown = RESTS[rest]
+        answer = bent(move, sensor, spacing, offset=spring)[0]  # the recorder couples the response by AC
+        channels = move.acceleration(t) + shown, answer.acceleration(t)
+        reference, response = recorded(*channels, rate, noise, rng)
+        made.append(Raw(f"{motion}-{i}", reference, response, rate, motion))
+    true = truth(Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend}))
+    cause = "" if asked.endswith("cubic") else "model lacks cubic"
+    if asked.endswith("cubic") and any(RESTS[rest]):
+        cause = "rest point of a cubic spring"
+    return Trial(calibration(made, asked, "acceleration"), asked, true, cause=cause)
 
 
 def _periodic(motion: str, band: tuple[float, float], samples: int, rate: float, rng: np.random.Generator):

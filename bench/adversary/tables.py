@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -43,41 +44,38 @@ def cases() -> Cases:
         if (points > 10 and not stated and not phase) or (points == 100 and not stated):
             continue
         name = f"{sensor}/{points} points, {'u' if stated else 'no u'}, {'phase' if phase else 'no phase'}"
-        yield name, _maker(sensor, points, stated, phase, "")
+        yield name, partial(_maker, sensor, points, stated, phase, "")
     for sensor, wrong, stated in itertools.product(
         ("in-light", "above-light", "far-light", "in-damped"), WRONG, (True, False)
     ):
         name = f"{wrong}/{sensor}/30 points, {'u' if stated else 'no u'}"
-        yield name, _maker(sensor, 30, stated, True, wrong)
+        yield name, partial(_maker, sensor, 30, stated, True, wrong)
 
 
-def _maker(sensor: str, count: int, stated: bool, phase: bool, wrong: str):
-    def make(rng: np.random.Generator) -> Trial:
-        given, points = setting(sensor, rng), count
-        f = np.geomspace(*given.band_hz, points)
-        if "rad/s" in wrong:  # of these it can be seen: the laboratory's frequencies are thirds of an octave
-            f = np.unique(10.0 ** (np.rint(10.0 * np.log10(f)) / 10.0))
-            points = f.size
-        response = given.sensor.transfer(f)
-        u = 10.0 ** rng.uniform(-4.0, -2.0)
-        magnitude = np.abs(response) * (1.0 + u * rng.normal(size=points))
-        angle = np.unwrap(np.angle(response)) + u * rng.normal(size=points)
-        model = given.sensor.model
-        f, m, p = WRONG[wrong](f, magnitude, angle) if wrong else (f, magnitude, angle)
-        table = {"magnitude_uncertainty": u * np.abs(m), "phase_uncertainty_rad": np.full(points, u) if phase else None}
+def _maker(sensor: str, count: int, stated: bool, phase: bool, wrong: str, rng: np.random.Generator) -> Trial:
+    given, points = setting(sensor, rng), count
+    f = np.geomspace(*given.band_hz, points)
+    if "rad/s" in wrong:  # of these it can be seen: the laboratory's frequencies are thirds of an octave
+        f = np.unique(10.0 ** (np.rint(10.0 * np.log10(f)) / 10.0))
+        points = f.size
+    response = given.sensor.transfer(f)
+    u = 10.0 ** rng.uniform(-4.0, -2.0)
+    magnitude = np.abs(response) * (1.0 + u * rng.normal(size=points))
+    angle = np.unwrap(np.angle(response)) + u * rng.normal(size=points)
+    model = given.sensor.model
+    f, m, p = WRONG[wrong](f, magnitude, angle) if wrong else (f, magnitude, angle)
+    table = {"magnitude_uncertainty": u * np.abs(m), "phase_uncertainty_rad": np.full(points, u) if phase else None}
 
-        def made() -> Calibration:
-            columns = {"frequency_hz": f, "magnitude": m, "phase_rad": p if phase else None}
-            return Calibration(table=ResponseTable(**columns, **(table if stated else {})), model=model)
+    def made() -> Calibration:
+        columns = {"frequency_hz": f, "magnitude": m, "phase_rad": p if phase else None}
+        return Calibration(table=ResponseTable(**columns, **(table if stated else {})), model=model)
 
-        cause = wrong and f"table: {wrong}"
-        few = points * (2 if phase else 1) <= len(given.sensor.parameters)
-        allowed = {"lack_of_fit", "weakly_determined", "at_bound"} if few else set()
-        trial = Trial(made, model, truth(given.sensor), cause=cause, allowed=frozenset(allowed), strange=few)
-        ambiguous = not phase and not wrong  # a table without phase cannot give the sign
-        return replace(trial, truth=_unsigned(trial.truth)) if ambiguous else trial
-
-    return make
+    cause = wrong and f"table: {wrong}"
+    few = points * (2 if phase else 1) <= len(given.sensor.parameters)
+    allowed = {"lack_of_fit", "weakly_determined", "at_bound"} if few else set()
+    trial = Trial(made, model, truth(given.sensor), cause=cause, allowed=frozenset(allowed), strange=few)
+    ambiguous = not phase and not wrong  # a table without phase cannot give the sign
+    return replace(trial, truth=_unsigned(trial.truth)) if ambiguous else trial
 
 
 def _unsigned(values):

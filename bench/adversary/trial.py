@@ -25,7 +25,6 @@ class Trial:
         truth: name of a parameter to its value; only these are judged.
         cause: what is wrong, for the summary; "" where nothing is.
         allowed: warnings that are true of these data though nothing is wrong with them.
-        polarity_heeds: the defect is one that ``polarity`` names.
         strange: not a defect, but what a refusal is a right answer to.
     """
 
@@ -34,7 +33,6 @@ class Trial:
     truth: Mapping[str, float]
     cause: str = ""
     allowed: frozenset[str] = frozenset()
-    polarity_heeds: bool = False
     strange: bool = False
 
 
