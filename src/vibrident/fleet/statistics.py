@@ -56,7 +56,7 @@ class Distribution:
         parameter: its name.
         unit: of all that follows.
         count: values.
-        median, mean, sd, least, greatest: of the values.
+        median, sd, least, greatest: of the values.
         median_u: of the standard uncertainties; None if no uncertainty is stated.
         histogram: of the values.
         limit: for these values; None if there is no limit, or it is in another unit.
@@ -69,7 +69,6 @@ class Distribution:
     unit: str
     count: int
     median: float
-    mean: float
     sd: float
     least: float
     greatest: float
@@ -262,7 +261,6 @@ def _distribution(sample: _Sample) -> Distribution:
         unit=sample.unit,
         count=values.size,
         median=float(np.median(values)),
-        mean=mean,
         sd=sd,
         least=float(values.min()),
         greatest=float(values.max()),

@@ -103,15 +103,15 @@ def _ewma_deviation(count: int) -> float:
 
 
 @lru_cache
-def ewma_factor(false_alarm: float = FALSE_ALARM, life: int = LIFE) -> float:
-    """Limit of the EWMA in its own standard deviations, for a false-alarm probability over a life."""
-    return _root(lambda factor: 1 - _ewma_survival(factor, life) - false_alarm, 0.5, 9.0)
+def ewma_factor() -> float:
+    """Limit of the EWMA in its own standard deviations."""
+    return _root(lambda factor: 1 - _ewma_survival(factor) - FALSE_ALARM, 0.5, 9.0)
 
 
 @lru_cache
-def cusum_limit(false_alarm: float = FALSE_ALARM, life: int = LIFE) -> float:
-    """Limit of the CUSUM, for a false-alarm probability over a life, half of it on each side."""
-    return _root(lambda limit: 1 - _cusum_survival(limit, life) - false_alarm / 2, 0.1, 30.0)
+def cusum_limit() -> float:
+    """Limit of the CUSUM; half of the false alarms are on each side."""
+    return _root(lambda limit: 1 - _cusum_survival(limit) - FALSE_ALARM / 2, 0.1, 30.0)
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -127,11 +127,11 @@ def _density(difference: FloatArray) -> FloatArray:
     return np.exp(-0.5 * difference**2) / np.sqrt(2 * np.pi)
 
 
-def _ewma_survival(factor: float, life: int) -> float:
+def _ewma_survival(factor: float) -> float:
     """Probability that the EWMA of a stable sensor stays within its limits."""
     at, density = np.array([0.0]), np.array([1.0])
     weight = np.array([1.0])
-    for count in range(1, life + 1):
+    for count in range(1, LIFE + 1):
         limit = factor * _ewma_deviation(count)
         now, now_weight = _rule(-limit, limit)
         step = (now[:, None] - (1 - EWMA_WEIGHT) * at) / EWMA_WEIGHT
@@ -140,27 +140,31 @@ def _ewma_survival(factor: float, life: int) -> float:
     return float(weight @ density)
 
 
-def _cusum_survival(limit: float, life: int) -> float:
-    """Probability that one side of the CUSUM of a stable sensor, started at zero, stays below its limit."""
+def _cusum_transition(limit: float) -> FloatArray:
+    """Probability of a step of one side of the CUSUM, from and to each node and zero, the last."""
     at, weight = _rule(0.0, limit)
     points = np.append(at, 0.0)
-    transition = _density(at + CUSUM_ALLOWANCE - points[:, None]) * weight
-    to_zero = ndtr(CUSUM_ALLOWANCE - points)
+    return np.column_stack([_density(at + CUSUM_ALLOWANCE - points[:, None]) * weight, ndtr(CUSUM_ALLOWANCE - points)])
+
+
+def _cusum_survival(limit: float) -> float:
+    """Probability that one side of the CUSUM of a stable sensor, started at zero, stays below its limit."""
+    transition = _cusum_transition(limit)
     survival = np.ones(_NODES + 1)
-    for _ in range(life):
-        survival = transition @ survival[:-1] + to_zero * survival[-1]
+    for _ in range(LIFE):
+        survival = transition[:, :-1] @ survival[:-1] + transition[:, -1] * survival[-1]
     return float(survival[-1])
+
+
+def _steps_to_alarm(transition: FloatArray) -> float:
+    """Average number of steps from zero, the last node, until the statistic leaves all nodes."""
+    return float(np.linalg.solve(np.eye(_NODES + 1) - transition, np.ones(_NODES + 1))[-1])
 
 
 @lru_cache
 def cusum_run_length(limit: float) -> float:
     """Average run length of one side of the CUSUM of a stable sensor; of both together half of it."""
-    at, weight = _rule(0.0, limit)
-    points = np.append(at, 0.0)
-    transition = np.column_stack(
-        [_density(at + CUSUM_ALLOWANCE - points[:, None]) * weight, ndtr(CUSUM_ALLOWANCE - points)]
-    )
-    return float(np.linalg.solve(np.eye(_NODES + 1) - transition, np.ones(_NODES + 1))[-1])
+    return _steps_to_alarm(_cusum_transition(limit))
 
 
 @lru_cache
@@ -170,5 +174,4 @@ def ewma_run_length(factor: float) -> float:
     at, weight = _rule(-limit, limit)
     points = np.append(at, 0.0)
     step = (at - (1 - EWMA_WEIGHT) * points[:, None]) / EWMA_WEIGHT
-    transition = np.column_stack([_density(step) / EWMA_WEIGHT * weight, np.zeros(_NODES + 1)])
-    return float(np.linalg.solve(np.eye(_NODES + 1) - transition, np.ones(_NODES + 1))[-1])
+    return _steps_to_alarm(np.column_stack([_density(step) / EWMA_WEIGHT * weight, np.zeros(_NODES + 1)]))

@@ -5,6 +5,8 @@ Rows are added, never changed or removed: triggers of the database enforce that.
 
 from __future__ import annotations
 
+from typing import Any
+
 import sqlalchemy as sa
 
 #: The newest migration; a store at another one is refused.
@@ -15,14 +17,18 @@ REFERENCE_SENSITIVITY = "reference_sensitivity"
 
 metadata = sa.MetaData()
 
+
+def _filled(kind: Any, *names: str) -> list[sa.Column[Any]]:
+    """Columns in which every row has a value."""
+    return [sa.Column(name, kind, nullable=False) for name in names]
+
+
 sensor = sa.Table(
     "sensor",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("manufacturer", sa.String(200), nullable=False),
-    sa.Column("type", sa.String(200), nullable=False),
-    sa.Column("serial_number", sa.String(200), nullable=False),
-    sa.Column("axis", sa.String(50), nullable=False),
+    *_filled(sa.String(200), "manufacturer", "type", "serial_number"),
+    *_filled(sa.String(50), "axis"),
     sa.UniqueConstraint("serial_number", "manufacturer", "type", "axis", name="sensor_identity"),
 )
 
@@ -32,15 +38,13 @@ calibration = sa.Table(
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False),
     sa.Column("sha256", sa.String(64), nullable=False, unique=True),
-    sa.Column("date", sa.Date, nullable=False),
-    sa.Column("date_stated", sa.Boolean, nullable=False),
-    sa.Column("model", sa.String(200), nullable=False),
-    sa.Column("estimator", sa.String(50), nullable=False),
-    sa.Column("adequate", sa.Boolean, nullable=False),
+    *_filled(sa.Date, "date"),
+    *_filled(sa.Boolean, "date_stated"),
+    *_filled(sa.String(200), "model"),
+    *_filled(sa.String(50), "estimator"),
+    *_filled(sa.Boolean, "adequate"),
     sa.Column("chi2_reduced", sa.Float),
-    sa.Column("warnings", sa.Text, nullable=False),
-    sa.Column("laboratory", sa.Text, nullable=False),
-    sa.Column("certificate_number", sa.Text, nullable=False),
+    *_filled(sa.Text, "warnings", "laboratory", "certificate_number"),
     sa.Column("data_files", sa.Text, nullable=False, server_default="[]"),
     sa.Column("document", sa.LargeBinary, nullable=False),
     sa.Index("calibration_by_sensor", "sensor_id", "date"),
@@ -54,8 +58,7 @@ parameter = sa.Table(
     sa.Column("value", sa.Float),
     sa.Column("unit", sa.String(60), nullable=False),
     sa.Column("standard_uncertainty", sa.Float),
-    sa.Column("identifiable", sa.Boolean, nullable=False),
-    sa.Column("derived", sa.Boolean, nullable=False),
+    *_filled(sa.Boolean, "identifiable", "derived"),
     sa.Column("frequency_hz", sa.Float),
     sa.Column("shared", sa.Text, nullable=False, server_default="{}"),
     sa.Index("parameter_by_name", "name", "calibration_id"),
@@ -66,11 +69,8 @@ point = sa.Table(
     metadata,
     sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
     sa.Column("nominal_hz", sa.Float, primary_key=True),
-    sa.Column("frequency_hz", sa.Float, nullable=False),
-    sa.Column("magnitude", sa.Float, nullable=False),
-    sa.Column("magnitude_uncertainty", sa.Float),
-    sa.Column("phase_deg", sa.Float),
-    sa.Column("phase_deg_uncertainty", sa.Float),
+    *_filled(sa.Float, "frequency_hz", "magnitude"),
+    *(sa.Column(name, sa.Float) for name in ("magnitude_uncertainty", "phase_deg", "phase_deg_uncertainty")),
 )
 
 event = sa.Table(
@@ -82,8 +82,7 @@ event = sa.Table(
     sa.Column("kind", sa.String(20), nullable=False),
     sa.Column("date", sa.Date, nullable=False),
     sa.Column("recorded", sa.String(32), nullable=False),
-    sa.Column("by", sa.Text, nullable=False),
-    sa.Column("note", sa.Text, nullable=False),
+    *_filled(sa.Text, "by", "note"),
     sa.Index("event_by_sensor", "sensor_id", "kind"),
     sa.Index("event_by_calibration", "calibration_id"),
 )

@@ -21,7 +21,6 @@ from vibrident.records import STANDARD_GRAVITY, BoolArray, Calibration, FloatArr
 from vibrident.simulation import (
     SENSORS,
     Motion,
-    Sensor,
     Sine,
     Superposition,
     exact_reference,
@@ -123,9 +122,7 @@ def section_4(
     return replace(prepared(calibration, seed=seed), motions=motions)
 
 
-def sines(
-    *, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0, sensor: Sensor = SENSOR
-) -> tuple[Calibration, tuple[Motion, ...]]:
+def sines(*, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0) -> tuple[Calibration, tuple[Motion, ...]]:
     """The paper's sines to 1000 Hz with noise motion, the response by RK4; and the motions."""
     frequencies = one_third_octave(low_hz, 1000.0)
     rates = rate_hz * np.minimum(1.0, frequencies / SLOWER_BELOW_HZ)
@@ -134,8 +131,8 @@ def sines(
         _motion(float(frequency), float(rate), samples, np.random.default_rng(stream))
         for frequency, rate, stream in zip(frequencies, rates, streams, strict=True)
     )
-    responses = _runge_kutta(sensor, motions, rates, samples)
-    made = f"simulated: {sensor.title}; rk4 response, start rest, seed {seed}"
+    responses = _runge_kutta(motions, rates, samples)
+    made = f"simulated: {SENSOR.title}; rk4 response, start rest, seed {seed}"
     records = [
         Record(
             f"{nominal_frequency_name(float(frequency))} Hz",
@@ -150,9 +147,9 @@ def sines(
     ]
     whole = Calibration(
         tuple(records),
-        model=sensor.model,
-        response_unit=sensor.response_unit,
-        sensor={"manufacturer": "simulated", "type": sensor.title},
+        model=SENSOR.model,
+        response_unit=SENSOR.response_unit,
+        sensor={"manufacturer": "simulated", "type": SENSOR.title},
     )
     return whole, motions
 
@@ -163,16 +160,16 @@ def _motion(frequency_hz: float, rate_hz: float, samples: int, rng: np.random.Ge
     return Superposition((Sine(frequency_hz, STANDARD_GRAVITY, -0.5 * np.pi), noise))
 
 
-def _runge_kutta(sensor: Sensor, motions: tuple[Motion, ...], rates: FloatArray, samples: int) -> list[FloatArray]:
+def _runge_kutta(motions: tuple[Motion, ...], rates: FloatArray, samples: int) -> list[FloatArray]:
     """One step a sample, as in the paper; more if a record's sampling rate is too low for RK4."""
-    fastest = 2.0 * np.pi * sensor.parameters["natural_frequency"]
+    fastest = 2.0 * np.pi * SENSOR.parameters["natural_frequency"]
     steps = np.maximum(1, np.ceil(fastest / LARGEST_STEP / rates)).astype(int)
     responses: list[FloatArray] = [np.empty(0)] * len(motions)
     for group in (np.flatnonzero(steps == 1), np.flatnonzero(steps > 1)):
         if group.size:
             rows = rk4_response(
-                parse(sensor.model),
-                sensor.parameters,
+                parse(SENSOR.model),
+                SENSOR.parameters,
                 [motions[i] for i in group],
                 sampling_rates_hz=rates[group].tolist(),
                 samples=samples,

@@ -150,7 +150,6 @@ class NoisePoint:
         rms_error: root mean square of the relative error by parameter.
         mean_percent: mean over band and draws of the curve's absolute deviation.
         largest_percent: mean over the draws of its largest absolute deviation.
-        peak_percent: root mean square over the draws of the deviation at the resonance.
     """
 
     method: str
@@ -158,7 +157,6 @@ class NoisePoint:
     rms_error: Mapping[str, float]
     mean_percent: float
     largest_percent: float
-    peak_percent: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +204,6 @@ def error_by_noise(
                     rms,
                     float(np.mean([curve.mean for curve in curves])),
                     float(np.mean([curve.largest for curve in curves])),
-                    float(np.sqrt(np.mean([(curve.at_peak or 0.0) ** 2 for curve in curves]))),
                 )
             )
             progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from vibrident.present.numbers import COVERAGE_FACTOR, plain
 from vibrident.result import Result
+from vibrident.tails import f_tail
 
 _KEY = "effective_degrees_of_freedom"
 #: Effective degrees of freedom from which k = 2 covers 95 %.
 _NEARLY_NORMAL = 60.0
-#: Of Simpson's rule; an even number.
-_INTERVALS = 400
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ def coverage(result: Result) -> Coverage:
     freedom = result.settings[_KEY]
     if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
         return Coverage(k, math.inf, math.erf(k / math.sqrt(2.0)))
-    return Coverage(k, float(freedom), _student(k, freedom))
+    return Coverage(k, float(freedom), 1.0 - f_tail(1.0, float(freedom), k**2))
 
 
 def parameter_factor(result: Result) -> float:
@@ -69,13 +66,3 @@ def interval_text(result: Result) -> str:
         return ""
     freedom = plain(coverage(result).degrees_of_freedom, 3)
     return f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
-
-
-def _student(k: float, freedom: float) -> float:
-    """P(|t| ≤ k) of Student's t, the density integrated by Simpson's rule: loading SciPy takes longer than a report."""
-    t = np.linspace(0.0, k, _INTERVALS + 1)
-    weights = np.ones_like(t)
-    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
-    size = math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2) - math.log(math.pi * freedom) / 2
-    density = np.exp(size - (freedom + 1) / 2 * np.log1p(t**2 / freedom))
-    return float(2.0 * k / (3.0 * _INTERVALS) * weights @ density)

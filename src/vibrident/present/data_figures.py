@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 MOST = 6
 #: Most records in a picture of raw light.
 MOST_LIGHT = 4
+#: Periods of a sine in an excerpt.
+PERIODS = 5.0
 #: Points of an ellipse.
 ROUND = 361
 
@@ -164,14 +166,14 @@ def sine_frequency(record: Record) -> float | None:
     return best * record.sampling_rate_hz / record.samples if best else None
 
 
-def excerpt(record: Record, periods: float = 5.0) -> slice:
+def excerpt(record: Record) -> slice:
     """Samples to show: a few periods of a sine (where samples are left out, if any are), a shock's event, or all."""
     frequency = sine_frequency(record)
     if record.excitation in ("shock", "decay"):
         return _event(record)
     if frequency is None:
         return slice(0, record.samples)
-    length = max(8, math.ceil(periods * record.sampling_rate_hz / frequency) + 1)
+    length = max(8, math.ceil(PERIODS * record.sampling_rate_hz / frequency) + 1)
     left_out = np.flatnonzero(~record.mask)
     centre = int(left_out[0]) if left_out.size else length // 2
     start = min(max(0, centre - length // 2), max(0, record.samples - length))

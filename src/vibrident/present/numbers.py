@@ -149,15 +149,15 @@ def _interval(low: float | None, high: float | None, u: float | None, *, stated_
     return "not bounded" if stated_open else NONE
 
 
-def percent(value: float | None, digits: int = 2) -> str:
+def percent(value: float | None) -> str:
     """A signed percentage: two significant digits, never more than six places; ``+0.12 %``."""
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0:
         return "0 %"
     if abs(value) < 5e-6:
-        return f"{value:+.{digits - 1}e} %".replace("e-0", "e-")
-    places = min(6, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
+        return f"{value:+.1e} %".replace("e-0", "e-")
+    places = min(6, max(0, 1 - math.floor(math.log10(abs(value)))))
     return f"{value:+.{places}f} %"
 
 
