@@ -51,15 +51,10 @@ class Cell:
 CELLS = (*(Cell(file, damage) for file in FILES for damage in DAMAGES), *(Cell(group, "bombs") for group in GROUPS))
 
 
-def block(name: str, first: int, count: int) -> dict[str, Any]:
-    """Some files of a cell: what a command's outcome for each."""
+def block(name: str, runs: range) -> dict[str, Any]:
+    """Some files of a cell: a command's outcome for each."""
     cell = next(cell for cell in CELLS if cell.name == name)
-    return {
-        "cell": name,
-        "first": first,
-        "count": count,
-        "runs": [run(cell, number) for number in range(first, first + count)],
-    }
+    return {"runs": [run(cell, number) for number in runs]}
 
 
 def run(cell: Cell, number: int) -> dict[str, Any]:

@@ -213,14 +213,11 @@ def needed(degrees: float) -> float:
     return math.sqrt(brentq(lambda power: float(ncx2.sf(limit, degrees, power)) - DETECTED, 1e-6, 10.0 * limit + 1e3))
 
 
-def block(name: str, first: int, count: int) -> dict:
+def block(name: str, runs: range) -> dict:
     """Some runs of a cell: the warnings of each, its χ² and degrees of freedom."""
     cell = next(cell for cell in CELLS if cell.name == name)
-    looks = [look(cell.defect, cell.excitation, cell.size, cell.noise, run) for run in range(first, first + count)]
+    looks = [look(cell.defect, cell.excitation, cell.size, cell.noise, run) for run in runs]
     return {
-        "cell": name,
-        "first": first,
-        "count": count,
         "size": cell.size,
         "flags": [list(flags) for flags, _, _ in looks],
         "chi2": [value for _, value, _ in looks],

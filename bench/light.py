@@ -102,13 +102,21 @@ def coverage(first: int, runs: int, keep: Path) -> None:
             ],
             "warnings": list(result.warning_codes),
         }
-        with keep.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        _append(keep, row)
     _print_coverage(keep)
 
 
+def _append(keep: Path, row: dict[str, Any]) -> None:
+    with keep.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def _kept(keep: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
+
+
 def _print_coverage(keep: Path) -> None:
-    rows = {row["run"]: row for row in map(json.loads, keep.read_text(encoding="utf-8").splitlines())}.values()
+    rows = {row["run"]: row for row in _kept(keep)}.values()
     errors, stated, held = (np.array([row[key] for row in rows]) for key in ("errors", "stated", "held"))
     alarms = sum(bool(row["warnings"]) for row in rows)
     scaled, least = errors / stated, bound(float(np.mean([row["times"] for row in rows])))
@@ -148,8 +156,7 @@ def faults(first: int, runs: int, keep: Path) -> None:
         for setting, (fault, changes), motion in itertools.product((QUADRATURE, HETERODYNE), FAULTS.items(), MOTIONS):
             row = {"run": run, "kind": setting.kind, "fault": fault, "motion": motion}
             optics = drawn(Optics(setting, noise=0.02, random=True, **changes), run)
-            with keep.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row | _outcome(motion, optics, run)) + "\n")
+            _append(keep, row | _outcome(motion, optics, run))
     _print_faults(keep)
 
 
@@ -159,9 +166,8 @@ def motions(first: int, runs: int, keep: Path) -> None:
         for setting, motion in itertools.product((QUADRATURE, HETERODYNE), MOTIONS):
             row = {"run": run, "kind": setting.kind, "motion": motion}
             optics = drawn(Optics(setting, noise=0.02, random=True), run)
-            with keep.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row | _outcome(motion, optics, run)) + "\n")
-    rows = [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
+            _append(keep, row | _outcome(motion, optics, run))
+    rows = _kept(keep)
     names = " | ".join(name.replace("_", " ") for name in PARAMETERS)
     print(f"| interferometer | motion | runs | {names} | rms of error / u | with a warning |\n|{'---|' * 8}")
     for kind, motion in itertools.product(("quadrature", "heterodyne"), MOTIONS):
@@ -196,7 +202,7 @@ def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
 
 
 def _print_faults(keep: Path) -> None:
-    rows = [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
+    rows = _kept(keep)
     for kind, fault, motion in itertools.product(("quadrature", "heterodyne"), FAULTS, MOTIONS):
         here = [r for r in rows if (r["kind"], r["fault"], r["motion"]) == (kind, fault, motion)]
         outcomes, codes = Counter(r["outcome"] for r in here), Counter(code for r in here for code in r["codes"])

@@ -102,14 +102,14 @@ def _motion(sensor: Sensor, excitation: str, natural: float, seed: int, more: di
     return simulate(sensor, excitation, frequencies_hz=ends, repeats=2, start="rest", **shape)
 
 
-def block(name: str, first: int, count: int) -> dict:
+def block(name: str, runs: range) -> dict:
     """Identify some runs of a cell: relative errors and u, shape (runs, parameters), coverage and warnings."""
     cell = next(cell for cell in CELLS if cell.name == name)
     sensor = sensor_named(cell.sensor)
     names = parse(sensor.model).parameter_names
-    line: dict = {"cell": name, "first": first, "count": count, "error": [], "u": [], "covered": [], "flags": []}
+    line: dict = {"error": [], "u": [], "covered": [], "flags": []}
     failed = 0
-    for run in range(first, first + count):
+    for run in runs:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")

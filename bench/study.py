@@ -46,7 +46,7 @@ class Study:
         title: for ``--help``.
         runs: a cell, unless asked otherwise.
         cells: all of them.
-        block: name of a cell, first run and number of runs, to a line to keep.
+        block: name of a cell and numbers of runs, to what is kept of them, beside these.
         table: kept lines and their commit, to the page.
     """
 
@@ -54,7 +54,7 @@ class Study:
     title: str
     runs: int
     cells: Sequence[Cell]
-    block: Callable[[str, int, int], dict[str, Any]]
+    block: Callable[[str, range], dict[str, Any]]
     table: Callable[[list[dict[str, Any]], str], str]
 
     def main(self, arguments: list[str] | None = None) -> int:
@@ -95,9 +95,9 @@ class Study:
 
     def _blocks(self, wanted: list[tuple[str, int, int]], jobs: int) -> Iterable[Any]:
         if jobs == 1:
-            return (self.block(*block) for block in wanted)
+            return (_line(self.block, *block) for block in wanted)
         parallel = Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-        return parallel(delayed(self.block)(*block) for block in wanted)
+        return parallel(delayed(_line)(self.block, *block) for block in wanted)
 
     @property
     def _file(self) -> Path:
@@ -122,3 +122,8 @@ class Study:
         command = ["git", "log", "-1", "--format=%h", "--", "src", cells]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         return done.stdout.strip() or "unknown"
+
+
+def _line(block: Callable[[str, range], dict[str, Any]], cell: str, first: int, count: int) -> dict[str, Any]:
+    """What is kept of some runs of a cell."""
+    return {"cell": cell, "first": first, "count": count, **block(cell, range(first, first + count))}

@@ -21,15 +21,10 @@ from bench.adversary.table import table
 from bench.study import ROOT, Study
 
 
-def block(name: str, first: int, count: int) -> dict[str, Any]:
+def block(name: str, runs: range) -> dict[str, Any]:
     """Some runs of a case."""
     quiet()
-    return {
-        "cell": name,
-        "first": first,
-        "count": count,
-        "runs": [judged(BY_NAME[name].trial(run)) for run in range(first, first + count)],
-    }
+    return {"runs": [judged(BY_NAME[name].trial(run)) for run in runs]}
 
 
 STUDY = Study("adversary", __doc__.splitlines()[0], 1, CASES, block, table)
