@@ -18,6 +18,8 @@ from vibrident.result import Result
 
 #: Probability below which a test fails.
 LEVEL = 0.01
+#: One test: its name, the value found, the value expected of noise, whether it passes, and what a failure means.
+_Outcome = tuple[str, str, str, bool, str]
 #: Fewer points tell nothing of a pattern.
 FEWEST = 8
 
@@ -28,20 +30,16 @@ def residual_tests(result: Result) -> Table:
     noise = 100.0 * column(measured, "magnitude_noise") / column(measured, "magnitude")
     common = _in_common(column(measured, "deviation_uncertainty_percent"), noise)
     z = _ordered(result, column(measured, "deviation_percent"), halves[0] / COVERAGE_FACTOR)
-    rows = [_chi_squared(result), *_pattern_tests("magnitude", z, common)]
+    tests = [_chi_squared(result), *_pattern_tests("magnitude", z, common)]
     common = _in_common(column(measured, "deviation_phase_uncertainty_deg"), column(measured, "phase_deg_noise"))
     z = _ordered(result, principal(column(measured, "deviation_phase_deg")), halves[1] / COVERAGE_FACTOR)
-    rows += _pattern_tests("phase", z, common)
+    tests += _pattern_tests("phase", z, common)
+    rows = [(*words, "passed" if passed else "failed", meaning) for *words, passed, meaning in tests]
     note = (
         "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
         f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
     )
     return Table(columns("test", "found", "usual", "outcome", "what a failure means"), tuple(rows), notes=(note,))
-
-
-def _outcome(name: str, found: str, usual: str, passed: bool, meaning: str) -> tuple[str, ...]:
-    """One test: the value found, the value expected of noise, whether it passes, and what a failure means."""
-    return name, found, usual, "passed" if passed else "failed", meaning
 
 
 def _in_common(whole: FloatArray, noise: FloatArray) -> bool:
@@ -50,7 +48,7 @@ def _in_common(whole: FloatArray, noise: FloatArray) -> bool:
     return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
 
 
-def _chi_squared(result: Result) -> tuple[str, ...]:
+def _chi_squared(result: Result) -> _Outcome:
     chi2, freedom = result.fit.chi2_reduced, result.fit.degrees_of_freedom
     usual = "about 1"
     if chi2 is not None and freedom > 0:
@@ -60,7 +58,7 @@ def _chi_squared(result: Result) -> tuple[str, ...]:
         usual = f"{low:.2f} to {high:.2f}"
     found = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
     meaning = "the model leaves more than the uncertainties explain; the verdict on the model"
-    return _outcome("χ²/ν of all points", found, usual, result.fit.adequate, meaning)
+    return "χ²/ν of all points", found, usual, result.fit.adequate, meaning
 
 
 def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:
@@ -69,7 +67,7 @@ def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray
     return (deviation[usable] / u[usable])[order]
 
 
-def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[tuple[str, ...]]:
+def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
     if z.size < FEWEST:
         return []
     from scipy.special import bdtr, ndtri
@@ -81,15 +79,11 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[tuple[str, ..
     largest = float(np.max(np.abs(z)))
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
     limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
-    sizes = [
-        _outcome(
-            f"{name}: points within U",
-            f"{inside} of {n}",
-            f"{100 * coverage:.1f} % of them",
-            float(bdtr(inside, n, coverage)) >= LEVEL,
-            "uncertainties of the points too small, or a misfit at some of them",
-        ),
-        _outcome(
+    enough, near = float(bdtr(inside, n, coverage)) >= LEVEL, f"{100 * coverage:.1f} % of them"
+    small = "uncertainties of the points too small, or a misfit at some of them"
+    sizes: list[_Outcome] = [
+        (f"{name}: points within U", f"{inside} of {n}", near, enough, small),
+        (
             f"{name}: largest deviation",
             f"{largest:.2f} u",
             f"below {far:.2f} u",
@@ -99,20 +93,13 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[tuple[str, ..
     ]
     if common:  # these effects make a pattern along frequency
         return sizes
-    return [
-        *sizes,
-        _runs(name, z),
-        _outcome(
-            f"{name}: correlation of neighbours",
-            f"{lagged:+.2f}",
-            f"within ±{limit:.2f}",
-            abs(lagged) <= limit,
-            "the deviation varies smoothly with frequency: something is missing in the model",
-        ),
-    ]
+    smooth = "the deviation varies smoothly with frequency: something is missing in the model"
+    within = f"within ±{limit:.2f}"
+    correlated = (f"{name}: correlation of neighbours", f"{lagged:+.2f}", within, abs(lagged) <= limit, smooth)
+    return [*sizes, _runs(name, z), correlated]
 
 
-def _runs(name: str, z: FloatArray) -> tuple[str, ...]:
+def _runs(name: str, z: FloatArray) -> _Outcome:
     """Wald-Wolfowitz test on the signs: too few changes of sign are a trend."""
     above = z > 0
     n_above, n_below = int(above.sum()), int((~above).sum())
@@ -122,8 +109,6 @@ def _runs(name: str, z: FloatArray) -> tuple[str, ...]:
     variance = (mean - 1.0) * (mean - 2.0) / (n - 1.0)
     meaning = "long stretches above or below zero: a trend with frequency"
     if variance <= 0:
-        return _outcome(f"{name}: runs of one sign", str(runs), "more than one", False, meaning)
+        return f"{name}: runs of one sign", str(runs), "more than one", False, meaning
     fewest = mean - 2.326 * math.sqrt(variance)  # one-sided, 1 %
-    return _outcome(
-        f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning
-    )
+    return f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning
