@@ -8,7 +8,7 @@ logarithm, a damping ratio's ends at zero. Derived quantities are propagated by 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -180,7 +180,25 @@ def parameter_table(
             interval_95=(float(low), float(high)) if known else (None, None),
             identifiable=known and spec.name not in doubtful,
         )
-    table.update(_derived(coordinates, z, covariance, k, units, {**doubtful, **dict.fromkeys(unknown, "")}, unknown))
+    doubted = {*doubtful, *unknown}
+    for quantity in model.derived(coordinates.values(z)):
+        value, slope = _value_and_slope(coordinates, z, quantity)
+        u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+        relative = u / abs(value) if value else 0.0
+        if not quantity.positive or relative > 0.5:
+            interval = (value - k * u, value + k * u)
+        else:  # positive: symmetric in the logarithm, as the natural frequency's
+            interval = (value * np.exp(-k * relative), value * np.exp(k * relative))
+        needed = set(quantity.needs)
+        known = not needed & unknown and relative <= NOTHING
+        table[quantity.name] = Parameter(
+            value=value,
+            unit=_unit(quantity.unit, units),
+            standard_uncertainty=u if known else None,
+            interval_95=(float(interval[0]), float(interval[1])) if known else (None, None),
+            identifiable=not needed & doubted,
+            derived=True,
+        )
     return table
 
 
@@ -196,38 +214,6 @@ def _interval(coordinates: Coordinates, z: FloatArray, index: int, half: float) 
         with np.errstate(over="ignore"):  # an interval without end stops at the range searched
             ends.append(coordinates.values(moved)[name])
     return min(ends), max(ends)
-
-
-def _derived(
-    coordinates: Coordinates,
-    z: FloatArray,
-    covariance: FloatArray,
-    k: float,
-    units: Mapping[str, str],
-    doubtful: Mapping[str, str],
-    unknown: Set[str],
-) -> dict[str, Parameter]:
-    table = {}
-    quantities = coordinates.model.derived(coordinates.values(z))
-    for quantity in quantities:
-        value, slope = _value_and_slope(coordinates, z, quantity)
-        u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
-        relative = u / abs(value) if value else 0.0
-        if not quantity.positive or relative > 0.5:
-            interval = (value - k * u, value + k * u)
-        else:  # positive: symmetric in the logarithm, as the natural frequency's
-            interval = (value * np.exp(-k * relative), value * np.exp(k * relative))
-        needed = set(quantity.needs)
-        known = not needed & set(unknown) and relative <= NOTHING
-        table[quantity.name] = Parameter(
-            value=value,
-            unit=_unit(quantity.unit, units),
-            standard_uncertainty=u if known else None,
-            interval_95=(float(interval[0]), float(interval[1])) if known else (None, None),
-            identifiable=not needed & set(doubtful),
-            derived=True,
-        )
-    return table
 
 
 def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived) -> tuple[float, FloatArray]:
