@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.signal import cheby2, lfilter, sosfilt
 
 from vibrident.measure.blocks import Blocks, best, least_left, sums_of
 from vibrident.measure.odd_records import odd_record
@@ -57,6 +57,17 @@ def found(kind: str, colour: str, change: float, rng: np.random.Generator, size:
 def test_noise_of_any_colour_is_no_change(kind: str, colour: str, draws: int, rng: np.random.Generator) -> None:
     """The level is 10⁻⁴ a calibration."""
     assert sum(len(found(kind, colour, 0.0, rng)) for _ in range(draws)) == 0
+
+
+@pytest.mark.draws(60, 300)
+def test_a_steep_filter_at_the_end_of_the_band_makes_no_change(draws: int, rng: np.random.Generator) -> None:
+    """That of a delta-sigma converter: what made its noise white met the cut ends of a slow sine as large steps."""
+    filters, times = cheby2(8, 80.0, 0.9, output="sos"), np.arange(5 * N)
+    for _ in range(draws):
+        hz = rng.uniform(0.2, 2.0)
+        series = np.sin(2.0 * np.pi * hz * times / RATE + rng.uniform(0.0, 6.3))
+        response = series + 1e-2 * sosfilt(filters, rng.standard_normal(6 * N))[N:]
+        assert changes([Record("r", series, np.round(response, 4), RATE, "sine")], [series], [hz]) == []
 
 
 @pytest.mark.draws(5, 50)

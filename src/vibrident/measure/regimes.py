@@ -186,7 +186,9 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
         some[:] = fft.irfft(white * transforms(some), used.size)
     lines *= white
     del white
-    found = best(Blocks.of(columns, np.asarray(fft.irfft(lines, used.size)), parts, rate))
+    # The filter meets the record's cut ends as steps.
+    inner = [parts[0][parts[0].size // 2 :], *parts[1:-1], parts[-1][: (parts[-1].size + 1) // 2]]
+    found = best(Blocks.of(columns, np.asarray(fft.irfft(lines, used.size)), inner, rate))
     del lines, columns
     change = found.step / found.blocks.scale[found.pair]
     if found.size_beside(sums[:, :-1, :-1]) < least:
