@@ -31,25 +31,15 @@ ENVIRONMENTS = Path(os.environ.get("BENCH_PEERS", HERE / "envs"))
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """One peer with one choice of settings, beside our estimator for the same job.
+    """One peer with one choice of settings, beside our estimator for the same job."""
 
-    Attributes:
-        peer: folder of its environment, and its name in the table.
-        script: file in bench/peers.
-        settings: what was chosen, in words.
-        data: arrays for the script.
-        ours: name of our estimator.
-        fit: our estimator on the same data, warm.
-        repeats: number of our times, whose median counts.
-    """
-
-    peer: str
-    script: str
-    settings: str
-    data: dict[str, Any]
-    ours: str
-    fit: Callable[[], Estimate]
-    repeats: int
+    peer: str  # folder of its environment, and its name in the table
+    script: str  # file in bench/peers
+    settings: str  # what was chosen, in words
+    data: dict[str, Any]  # arrays for the script
+    ours: str  # name of our estimator
+    fit: Callable[[], Estimate]  # our estimator on the same data, warm
+    repeats: int  # number of our times, whose median counts
 
 
 def measure(options: Options) -> Section:

@@ -17,12 +17,10 @@ from bench.pairs import Ratio
 from bench.speed import noisy
 from vibrident.io.writer import write_calibration
 
-#: Targets over the time of ``import jax``: with pictures, without, and of the help.
-START_TARGET = 4.0
+START_TARGET = 4.0  # targets over the time of ``import jax``: with pictures, without, and of the help
 PLAIN_TARGET = 2.2
 HELP_TARGET = 0.4
-#: Most memory, MB.
-MEMORY_TARGET = 700.0
+MEMORY_TARGET = 700.0  # most memory, MB
 IMPORT = [sys.executable, "-c", "import jax"]
 LAUNCHER = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child.py"))]
 

@@ -21,10 +21,8 @@ from bench.damaged_bombs import GROUPS, write_bomb
 from bench.damaged_files import DAMAGES, ROOT, WRITERS, whole_files, whole_result, write_damaged
 
 FILES = (*WRITERS, "c.toml", "result.json")
-#: Time limit of a case in the long-lived process.
-SECONDS = 20
-#: Time limit of a command.
-COMMAND_SECONDS = 150
+SECONDS = 20  # time limit of a case in the long-lived process
+COMMAND_SECONDS = 150  # time limit of a command
 MEMORY_BYTES = 1_000_000_000
 _ROOM_BYTES = 2_500_000_000
 _COMMAND = "from vibrident.cli import main; main()"

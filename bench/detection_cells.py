@@ -28,29 +28,17 @@ _MEMS = {"sensitivity": 0.1, "natural_frequency": 4000.0, "damping_ratio": 0.05}
 
 @dataclass(frozen=True)
 class Defect:
-    """A property of the sensor that the fitted model lacks.
+    """A property of the sensor that the fitted model lacks."""
 
-    Attributes:
-        name: short name.
-        title: what it is.
-        model: the sensor's true model.
-        sensor: its parameters without the defect.
-        parameters: the defect's parameters, given its size.
-        nominal: the size that must be detected.
-        write: a size in words.
-        band_hz: lowest and highest frequency of the sines; random and sweep go as far.
-        rate_hz: samples per second.
-    """
-
-    name: str
-    title: str
-    model: str
-    sensor: Mapping[str, float]
-    parameters: Callable[[float], Mapping[str, float]]
-    nominal: float
-    write: Callable[[float], str]
-    band_hz: tuple[float, float]
-    rate_hz: float
+    name: str  # short name
+    title: str  # what it is
+    model: str  # the sensor's true model
+    sensor: Mapping[str, float]  # its parameters without the defect
+    parameters: Callable[[float], Mapping[str, float]]  # the defect's parameters, given its size
+    nominal: float  # the size that must be detected
+    write: Callable[[float], str]  # a size in words
+    band_hz: tuple[float, float]  # lowest and highest frequency of the sines; random and sweep go as far
+    rate_hz: float  # samples per second
 
 
 _BAND = (30.0, 1000.0)
@@ -109,8 +97,7 @@ NOISES = (0.01, 0.001)
 #: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; the first is none.
 CURVE = (0.0, 0.5, 0.75, 1.0, 1.5)
 DETECTED = 0.95
-#: Halvings of the interval in which the size of 95 % lies: to a hundredth of a decade.
-STEPS = 8
+STEPS = 8  # halvings of the interval in which the size of 95 % lies: to a hundredth of a decade
 
 
 @dataclass(frozen=True)

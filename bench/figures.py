@@ -13,25 +13,16 @@ from rich.progress import track
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes:
-        what: the figure in words.
-        values: label to value; one entry for a plain ratio. Empty where there is nothing to show: see ``note``.
-        style: how values are written, a key of ``STYLES``.
-        low: target: no value below it; None for no such limit.
-        high: target: no value above it; None for no such limit.
-        absolute: the target is for the size of the values.
-        note: a remark.
-    """
-
-    what: str
+    what: str  # the figure in words
+    # label to value; one entry for a plain ratio. Empty where there is nothing to show: see ``note``
     values: Mapping[str, float]
-    style: str = "times"
-    low: float | None = None
-    high: float | None = None
-    absolute: bool = False
-    note: str = ""
+    style: str = "times"  # how values are written, a key of ``STYLES``
+    low: float | None = None  # target: no value below it; None for no such limit
+    high: float | None = None  # target: no value above it; None for no such limit
+    absolute: bool = False  # the target is for the size of the values
+    note: str = ""  # a remark
 
     @property
     def target(self) -> str:
@@ -128,19 +119,12 @@ STYLES = {
 
 @dataclass(frozen=True)
 class Options:
-    """Settings of a run.
+    """Settings of a run."""
 
-    Attributes:
-        runs: seeded runs of the statistics.
-        jobs: processes for them.
-        pairs: pairs of every ratio of times.
-        quick: a short trial, whose figures are not published.
-    """
-
-    runs: int = 500
-    jobs: int = 2
-    pairs: int = 11
-    quick: bool = False
+    runs: int = 500  # seeded runs of the statistics
+    jobs: int = 2  # processes for them
+    pairs: int = 11  # pairs of every ratio of times
+    quick: bool = False  # a short trial, whose figures are not published
 
 
 T = TypeVar("T")

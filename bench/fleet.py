@@ -41,8 +41,7 @@ from vibrident.io import write_calibration
 from vibrident.process import Process
 from vibrident.simulation import simulate, with_noise
 
-#: Repetitions of each timing, in turn.
-_ROUNDS = 2
+_ROUNDS = 2  # repetitions of each timing, in turn
 RECORDS = 21
 SAMPLES = 2000
 

@@ -12,10 +12,8 @@ from vibrident.present import markdown
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "docs" / "fleet.md"
-#: Cores of the plan.
-CORES = (16, 100, 1000)
-#: How often a data file is read: for its key, by its reader, and for its key once more.
-READS = 3
+CORES = (16, 100, 1000)  # cores of the plan
+READS = 3  # how often a data file is read: for its key, by its reader, and for its key once more
 MILLION = 1_000_000
 
 

@@ -22,31 +22,20 @@ from vibrident.present import markdown
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
 LIVES = 2000
 WIDTH = "width"
-#: Relative standard uncertainty of a calibration's noise.
-NOISE = 0.002
-#: Relative standard uncertainty of the shared reference.
-REFERENCE = 0.005
+NOISE = 0.002  # relative standard uncertainty of a calibration's noise
+REFERENCE = 0.005  # relative standard uncertainty of the shared reference
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A population of sensors; sizes in units of the noise of one calibration.
+    """A population of sensors; sizes in units of the noise of one calibration."""
 
-    Attributes:
-        name: in the table.
-        line: standard deviation of the steady drift, a year.
-        walk: standard deviation of the random walk after a year.
-        jump: standard deviation of a jump at a repair; zero for none.
-        untold: the same of a jump that was not entered.
-        calibrations: fewest and most before the one that is predicted.
-    """
-
-    name: str
-    line: float = 0.0
-    walk: float = 0.0
-    jump: float = 0.0
-    untold: float = 0.0
-    calibrations: tuple[int, int] = (3, 10)
+    name: str  # in the table
+    line: float = 0.0  # standard deviation of the steady drift, a year
+    walk: float = 0.0  # standard deviation of the random walk after a year
+    jump: float = 0.0  # standard deviation of a jump at a repair; zero for none
+    untold: float = 0.0  # the same of a jump that was not entered
+    calibrations: tuple[int, int] = (3, 10)  # fewest and most before the one that is predicted
 
 
 KINDS = (
@@ -66,19 +55,12 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Simulated:
-    """A life without its last calibration, which is predicted.
+    """A life without its last calibration, which is predicted."""
 
-    Attributes:
-        entries: the calibrations before.
-        events: entered.
-        truth: of the sensor at the date of the last one.
-        last: that calibration.
-    """
-
-    entries: list[Entry]
-    events: list[Event]
-    truth: float
-    last: Entry
+    entries: list[Entry]  # the calibrations before
+    events: list[Event]  # entered
+    truth: float  # of the sensor at the date of the last one
+    last: Entry  # that calibration
 
 
 def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:

@@ -50,8 +50,7 @@ SENSOR = "paper"
 def bound(times: float) -> FloatArray:
     """Cramér–Rao bound of the parameters: white noise of phase and response, known, ellipse known.
 
-    Args:
-        times: rate of the optical signals over that of the response.
+    ``times``: rate of the optical signals over that of the response.
     """
     sensor = sensor_named(SENSOR)
     model, f = parse(sensor.model), np.array(FREQUENCIES)
@@ -247,15 +246,11 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-#: Parts of the circle, rad.
-ARCS = (6.28, 4.5, 3.0, 2.0, 1.0)
-#: Over the amplitude.
-NOISES = (0.01, 0.05)
+ARCS = (6.28, 4.5, 3.0, 2.0, 1.0)  # parts of the circle, rad
+NOISES = (0.01, 0.05)  # over the amplitude
 DRAWS = 120
-#: Samples of a draw.
-POINTS = 600
-#: Of the draws, the slowest peer takes one in so many.
-EVERY = 20
+POINTS = 600  # samples of a draw
+EVERY = 20  # of the draws, the slowest peer takes one in so many
 
 
 def peers(python: str) -> None:

@@ -15,12 +15,9 @@ RESPONSE_HZ = 51_200.0
 FREQUENCY_HZ = 160.0
 AMPLITUDE = 10.0
 CARRIER_HZ = 5e6
-#: Samples written at once.
-BLOCK = 1 << 20
-#: Steps of the converter for the amplitude of a signal.
-CODES = 6000.0
-#: Over the amplitude.
-NOISE = 0.02
+BLOCK = 1 << 20  # samples written at once
+CODES = 6000.0  # steps of the converter for the amplitude of a signal
+NOISE = 0.02  # over the amplitude
 
 
 def codes_of(record: Record) -> list[str]:

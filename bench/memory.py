@@ -23,8 +23,7 @@ CASES = {
     "random": "21 × 16 000 samples of random motion",
     "long": "1.6 million samples of random motion in one record",
 }
-#: Seconds between two looks at the resident memory.
-LOOKS_S = 0.001
+LOOKS_S = 0.001  # seconds between two looks at the resident memory
 
 
 def measure(options: Options) -> Section:

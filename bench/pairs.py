@@ -12,15 +12,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Ratio:
-    """Times of A over times of B, by pair.
+    """Times of A over times of B, by pair."""
 
-    Attributes:
-        a: seconds of each A.
-        b: seconds of each B beside it.
-    """
-
-    a: tuple[float, ...]
-    b: tuple[float, ...]
+    a: tuple[float, ...]  # seconds of each A
+    b: tuple[float, ...]  # seconds of each B beside it
 
     @property
     def median(self) -> float:

@@ -32,8 +32,7 @@ NOISES: dict[str, tuple[str, dict]] = {
 }  # fmt: skip
 SAMPLES = 8000
 SEED = 1
-#: Of noise that the sensor feels nothing is random in the answer but rounding: a few runs show it.
-FELT_RUNS = 4
+FELT_RUNS = 4  # of noise that the sensor feels nothing is random in the answer but rounding: a few runs show it
 FLAGS = ("lack_of_fit", "reference_noise", "band_sensitive", "nonlinear", "weakly_determined", "estimators_disagree")
 
 

@@ -19,12 +19,9 @@ from bench.scenario_cells import CELLS, NOISES, Cell, block
 from bench.study import Study
 from vibrident.present import markdown
 
-#: Largest |bias| of a cell, in σ.
-BIAS = 0.15
-#: Largest scatter over the bound.
-SCATTER = 1.10
-#: Range of the coverage.
-COVERAGE = (0.92, 0.98)
+BIAS = 0.15  # largest |bias| of a cell, in σ
+SCATTER = 1.10  # largest scatter over the bound
+COVERAGE = (0.92, 0.98)  # range of the coverage
 
 
 def table(lines: list[dict], commit: str) -> str:

@@ -16,13 +16,10 @@ from vibrident import Calibration, identify
 from vibrident.estimators import MaximumLikelihood
 from vibrident.problem import Evidence
 
-#: Most draws: fit_som takes a second or more for each.
-MOST_DRAWS = 60
-#: Draws of a quick run.
-QUICK_DRAWS = 3
+MOST_DRAWS = 60  # most draws: fit_som takes a second or more for each
+QUICK_DRAWS = 3  # draws of a quick run
 FASTER = 20.0
-#: Its weights, and what the table calls them.
-WEIGHTINGS = {"": "equal weights (its default)", "cov": "weighted"}
+WEIGHTINGS = {"": "equal weights (its default)", "cov": "weighted"}  # its weights, and what the table calls them
 PAIRS = 3
 
 

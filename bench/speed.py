@@ -26,12 +26,9 @@ FILTER_TARGETS = {"ipnn fit": 20.0, "ml fit": 15.0, "ipnn identify": 40.0, "ml i
 BROAD_TARGETS = {"ipnn fit": 60.0, "ipnn identify": 90.0}
 BROAD = ("random", "sweep", "multisine", "shock")
 ADAM_TARGET = 100.0
-#: For twice the samples.
-TWICE_TARGET = 2.1
-#: Steps of the paper's training.
-ADAM_STEPS = 1500
-#: Of these, timed.
-ADAM_TIMED = 100
+TWICE_TARGET = 2.1  # for twice the samples
+ADAM_STEPS = 1500  # steps of the paper's training
+ADAM_TIMED = 100  # of these, timed
 FILTER_PASSES = 15
 #: Sensors of so many samples for the comparison with one by one: enough that the start of a process is hardly seen.
 MANY = {2000: 60, SAMPLES: 40}

@@ -20,8 +20,7 @@ from joblib import Parallel, delayed
 from bench.figures import STDERR, steps
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Runs in a block: what is lost at most where a study is stopped.
-BLOCK = 10
+BLOCK = 10  # runs in a block: what is lost at most where a study is stopped
 
 
 class Cell(Protocol):
@@ -39,23 +38,15 @@ class Cell(Protocol):
 
 @dataclass(frozen=True)
 class Study:
-    """A study and its command line.
+    """A study and its command line."""
 
-    Attributes:
-        name: of the module; of the file of runs, bench/results/<name>.jsonl, and the page, docs/<name>.md.
-        title: for ``--help``.
-        runs: a cell, unless asked otherwise.
-        cells: all of them.
-        block: name of a cell and numbers of runs, to what is kept of them, beside these.
-        table: kept lines and their commit, to the page.
-    """
-
-    name: str
-    title: str
-    runs: int
-    cells: Sequence[Cell]
+    name: str  # of the module; of the file of runs, bench/results/<name>.jsonl, and the page, docs/<name>.md
+    title: str  # for ``--help``
+    runs: int  # a cell, unless asked otherwise
+    cells: Sequence[Cell]  # all of them
+    # name of a cell and numbers of runs, to what is kept of them, beside these
     block: Callable[[str, range], dict[str, Any]]
-    table: Callable[[list[dict[str, Any]], str], str]
+    table: Callable[[list[dict[str, Any]], str], str]  # kept lines and their commit, to the page
 
     def main(self, arguments: list[str] | None = None) -> int:
         """Run what is missing, then write the page of all there is."""

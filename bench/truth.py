@@ -15,8 +15,7 @@ PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
 COLUMNS = "S0 · natural frequency · damping ratio"
 RATE_HZ = 51200.0
 SAMPLES = 16000
-#: White noise of the response channel as a fraction of each record's rms.
-RESPONSE_NOISE = 0.01
+RESPONSE_NOISE = 0.01  # white noise of the response channel as a fraction of each record's rms
 FELT_DB = 20.0
 SEED = 20251113
 

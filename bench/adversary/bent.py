@@ -19,11 +19,8 @@ CLOSE = 1e-13
 def bent(motion: Motion, sensor: Sensor, spacing_hz: float, offset: float = 0.0) -> tuple[Motion, float]:
     """The response as tones (with the delay of the sensor), and its mean.
 
-    Args:
-        motion: with all its tones on multiples of ``spacing_hz``.
-        sensor: accelerometer+cubic, with or without +delay.
-        spacing_hz: one over the period.
-        offset: constant acceleration, m/s².
+    ``motion``: with all its tones on multiples of ``spacing_hz``; ``sensor``: accelerometer+cubic, with or without
+    +delay; ``spacing_hz``: one over the period; ``offset``: constant acceleration, m/s².
 
     Raises:
         ArithmeticError: the bend is too large for this way.

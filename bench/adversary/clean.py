@@ -66,8 +66,7 @@ BENCH = {
     "rung": (NOISES[0], NOISES[2], NOISES[7], NOISES[8]),
 }
 BENCH_SENSORS = ("in-light", "in-damped", "above-light", "pickup-below-damped")
-#: Noises that each sensor and motion are tried with; each takes the next in turn.
-EACH = 3
+EACH = 3  # noises that each sensor and motion are tried with; each takes the next in turn
 
 
 def cases() -> Cases:

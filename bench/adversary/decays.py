@@ -22,8 +22,7 @@ NOISES = (
 )
 SENSORS = ("in-sharp", "in-light", "below-light", "edge-light", "pickup-in-light")
 SAMPLES = 2000
-#: Damping grows by this much from small motion to the first swing.
-GROWTH = (0.1, 1.0)
+GROWTH = (0.1, 1.0)  # damping grows by this much from small motion to the first swing
 
 
 def cases() -> Cases:

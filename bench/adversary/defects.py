@@ -34,15 +34,10 @@ Changes = Callable[[list[Raw], np.random.Generator], list[Raw]]
 
 @dataclass(frozen=True)
 class Defect:
-    """A defect of recordings.
+    """A defect of recordings."""
 
-    Attributes:
-        name: cause and size.
-        change: of all records.
-    """
-
-    name: str
-    change: Changes
+    name: str  # cause and size
+    change: Changes  # of all records
 
     @property
     def cause(self) -> str:

@@ -15,10 +15,8 @@ from scipy.stats import norm, t
 from bench.adversary.trial import Trial
 from vibrident import Result, VibridentError, identify
 
-#: A parameter further from the truth than this many standard uncertainties is wrong.
-LIMIT = 4.0
-#: Errors below this part of the truth are rounding.
-ROUNDING = 1e-8
+LIMIT = 4.0  # A parameter further from the truth than this many standard uncertainties is wrong
+ROUNDING = 1e-8  # errors below this part of the truth are rounding
 #: What speaks of single parameters: heeded for those that its message names.
 OF_PARAMETERS = ("weakly_determined", "at_bound")
 #: Derived parameters and what they are made of.

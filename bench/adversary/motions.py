@@ -8,8 +8,7 @@ from bench.adversary.physics import TAU, Motion, Real
 
 #: A motion on a periodic grid repeats after this many lengths of the record: its ends do not meet within it.
 PERIOD = 1.37
-#: Lines of sweeps and shocks below this part of the largest are nothing.
-NOTHING = 1e-13
+NOTHING = 1e-13  # lines of sweeps and shocks below this part of the largest are nothing
 
 
 def sine(frequency_hz: float, amplitude: float, rng: np.random.Generator) -> Motion:

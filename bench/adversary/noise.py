@@ -11,25 +11,16 @@ from bench.adversary.physics import TAU, Real
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a recording; all levels are relative to the rms of the channel.
+    """Noise of a recording; all levels are relative to the rms of the channel."""
 
-    Attributes:
-        name: short.
-        response: standard deviation on the response.
-        reference: standard deviation on the reference, which the sensor does not feel.
-        colour: ``white``, ``pink`` (1/f in power) or ``growing`` (three times as strong at the end as at the start).
-        hum: amplitude of mains hum on the response.
-        felt: rms of vibration that the sensor feels beside the motion, over the rms of the motion.
-        bits: of both converters, whose range is twice the peak; 0: none.
-    """
-
-    name: str
-    response: float
-    reference: float = 0.0
+    name: str  # short
+    response: float  # standard deviation on the response
+    reference: float = 0.0  # standard deviation on the reference, which the sensor does not feel
+    # ``white``, ``pink`` (1/f in power) or ``growing`` (three times as strong at the end as at the start)
     colour: str = "white"
-    hum: float = 0.0
-    felt: float = 0.0
-    bits: int = 0
+    hum: float = 0.0  # amplitude of mains hum on the response
+    felt: float = 0.0  # rms of vibration that the sensor feels beside the motion, over the rms of the motion
+    bits: int = 0  # of both converters, whose range is twice the peak; 0: none
 
 
 def added(values: Real, level: float, colour: str, rng: np.random.Generator) -> Real:

@@ -14,10 +14,8 @@ from bench.adversary.physics import TAU, Complex, Motion, Real, Sensor
 
 #: Samples a second that there are; all else is set in parts of it.
 RATES = (100.0, 512.0, 2_000.0, 10_000.0, 51_200.0, 1e6)
-#: Lowest frequency of the motion, over the rate.
-LOW = 0.005
-#: Highest frequency of the motion, over the rate.
-TOP = 0.2
+LOW = 0.005  # lowest frequency of the motion, over the rate
+TOP = 0.2  # highest frequency of the motion, over the rate
 #: Natural frequency over the top of the band.
 PLACES = {
     "below": (0.05, 0.15),
@@ -40,10 +38,8 @@ SHAPES = {
     "rung": (8, 1000),
 }
 QUANTITIES = ("acceleration", "acceleration", "velocity", "displacement", "drive")
-#: What is declared of each motion.
-DECLARED = {"burst": "random", "locked": "sine", "rung": "sine"}
-#: Samples of a period of sines whose generator keeps in step with the recorder.
-LOCKED = (5, 6, 8, 10, 16, 25, 50, 125)
+DECLARED = {"burst": "random", "locked": "sine", "rung": "sine"}  # what is declared of each motion
+LOCKED = (5, 6, 8, 10, 16, 25, 50, 125)  # samples of a period of sines whose generator keeps in step with the recorder
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from vibrident.present import markdown
 
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
 Row = tuple[str, ...]
-#: Most failures that are listed by name.
-LISTED = 400
+LISTED = 400  # most failures that are listed by name
 HEAD = """# Sensors, motions and defects from a simulator of its own
 
 Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, in an order by chance;

@@ -17,23 +17,14 @@ Cases = Iterator[tuple[str, Maker]]
 
 @dataclass(frozen=True)
 class Trial:
-    """What is put to the package.
+    """What is put to the package."""
 
-    Attributes:
-        calibration: made when called; it may refuse.
-        model: asked for.
-        truth: name of a parameter to its value; only these are judged.
-        cause: what is wrong, for the summary; "" where nothing is.
-        allowed: warnings that are true of these data though nothing is wrong with them.
-        strange: not a defect, but what a refusal is a right answer to.
-    """
-
-    calibration: Callable[[], Calibration]
-    model: str
-    truth: Mapping[str, float]
-    cause: str = ""
-    allowed: frozenset[str] = frozenset()
-    strange: bool = False
+    calibration: Callable[[], Calibration]  # made when called; it may refuse
+    model: str  # asked for
+    truth: Mapping[str, float]  # name of a parameter to its value; only these are judged
+    cause: str = ""  # what is wrong, for the summary; "" where nothing is
+    allowed: frozenset[str] = frozenset()  # warnings that are true of these data though nothing is wrong with them
+    strange: bool = False  # not a defect, but what a refusal is a right answer to
 
 
 def calibration(records: Sequence[Raw], model: str, quantity: str, **more: object) -> Callable[[], Calibration]:

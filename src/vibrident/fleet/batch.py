@@ -26,16 +26,11 @@ from vibrident.fleet.row import Row
 from vibrident.many import TOGETHER
 from vibrident.process import Died, Limits, Process, WorkerError
 
-#: Longest time to load the libraries, in seconds; a network drive may be slow.
-_START_S = 180.0
-#: Longest time to hash some calibrations, in seconds: a drive may be very slow.
-_HASHING_S = 36_000.0
-#: Seconds without a call after which it ends: on a cluster the run may be lost unnoticed.
-_IDLE_S = 120.0
-#: A process with more memory than this is replaced.
-_MOST_BYTES = 1_500_000_000
-#: A process is replaced after so many calibrations.
-_MOST_DONE = 2000
+_START_S = 180.0  # longest time to load the libraries, in seconds; a network drive may be slow
+_HASHING_S = 36_000.0  # longest time to hash some calibrations, in seconds: a drive may be very slow
+_IDLE_S = 120.0  # seconds without a call after which it ends: on a cluster the run may be lost unnoticed
+_MOST_BYTES = 1_500_000_000  # A process with more memory than this is replaced
+_MOST_DONE = 2000  # A process is replaced after so many calibrations
 
 
 class Identifier:
@@ -106,8 +101,7 @@ class Identifier:
             ) from death
 
 
-#: Attempts for a calibration alone: the process may have been ended from outside.
-_TRIES_ALONE = 2
+_TRIES_ALONE = 2  # attempts for a calibration alone: the process may have been ended from outside
 _PROBLEMS = {
     "time": ("Identifying this calibration takes too long.", "fewer or shorter records, or a larger --time-limit"),
     "memory": ("Identifying this calibration takes too much memory.", "shorter records, or a larger --memory-limit"),
@@ -123,19 +117,12 @@ _processes: weakref.WeakSet[Identifier] = weakref.WeakSet()
 
 @dataclass(frozen=True)
 class Done:
-    """Summary of a batch; its rows are on the disk.
+    """Summary of a batch; its rows are on the disk."""
 
-    Attributes:
-        part: name of the file with the rows.
-        statuses: number of rows by status.
-        seconds: duration of the batch.
-        moved: key asked for → key found, of calibrations whose files changed meanwhile.
-    """
-
-    part: str
-    statuses: dict[str, int]
-    seconds: float
-    moved: dict[str, str]
+    part: str  # name of the file with the rows
+    statuses: dict[str, int]  # number of rows by status
+    seconds: float  # duration of the batch
+    moved: dict[str, str]  # key asked for → key found, of calibrations whose files changed meanwhile
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:

@@ -24,14 +24,10 @@ from vibrident.fleet.page import write_page
 from vibrident.fleet.schedulers import Reply, Scheduler
 from vibrident.fleet.table import Tally, identified_keys, index_of, write_table
 
-#: Seconds of work in a batch: long against the time to send one, short against an acceptable loss.
-BATCH_S = 10.0
-#: Shortest batch, in seconds: the last calibrations are divided among all workers.
-_LEAST_BATCH_S = 0.5
-#: Most calibrations of a batch, however short they are.
-_MOST_IN_A_BATCH = 1000
-#: Share of the newest batch in a shape's time.
-_NEWEST_SHARE = 0.5
+BATCH_S = 10.0  # seconds of work in a batch: long against the time to send one, short against an acceptable loss
+_LEAST_BATCH_S = 0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
+_MOST_IN_A_BATCH = 1000  # most calibrations of a batch, however short they are
+_NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
 
 Task = tuple[str, str]  # path, key
 
@@ -74,75 +70,45 @@ class Batches:
         return shape, batch
 
 
-#: Calls a worker has at once: one that it works on, one that waits for it.
-WINDOW = 2
-#: Calibrations hashed by each of the first calls, so that work begins at once.
-_FIRST_PATHS = 8
-#: Calibrations hashed by a later call.
-_MOST_PATHS = 100
-#: Seconds between updates of the number of workers and of the progress.
-_TURN_S = 0.5
-#: How often a calibration is sent again after its worker was lost.
-_MOST_LOST = 4
-#: How often it is hashed again after its files changed.
-_MOST_MOVES = 3
+WINDOW = 2  # calls a worker has at once: one that it works on, one that waits for it
+_FIRST_PATHS = 8  # calibrations hashed by each of the first calls, so that work begins at once
+_MOST_PATHS = 100  # calibrations hashed by a later call
+_TURN_S = 0.5  # seconds between updates of the number of workers and of the progress
+_MOST_LOST = 4  # how often a calibration is sent again after its worker was lost
+_MOST_MOVES = 3  # how often it is hashed again after its files changed
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The request for a run.
+    """The request for a run."""
 
-    Attributes:
-        patterns: files, folders and globs.
-        orders: how each calibration is identified, and the folder.
-        specification: limits of the parameters, by type.
-        fresh: compute everything again instead of continuing.
-    """
-
-    patterns: Sequence[str]
-    orders: Orders
-    specification: Specification = field(default_factory=Specification)
-    fresh: bool = False
+    patterns: Sequence[str]  # files, folders and globs
+    orders: Orders  # how each calibration is identified, and the folder
+    specification: Specification = field(default_factory=Specification)  # limits of the parameters, by type
+    fresh: bool = False  # compute everything again instead of continuing
 
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a run.
+    """Progress of a run."""
 
-    Attributes:
-        done: calibrations that have a row, including those of earlier runs.
-        total: calibrations.
-        rate: calibrations finished in this run, per second.
-        left_s: seconds left at that rate; None before a rate is known.
-        workers: at work now.
-    """
-
-    done: int
-    total: int
-    rate: float
-    left_s: float | None
-    workers: int
+    done: int  # calibrations that have a row, including those of earlier runs
+    total: int  # calibrations
+    rate: float  # calibrations finished in this run, per second
+    left_s: float | None  # seconds left at that rate; None before a rate is known
+    workers: int  # at work now
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a run.
+    """Outcome of a run."""
 
-    Attributes:
-        tally: of the table's rows.
-        files: written: the table, then the page.
-        computed: calibrations that this run computed; those of equal content, or of an earlier run, were not.
-        left_out: TOML files, in folders, that hold no section of a calibration.
-        seconds: of the run.
-        folder: of the whole results.
-    """
-
-    tally: Tally
-    files: list[Path]
-    computed: int
-    left_out: int
-    seconds: float
-    folder: Path
+    tally: Tally  # of the table's rows
+    files: list[Path]  # written: the table, then the page
+    computed: int  # calibrations that this run computed; those of equal content, or of an earlier run, were not
+    left_out: int  # TOML files, in folders, that hold no section of a calibration
+    seconds: float  # of the run
+    folder: Path  # of the whole results
 
     def results(self) -> Iterator[Path]:
         """Path of each identified calibration's result, each once; the files exist if ``results`` was set."""

@@ -24,20 +24,14 @@ _ABSENT = "absent"
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """A calibration before it is read.
+    """A calibration before it is read."""
 
-    Attributes:
-        key: SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data files, the
-            settings and the version.
-        shape: equal for calibrations that take about the same time.
-        calibration: False for a TOML file that is no calibration file.
-        there: False if the file does not exist.
-    """
-
+    # SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data files, the settings and
+    # the version
     key: str
-    shape: str
-    calibration: bool = True
-    there: bool = True
+    shape: str  # equal for calibrations that take about the same time
+    calibration: bool = True  # False for a TOML file that is no calibration file
+    there: bool = True  # False if the file does not exist
 
 
 def fingerprint(path: str, orders: Orders) -> Fingerprint:

@@ -14,8 +14,7 @@ from vibrident.io.schema_errors import schema_error
 from vibrident.io.toml_text import read_toml
 from vibrident.naming import parameter_names
 
-#: Coverage factor of the uncertainty in a verdict.
-K = 2.0
+K = 2.0  # coverage factor of the uncertainty in a verdict
 
 
 class Limit(BaseModel):

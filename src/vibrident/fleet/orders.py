@@ -12,8 +12,7 @@ from typing import Any, Literal
 
 from vibrident import __version__
 
-#: Default time limit of one calibration, in seconds.
-TIME_LIMIT_S = 300.0
+TIME_LIMIT_S = 300.0  # default time limit of one calibration, in seconds
 _GROUPS = ("vibrident.models", "vibrident.estimators", "vibrident.readers")
 _LEAST_BYTES = 4_000_000_000
 _SHARE = 0.8
@@ -27,31 +26,20 @@ def plug_ins() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Orders:
-    """The same for all calibrations of a run.
+    """The same for all calibrations of a run."""
 
-    Attributes:
-        folder: absolute path for results and parts.
-        model: of all calibrations; None for the one that each calibration states.
-        estimator: a name, or ``auto``.
-        time_limit_s: longest time of one calibration.
-        memory_limit_bytes: largest memory of one process; None: a share of the machine's, see ``memory_limit``.
-        results: whether whole results are written.
-        device: where tones and lines are fitted: ``cpu``, or ``gpu`` for many calibrations at once.
-        version: of this package; a remote worker must have the same.
-        plug_ins: packages that may change an outcome.
-        run: name of this run; it distinguishes its processes from those of another run.
-    """
-
-    folder: str
-    model: str | None = None
-    estimator: str = "auto"
-    time_limit_s: float = TIME_LIMIT_S
+    folder: str  # absolute path for results and parts
+    model: str | None = None  # of all calibrations; None for the one that each calibration states
+    estimator: str = "auto"  # a name, or ``auto``
+    time_limit_s: float = TIME_LIMIT_S  # longest time of one calibration
+    # largest memory of one process; None: a share of the machine's, see ``memory_limit``
     memory_limit_bytes: int | None = None
-    results: bool = True
+    results: bool = True  # whether whole results are written
+    # where tones and lines are fitted: ``cpu``, or ``gpu`` for many calibrations at once
     device: Literal["cpu", "gpu"] = "cpu"
-    version: str = __version__
-    plug_ins: Sequence[str] = field(default_factory=plug_ins)
-    run: str = ""
+    version: str = __version__  # of this package; a remote worker must have the same
+    plug_ins: Sequence[str] = field(default_factory=plug_ins)  # packages that may change an outcome
+    run: str = ""  # name of this run; it distinguishes its processes from those of another run
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -43,16 +43,11 @@ from vibrident.present.views import (
     section,
 )
 
-#: Messages shown.
-MOST_KINDS = 40
-#: Calibrations named beside each message.
-MOST_NAMES = 5
-#: Types shown in the table of yields.
-_MOST_TYPES = 100
-#: Rows in memory at the same time.
-_ROWS = 4096
-#: Columns of parameters with a limit.
-_JUDGED = ("limits", "outside", "undecided", "Cpk")
+MOST_KINDS = 40  # messages shown
+MOST_NAMES = 5  # calibrations named beside each message
+_MOST_TYPES = 100  # types shown in the table of yields
+_ROWS = 4096  # rows in memory at the same time
+_JUDGED = ("limits", "outside", "undecided", "Cpk")  # columns of parameters with a limit
 _LEGEND = Sentence(
     "Bars: calibrations. Red lines: limits, with what lies outside shaded; dashed: nominal. ◂ and ▸ count what lies "
     "beyond the ends. Undecided: values within U (k = 2) of a limit, inside or outside. Cpk: distance of the mean from "
@@ -314,8 +309,7 @@ def _throughput(seconds: np.ndarray, tally: Tally, began_at: float) -> Iterator[
 
 _BARS = Look(SKY)
 _OUTSIDE = Look("#fbeee6", width=0.0)
-#: Beside the bars, as a part of their range: half of a tick's label.
-_ROOM = 0.03
+_ROOM = 0.03  # beside the bars, as a part of their range: half of a tick's label
 _LIMIT = Look(VERMILION, width=1.6)
 _NOMINAL = Look(BLACK, "dashed", 1.4)
 
@@ -339,11 +333,8 @@ def over_time(seconds: NDArray[np.float64], label: str) -> Figure:
 def histogram(found: Histogram, label: str, factor: float = 1.0, limit: Limit | None = None) -> Figure:
     """Bars over an axis.
 
-    Args:
-        found: counts.
-        label: under the axis.
-        factor: from the values to the numbers on the axis.
-        limit: for the values.
+    ``found``: counts; ``label``: under the axis; ``factor``: from the values to the numbers on the axis; ``limit``: for
+    the values.
     """
     edges, tallest = found.edges * factor, float(max(found.counts.max(), 1))
     low, high = float(edges[0]), float(edges[-1])

@@ -26,11 +26,9 @@ from vibrident.fleet.row import FAILED, IDENTIFIED, Row
 _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
 _FLAGS = ("adequate", "passing")
-#: Age after which an unfinished file is taken to be left by a process that has ended.
-_LEFT_S = 3600.0
+_LEFT_S = 3600.0  # age after which an unfinished file is taken to be left by a process that has ended
 _ENDING = ".part"
-#: Type of an array of keys.
-PACKED = np.dtype("S32")
+PACKED = np.dtype("S32")  # type of an array of keys
 
 
 #: A row on the disk: its key, where it is, and what decides between rows of one key.
@@ -70,23 +68,14 @@ def _no_pandas(name: str, *_: object) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Index:
-    """The place of each key's row. Of several rows of a key, a finished one is used, else the latest.
+    """The place of each key's row. Of several rows of a key, a finished one is used, else the latest."""
 
-    Attributes:
-        keys: sorted, each once, as ``packed`` gives them; shape (keys,).
-        part: number of the part in ``parts``; shape (keys,).
-        row: number of the row in it; shape (keys,).
-        stands: False if the row has to be computed again; shape (keys,).
-        parts: names of the files.
-        parameters: that each part has columns for.
-    """
-
-    keys: NDArray[np.bytes_]
-    part: NDArray[np.int32]
-    row: NDArray[np.int32]
-    stands: NDArray[np.bool_]
-    parts: list[str]
-    parameters: list[tuple[str, ...]]
+    keys: NDArray[np.bytes_]  # sorted, each once, as ``packed`` gives them; shape (keys,)
+    part: NDArray[np.int32]  # number of the part in ``parts``; shape (keys,)
+    row: NDArray[np.int32]  # number of the row in it; shape (keys,)
+    stands: NDArray[np.bool_]  # False if the row has to be computed again; shape (keys,)
+    parts: list[str]  # names of the files
+    parameters: list[tuple[str, ...]]  # that each part has columns for
 
     def places(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
         """Position of these keys in the index; −1 for a key that is not in it."""

@@ -14,12 +14,9 @@ import numpy as np
 from vibrident.errors import InputError
 
 _ENDING = ".toml"
-#: Paths that are compressed together.
-_BLOCK = 256
-#: Blocks that are kept open.
-_MOST_OPENED = 8
-#: Bytes of the hash by which equal paths are found.
-_MARK = 16
+_BLOCK = 256  # paths that are compressed together
+_MOST_OPENED = 8  # blocks that are kept open
+_MARK = 16  # bytes of the hash by which equal paths are found
 
 
 class Paths:
@@ -56,15 +53,11 @@ class Paths:
 
 @dataclass(frozen=True)
 class Found:
-    """Files to be identified, in order; two columns, because there may be millions.
+    """Files to be identified, in order; two columns, because there may be millions."""
 
-    Attributes:
-        paths: as they were found from the patterns.
-        in_folder: 1 for a file found in a named folder, 0 for a file named itself: the former is left out if it is no
-            calibration file.
-    """
-
-    paths: Paths
+    paths: Paths  # as they were found from the patterns
+    # 1 for a file found in a named folder, 0 for a file named itself: the former is left out if it is no calibration
+    # file
     in_folder: bytearray
 
 

@@ -12,8 +12,7 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.result import Result
 
 IDENTIFIED, REFUSED, FAILED = "identified", "refused", "failed"
-#: What a result says that was fitted where it was asked for.
-_GPU = "gpu"
+_GPU = "gpu"  # what a result says that was fitted where it was asked for
 
 #: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate, chi2_reduced, warnings,
 #: seconds as in the table, ``parameters`` being name → [value, u, unit]; ``finished``: when, in seconds since 1970;

@@ -18,19 +18,12 @@ from vibrident.fleet.batch import end_processes
 
 @dataclass(frozen=True)
 class Reply:
-    """The end of a call.
+    """The end of a call."""
 
-    Attributes:
-        call: number passed to ``submit``.
-        value: returned by the function; None if it did not return.
-        error: exception that it raised.
-        lost: True if its workers ended for an unknown reason.
-    """
-
-    call: int
-    value: Any = None
-    error: BaseException | None = None
-    lost: bool = False
+    call: int  # number passed to ``submit``
+    value: Any = None  # returned by the function; None if it did not return
+    error: BaseException | None = None  # exception that it raised
+    lost: bool = False  # True if its workers ended for an unknown reason
 
 
 class Scheduler(Protocol):

@@ -16,25 +16,16 @@ from vibrident.fleet.limits import Limit, Specification
 from vibrident.fleet.row import IDENTIFIED
 from vibrident.fleet.table import Tally
 
-#: Fewest values for a search for outliers.
-FEWEST = 20
-#: False-alarm probability of that search, for a normal distribution of any size.
-FALSE_ALARM = 0.01
-#: From the median absolute deviation to the standard deviation of a normal distribution.
-_TO_SD = 1.482602218505602
-#: The spread of few values is uncertain: the limit is wider by a factor 1 + _SMALL / n. By simulation.
-_SMALL = 12.0
-#: Groups shown.
-MOST_GROUPS = 12
-#: Outliers listed.
-MOST_OUTLIERS = 200
-#: Margin drawn outside a limit, relative to the width between the limits.
-_MARGIN = 0.06
-#: Bins of a histogram.
-_FEWEST_BINS = 8
+FEWEST = 20  # fewest values for a search for outliers
+FALSE_ALARM = 0.01  # false-alarm probability of that search, for a normal distribution of any size
+_TO_SD = 1.482602218505602  # from the median absolute deviation to the standard deviation of a normal distribution
+_SMALL = 12.0  # the spread of few values is uncertain: the limit is wider by a factor 1 + _SMALL / n. By simulation
+MOST_GROUPS = 12  # groups shown
+MOST_OUTLIERS = 200  # outliers listed
+_MARGIN = 0.06  # margin drawn outside a limit, relative to the width between the limits
+_FEWEST_BINS = 8  # bins of a histogram
 _MOST_BINS = 48
-#: Rows read at the same time.
-_ROWS = 4096
+_ROWS = 4096  # rows read at the same time
 FloatArray = NDArray[np.float64]
 
 
@@ -92,27 +83,16 @@ class Group:
 
 @dataclass(frozen=True)
 class Outlier:
-    """An outlier, or a value that does not conform.
+    """An outlier, or a value that does not conform."""
 
-    Attributes:
-        row: number in the table.
-        group: number in the statistics.
-        parameter: its name.
-        unit: of value and u.
-        value: of the parameter.
-        u: its standard uncertainty; None if it is not stated.
-        distance: from the median, in robust standard deviations.
-        outside: it does not conform to a limit.
-    """
-
-    row: int
-    group: int
-    parameter: str
-    unit: str
-    value: float
-    u: float | None
-    distance: float
-    outside: bool
+    row: int  # number in the table
+    group: int  # number in the statistics
+    parameter: str  # its name
+    unit: str  # of value and u
+    value: float  # of the parameter
+    u: float | None  # its standard uncertainty; None if it is not stated
+    distance: float  # from the median, in robust standard deviations
+    outside: bool  # it does not conform to a limit
 
 
 @dataclass(frozen=True)
@@ -128,23 +108,14 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """The statistics of a fleet.
+    """The statistics of a fleet."""
 
-    Attributes:
-        groups: the largest first.
-        more: groups that are not shown.
-        outliers: the farthest first.
-        more_outliers: that are not listed.
-        yields: by type, in the order of their numbers.
-        limited: whether any limit applies.
-    """
-
-    groups: tuple[Group, ...]
-    more: int
-    outliers: tuple[Outlier, ...]
-    more_outliers: int
-    yields: tuple[Yield, ...]
-    limited: bool
+    groups: tuple[Group, ...]  # the largest first
+    more: int  # groups that are not shown
+    outliers: tuple[Outlier, ...]  # the farthest first
+    more_outliers: int  # that are not listed
+    yields: tuple[Yield, ...]  # by type, in the order of their numbers
+    limited: bool  # whether any limit applies
 
 
 def statistics(table: Path, tally: Tally, specification: Specification) -> Statistics:

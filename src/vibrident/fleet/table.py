@@ -20,32 +20,23 @@ from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.naming import parameter_names
 
-#: Rows in memory at the same time.
-_BLOCK = 4096
+_BLOCK = 4096  # rows in memory at the same time
 _BEFORE = ("calibration", "key", "status", "message", "serial_number", "type", "model", "estimator")
 _AFTER = ("adequate", "chi2_reduced", "warnings", "seconds")
-#: Key in the file's metadata: parameter → its units, one in most cases.
-UNITS = b"vibrident.units"
+UNITS = b"vibrident.units"  # key in the file's metadata: parameter → its units, one in most cases
 
 
 @dataclass(eq=False)
 class Tally:
-    """Counts of the table's rows.
+    """Counts of the table's rows."""
 
-    Attributes:
-        statuses: rows by status.
-        warnings: identified rows by code of warning.
-        doubtful: identified rows that carry a warning, or whose model is not adequate.
-        units: each set of units that occurs, parameter → unit.
-        units_of: number of its set, for each row; shape (rows,).
-        finished: when, in seconds since 1970, for each row; shape (rows,).
-    """
-
-    statuses: Counter[str] = field(default_factory=Counter)
-    warnings: Counter[str] = field(default_factory=Counter)
-    doubtful: int = 0
-    units: list[dict[str, str]] = field(default_factory=list)
+    statuses: Counter[str] = field(default_factory=Counter)  # rows by status
+    warnings: Counter[str] = field(default_factory=Counter)  # identified rows by code of warning
+    doubtful: int = 0  # identified rows that carry a warning, or whose model is not adequate
+    units: list[dict[str, str]] = field(default_factory=list)  # each set of units that occurs, parameter → unit
+    # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    # when, in seconds since 1970, for each row; shape (rows,)
     finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -77,11 +68,8 @@ def index_of(orders: Orders) -> parts.Index:
 def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders) -> Tally:
     """Write the table, whole or not at all.
 
-    Args:
-        path: of the file.
-        names: of the rows, in order.
-        keys: of the rows, packed (see ``parts``), shape (rows,).
-        orders: of the run.
+    ``path``: of the file; ``names``: of the rows, in order; ``keys``: of the rows, packed (see ``parts``), shape
+    (rows,); ``orders``: of the run.
 
     Raises:
         InputError: the row of a calibration has gone from the parts.

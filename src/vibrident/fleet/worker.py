@@ -19,8 +19,7 @@ from vibrident.fleet.orders import Orders
 from vibrident.fleet.parts import unwritable, write_whole
 from vibrident.io.columns import unreadable
 
-#: How often a calibration is begun again whose files change while it is read.
-_MOST_TRIES = 3
+_MOST_TRIES = 3  # how often a calibration is begun again whose files change while it is read
 #: Path and key.
 Task = tuple[str, str]
 

@@ -23,42 +23,28 @@ from scipy.special import ndtr
 from vibrident.records import FloatArray
 
 FALSE_ALARM = 0.01
-#: Comparisons over which that holds: a sensor's life, calibrated every year or two.
-LIFE = 20
-#: Weight of the newest residual in the EWMA: for a change of about one standard deviation.
-EWMA_WEIGHT = 0.25
-#: Half of the change, in standard deviations, that the CUSUM is designed for.
-CUSUM_ALLOWANCE = 0.5
+LIFE = 20  # comparisons over which that holds: a sensor's life, calibrated every year or two
+EWMA_WEIGHT = 0.25  # weight of the newest residual in the EWMA: for a change of about one standard deviation
+CUSUM_ALLOWANCE = 0.5  # half of the change, in standard deviations, that the CUSUM is designed for
 _NODES = 80
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A control chart, in standard deviations.
+    """A control chart, in standard deviations."""
 
-    Attributes:
-        name: ``EWMA`` or ``CUSUM``.
-        upper: statistic on the upper side at each residual; of the EWMA the statistic itself.
-        lower: on the lower side, zero or negative; the EWMA itself.
-        limit: upper limit at each residual; the lower one is its negative.
-        alarm: index of each residual with an alarm.
-        average_run_length: of a stable sensor to a false alarm.
-    """
-
-    name: str
-    upper: tuple[float, ...]
-    lower: tuple[float, ...]
-    limit: tuple[float, ...]
-    alarm: tuple[int, ...]
-    average_run_length: float
+    name: str  # ``EWMA`` or ``CUSUM``
+    upper: tuple[float, ...]  # statistic on the upper side at each residual; of the EWMA the statistic itself
+    lower: tuple[float, ...]  # on the lower side, zero or negative; the EWMA itself
+    limit: tuple[float, ...]  # upper limit at each residual; the lower one is its negative
+    alarm: tuple[int, ...]  # index of each residual with an alarm
+    average_run_length: float  # of a stable sensor to a false alarm
 
 
 def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray:
     """Difference of each value after the first from those before it, in standard deviations of it; shape (n − 1,).
 
-    Args:
-        value: shape (n,), in the order of time.
-        covariance: of the values about a constant, shape (n, n).
+    ``value``: shape (n,), in the order of time; ``covariance``: of the values about a constant, shape (n, n).
     """
     change = np.column_stack([-np.ones(value.size - 1), np.eye(value.size - 1)])  # from the first: the constant cancels
     spread = change @ covariance @ change.T

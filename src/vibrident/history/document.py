@@ -28,24 +28,16 @@ _CURVE = 25
 
 @dataclass(frozen=True)
 class Question:
-    """A question to a history.
+    """A question to a history."""
 
-    Attributes:
-        quantity: name of a parameter, or the sensitivity at the reference frequency.
-        frequency_hz: nominal frequency, for the sensitivity there instead of that at the reference frequency.
-        until: date to predict for; None for the end of the interval in force.
-        tolerance: of all sensors; None for no due date.
-        interval_years: in force; None for the time between the last two calibrations.
-        today: the date that counts as today.
-        tolerances: where sensors differ, the tolerance of each; None for no due date of that sensor.
-    """
-
-    quantity: str = REFERENCE_SENSITIVITY
+    quantity: str = REFERENCE_SENSITIVITY  # name of a parameter, or the sensitivity at the reference frequency
+    # nominal frequency, for the sensitivity there instead of that at the reference frequency
     frequency_hz: float | None = None
-    until: datetime.date | None = None
-    tolerance: Tolerance | None = None
-    interval_years: float | None = None
-    today: datetime.date | None = None
+    until: datetime.date | None = None  # date to predict for; None for the end of the interval in force
+    tolerance: Tolerance | None = None  # of all sensors; None for no due date
+    interval_years: float | None = None  # in force; None for the time between the last two calibrations
+    today: datetime.date | None = None  # the date that counts as today
+    # where sensors differ, the tolerance of each; None for no due date of that sensor
     tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
 
 

@@ -26,23 +26,16 @@ from scipy.special import ndtr
 
 from vibrident.records import FloatArray
 
-#: Bisections of the interval that holds a quantile: they resolve 10⁻¹² of it.
-_HALVINGS = 45
+_HALVINGS = 45  # bisections of the interval that holds a quantile: they resolve 10⁻¹² of it
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Normal distributions with weights.
+    """Normal distributions with weights."""
 
-    Attributes:
-        weight: shape (m,), their sum is one.
-        mean: shape (m,).
-        deviation: standard deviations, all above zero, shape (m,).
-    """
-
-    weight: FloatArray
-    mean: FloatArray
-    deviation: FloatArray
+    weight: FloatArray  # shape (m,), their sum is one
+    mean: FloatArray  # shape (m,)
+    deviation: FloatArray  # standard deviations, all above zero, shape (m,)
 
     def below(self, value: float) -> float:
         """Probability of a value below ``value``."""
@@ -75,11 +68,9 @@ class Mixture:
         return (high - low) / 4
 
 
-#: Number of variances in the grid, evenly spaced in their logarithm, in units of the noise.
-NODES = 13
+NODES = 13  # number of variances in the grid, evenly spaced in their logarithm, in units of the noise
 _LOG_RANGE = (-6.0, 14.0)
-#: Weight below which a node adds nothing to a probability that is printed.
-_LEAST_WEIGHT = 1e-9
+_LEAST_WEIGHT = 1e-9  # weight below which a node adds nothing to a probability that is printed
 HYPOTHESES = ("line", "random walk", "line and random walk", "still")
 #: Their probability beforehand, times 11: with these, 95 % intervals hold about 95 % in each kind of life that can be
 #: told from the others. Without ``still``, those of a stable sensor are too wide; a line that is as probable as a walk
@@ -89,36 +80,22 @@ BEFOREHAND = (1.0, 4.0, 4.0, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """For each of m nodes, with covariance Σ and design X of shape (n, p).
+    """For each of m nodes, with covariance Σ and design X of shape (n, p)."""
 
-    Attributes:
-        gain: G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p): Gᵀy is the estimate of what is free.
-        back: its covariance, shape (m, p, p).
-        projector: Σ⁻¹ − G XᵀΣ⁻¹, shape (m, n, n).
-        likelihood: logarithm of the REML likelihood, but for a constant, shape (m,).
-    """
-
-    gain: FloatArray
-    back: FloatArray
-    projector: FloatArray
-    likelihood: FloatArray
+    gain: FloatArray  # G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p): Gᵀy is the estimate of what is free
+    back: FloatArray  # its covariance, shape (m, p, p)
+    projector: FloatArray  # Σ⁻¹ − G XᵀΣ⁻¹, shape (m, n, n)
+    likelihood: FloatArray  # logarithm of the REML likelihood, but for a constant, shape (m,)
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """The drift of a sensor from its calibrations; times in years, values and their covariance in one unit.
+    """The drift of a sensor from its calibrations; times in years, values and their covariance in one unit."""
 
-    Attributes:
-        time: of each calibration, shape (n,), ascending.
-        value: shape (n,).
-        covariance: of the errors, shape (n, n).
-        group: number of the series that each belongs to, shape (n,); the last is the present one.
-    """
-
-    time: FloatArray
-    value: FloatArray
-    covariance: FloatArray
-    group: NDArray[np.int_]
+    time: FloatArray  # of each calibration, shape (n,), ascending
+    value: FloatArray  # shape (n,)
+    covariance: FloatArray  # of the errors, shape (n, n)
+    group: NDArray[np.int_]  # number of the series that each belongs to, shape (n,); the last is the present one
 
     @property
     def determined(self) -> bool:
@@ -207,10 +184,8 @@ class Drift:
     def reading(self, time: float, shared: FloatArray, u: float) -> Mixture:
         """Prediction for a calibration at a time.
 
-        Args:
-            time: in years.
-            shared: covariance of its error with those of the calibrations before, shape (n,).
-            u: its standard uncertainty.
+        ``time``: in years; ``shared``: covariance of its error with those of the calibrations before, shape (n,);
+        ``u``: its standard uncertainty.
         """
         return self._mixture(time, shared, u**2)
 

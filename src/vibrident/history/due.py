@@ -10,12 +10,9 @@ import numpy as np
 
 from vibrident.history.life import DAYS_A_YEAR, Life
 
-#: Probability of being outside the tolerance at which a calibration is due.
-RISK = 0.05
-#: Latest date considered, in years after the last calibration.
-FARTHEST_YEARS = 20.0
-#: Number of coarse dates at which the risk is computed, before the date is found between two of them.
-_LOOKS = 24
+RISK = 0.05  # probability of being outside the tolerance at which a calibration is due
+FARTHEST_YEARS = 20.0  # latest date considered, in years after the last calibration
+_LOOKS = 24  # number of coarse dates at which the risk is computed, before the date is found between two of them
 #: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is extended, else reduced.
 STAIRCASE_PART = 0.8
 STAIRCASE_LONGER = 1.25
@@ -24,15 +21,10 @@ STAIRCASE_SHORTER = 0.7
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Permitted deviation of a sensor from the value it is used with.
+    """Permitted deviation of a sensor from the value it is used with."""
 
-    Attributes:
-        relative: half width, relative to the nominal value.
-        nominal: the value it is used with; None for that of its last calibration.
-    """
-
-    relative: float
-    nominal: float | None = None
+    relative: float  # half width, relative to the nominal value
+    nominal: float | None = None  # the value it is used with; None for that of its last calibration
 
     def limits(self, life: Life) -> tuple[float, float]:
         """Lower and upper limit, in the quantity's unit."""
@@ -42,27 +34,17 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Due:
-    """When a sensor is due.
+    """When a sensor is due."""
 
-    Attributes:
-        date: by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in ``why``.
-        why: reason if there is no date, such as a sensor that was recalled; else empty.
-        risk_today: probability of being outside the tolerance today.
-        risk_at_end: at the end of the interval in force.
-        interval_years: the interval in force.
-        by_interval: date by that.
-        staircase_years: interval by ILAC-G24's staircase; None with fewer than two dates in the series.
-        by_staircase: date by that.
-    """
-
+    # by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in ``why``
     date: datetime.date | None
-    why: str
-    risk_today: float | None
-    risk_at_end: float | None
-    interval_years: float
-    by_interval: datetime.date
-    staircase_years: float | None
-    by_staircase: datetime.date | None
+    why: str  # reason if there is no date, such as a sensor that was recalled; else empty
+    risk_today: float | None  # probability of being outside the tolerance today
+    risk_at_end: float | None  # at the end of the interval in force
+    interval_years: float  # the interval in force
+    by_interval: datetime.date  # date by that
+    staircase_years: float | None  # interval by ILAC-G24's staircase; None with fewer than two dates in the series
+    by_staircase: datetime.date | None  # date by that
 
 
 def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date) -> Due:

@@ -26,10 +26,8 @@ from vibrident.present.numbers import unit_of_sensitivity
 from vibrident.present.points import nominal_points, reference_point
 from vibrident.result import Result
 
-#: Results in one transaction: few, so that other writers wait for milliseconds only.
-_AT_ONCE = 20
-#: Digits kept of the SHA-256 of a data file: enough to recognise results of the same data.
-_FILE_DIGITS = 20
+_AT_ONCE = 20  # results in one transaction: few, so that other writers wait for milliseconds only
+_FILE_DIGITS = 20  # digits kept of the SHA-256 of a data file: enough to recognise results of the same data
 _SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
 
 DatabaseRow = dict[str, Any]
@@ -48,10 +46,8 @@ class ResultRows:
 def rows_of(result: Result, serial_number: str | None = None, date: datetime.date | None = None) -> ResultRows:
     """The rows of a result.
 
-    Args:
-        result: the result.
-        serial_number: if the result states no serial number.
-        date: of the calibration, if the result states no date.
+    ``result``: the result; ``serial_number``: if the result states no serial number; ``date``: of the calibration, if
+    the result states no date.
 
     Raises:
         InputError: the serial number or the date is in neither the result nor the arguments.

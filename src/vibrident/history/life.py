@@ -19,40 +19,25 @@ from vibrident.history.drift import Drift
 from vibrident.records import FloatArray
 
 DAYS_A_YEAR = 365.25
-#: Probability below which a step at a repair begins a new series.
-STEP_AT_REPAIR = 0.05
-#: Probability, over all calibrations of a sensor without a jump, that a jump is reported.
-STEP_UNTOLD = 1e-3
-#: Largest shared part of a value's variance: rounding must not make the remainder negative.
-_MOST_SHARED = 1.0 - 1e-9
+STEP_AT_REPAIR = 0.05  # probability below which a step at a repair begins a new series
+STEP_UNTOLD = 1e-3  # probability, over all calibrations of a sensor without a jump, that a jump is reported
+_MOST_SHARED = 1.0 - 1e-9  # largest shared part of a value's variance: rounding must not make the remainder negative
 
 
 class Entry(NamedTuple):
-    """One quantity of one calibration; a tuple, because a store gives ten thousand at a time.
+    """One quantity of one calibration; a tuple, because a store gives ten thousand at a time."""
 
-    Attributes:
-        id: number of the calibration in the store.
-        date: of the calibration.
-        value: in the quantity's unit; None if the result has no value.
-        u: standard uncertainty, same unit; None if not stated.
-        unit: of both.
-        frequency_hz: if the quantity is a sensitivity at a frequency.
-        shared: standard uncertainty, same unit, of each source that other calibrations may share.
-        data_files: hashes of its data files, a JSON list.
-        standing: the newest of ``approved``, ``superseded``, ``recalled``; else empty.
-        facts: further columns of the calibration.
-    """
-
-    id: int
-    date: datetime.date
-    value: float | None
-    u: float | None
-    unit: str
-    frequency_hz: float | None = None
+    id: int  # number of the calibration in the store
+    date: datetime.date  # of the calibration
+    value: float | None  # in the quantity's unit; None if the result has no value
+    u: float | None  # standard uncertainty, same unit; None if not stated
+    unit: str  # of both
+    frequency_hz: float | None = None  # if the quantity is a sensitivity at a frequency
+    # standard uncertainty, same unit, of each source that other calibrations may share
     shared: Mapping[str, float] = MappingProxyType({})
-    data_files: str = "[]"
-    standing: str = ""
-    facts: Mapping[str, object] = MappingProxyType({})
+    data_files: str = "[]"  # hashes of its data files, a JSON list
+    standing: str = ""  # the newest of ``approved``, ``superseded``, ``recalled``; else empty
+    facts: Mapping[str, object] = MappingProxyType({})  # further columns of the calibration
 
     @property
     def u_own(self) -> float | None:
@@ -77,17 +62,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Agreement:
-    """E_n of a calibration and the one before it.
+    """E_n of a calibration and the one before it."""
 
-    Attributes:
-        ordinary: as if both were independent; None if there is no uncertainty.
-        correlated: without the shared sources in the uncertainty of their difference.
-        correlation: of the two values.
-    """
-
-    ordinary: float | None
-    correlated: float | None
-    correlation: float
+    ordinary: float | None  # as if both were independent; None if there is no uncertainty
+    correlated: float | None  # without the shared sources in the uncertainty of their difference
+    correlation: float  # of the two values
 
 
 @dataclass(frozen=True)
@@ -100,17 +79,11 @@ class Break:
 
 @dataclass(frozen=True, eq=False)
 class Life:
-    """The valid calibrations of a sensor, in the order of their dates, and the others.
+    """The valid calibrations of a sensor, in the order of their dates, and the others."""
 
-    Attributes:
-        entries: with value and uncertainty, in one unit, no two of the same data.
-        left_out: entry and reason, in words.
-        events: in the order of their dates.
-    """
-
-    entries: tuple[Entry, ...]
-    left_out: tuple[tuple[Entry, str], ...]
-    events: tuple[Event, ...]
+    entries: tuple[Entry, ...]  # with value and uncertainty, in one unit, no two of the same data
+    left_out: tuple[tuple[Entry, str], ...]  # entry and reason, in words
+    events: tuple[Event, ...]  # in the order of their dates
 
     @cached_property
     def years(self) -> FloatArray:

@@ -9,8 +9,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-#: The newest migration; a store at another one is refused.
-REVISION = "0002"
+REVISION = "0002"  # the newest migration; a store at another one is refused
 VERSION_TABLE = "vibrident_schema"
 #: Name among the parameters of the magnitude of the sensitivity at the reference frequency.
 REFERENCE_SENSITIVITY = "reference_sensitivity"

@@ -18,10 +18,8 @@ from vibrident.errors import InputError
 from vibrident.history import schema
 from vibrident.history.location import FORMS, chosen, printable, sqlite_file, without_secrets
 
-#: How long a writer waits for another one.
-PATIENCE_S = 60
-#: Number of PostgreSQL's advisory lock for changes of the schema.
-_SCHEMA_LOCK = 8_247_163_905
+PATIENCE_S = 60  # how long a writer waits for another one
+_SCHEMA_LOCK = 8_247_163_905  # number of PostgreSQL's advisory lock for changes of the schema
 #: What a database says; the problem, and what to do about it.
 _CAUSES = (
     (("append-only",), "Rows of the history cannot be changed.", "add an event"),

@@ -21,8 +21,7 @@ from vibrident.paper.unrolled import weighted_mse
 from vibrident.records import FloatArray
 
 Kind = Literal["gru", "lstm"]
-#: Unrolled steps in a body of the scan: more takes longer to compile and runs no faster.
-_UNROLL = {"gru": 4, "lstm": 1}
+_UNROLL = {"gru": 4, "lstm": 1}  # unrolled steps in a body of the scan: more takes longer to compile and runs no faster
 HIDDEN = 16
 
 

@@ -16,21 +16,15 @@ from vibrident.paper.metrics import CURVE_POINTS
 from vibrident.records import FloatArray, Record
 from vibrident.simulation import Motion, Sensor, exact_response
 
-#: Relative step of the differences.
-_STEP = 1e-5
+_STEP = 1e-5  # relative step of the differences
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """Least covariance of the parameters, relative to their values, at white response noise of a relative level.
+    """Least covariance of the parameters, relative to their values, at white response noise of a relative level."""
 
-    Attributes:
-        names: of the parameters.
-        covariance: shape (parameters, parameters), relative, at noise of the response's own rms (level 1).
-    """
-
-    names: tuple[str, ...]
-    covariance: FloatArray
+    names: tuple[str, ...]  # of the parameters
+    covariance: FloatArray  # shape (parameters, parameters), relative, at noise of the response's own rms (level 1)
 
     def deviations(self, level: float) -> dict[str, float]:
         """Least relative standard deviation of each parameter at noise of ``level`` times each record's rms."""

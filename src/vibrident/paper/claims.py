@@ -8,14 +8,10 @@ from vibrident.paper import methods, published
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import PaperSection
 
-#: Own target without channel noise: mean deviation of the curve, %.
-MEAN_PERCENT = 0.005
-#: Deviation of the curve at the peak, %.
-PEAK_PERCENT = 0.02
-#: RMS error over the Cramér–Rao bound.
-OVER_BOUND = 2.0
-#: Response noise of that ratio, relative to the rms.
-NOISE_LEVEL = 0.01
+MEAN_PERCENT = 0.005  # own target without channel noise: mean deviation of the curve, %
+PEAK_PERCENT = 0.02  # deviation of the curve at the peak, %
+OVER_BOUND = 2.0  # RMS error over the Cramér–Rao bound
+NOISE_LEVEL = 0.01  # response noise of that ratio, relative to the rms
 
 
 @dataclass(frozen=True)

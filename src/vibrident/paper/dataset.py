@@ -33,16 +33,12 @@ from vibrident.simulation import (
 SENSOR = SENSORS["paper"]
 RATE_HZ = 51200.0
 SAMPLES = 16000
-#: Excitation over its noise, as the paper states it.
-SNR_DB = 20.0
+SNR_DB = 20.0  # excitation over its noise, as the paper states it
 #: Below this frequency a record is sampled more slowly, so that it holds as many periods as this one does.
 SLOWER_BELOW_HZ = 10.0
-#: Share of the records that are trained on.
-TRAINING_SHARE = 0.8
-#: Robust standard deviations from its neighbours beyond which a sample is an outlier.
-OUTLYING = 10.0
-#: Longest step of RK4 in radians of the natural frequency.
-LARGEST_STEP = 0.3
+TRAINING_SHARE = 0.8  # share of the records that are trained on
+OUTLYING = 10.0  # robust standard deviations from its neighbours beyond which a sample is an outlier
+LARGEST_STEP = 0.3  # longest step of RK4 in radians of the natural frequency
 
 
 @dataclass(frozen=True)
@@ -51,14 +47,10 @@ class Scale:
 
     The smallest and the largest normalised value over the training records lie in [−1, 1] and one of them equals ±1.
     Zero stays zero, unlike the paper's min–max: a network without bias cannot correct a shift.
-
-    Attributes:
-        unit: physical value of a normalised 1.
-        shift: the normalised value that plain min–max would give to zero.
     """
 
-    unit: float
-    shift: float
+    unit: float  # physical value of a normalised 1
+    shift: float  # the normalised value that plain min–max would give to zero
 
     @classmethod
     def of(cls, signals: Sequence[FloatArray]) -> Scale:
@@ -69,25 +61,15 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Records split and scaled.
+    """Records split and scaled."""
 
-    Attributes:
-        calibration: physical units; outliers are replaced in the signals and marked invalid.
-        training: indices of the records to train on.
-        test: indices of the others.
-        reference: scale of the reference channel.
-        response: scale of the response channel.
-        outliers: samples detected as outliers.
-        motions: the true motion of every simulated record.
-    """
-
-    calibration: Calibration
-    training: tuple[int, ...]
-    test: tuple[int, ...]
-    reference: Scale
-    response: Scale
-    outliers: int
-    motions: tuple[Motion, ...] = ()
+    calibration: Calibration  # physical units; outliers are replaced in the signals and marked invalid
+    training: tuple[int, ...]  # indices of the records to train on
+    test: tuple[int, ...]  # indices of the others
+    reference: Scale  # scale of the reference channel
+    response: Scale  # scale of the response channel
+    outliers: int  # samples detected as outliers
+    motions: tuple[Motion, ...] = ()  # the true motion of every simulated record
 
     @property
     def training_calibration(self) -> Calibration:
@@ -244,14 +226,10 @@ def _reference(record: Record) -> FloatArray:
     return record.reference
 
 
-#: Steps of a window that are run and not scored, also at the beginning of a record.
-RUN_IN = 512
-#: Steps of a window that are scored.
-SCORED = 512
-#: Steps at the end of a record that are not scored.
-RUN_OUT = 40
-#: One of so many windows of the training records is held back for early stopping: 8:2 again.
-HOLD_BACK = 5
+RUN_IN = 512  # steps of a window that are run and not scored, also at the beginning of a record
+SCORED = 512  # steps of a window that are scored
+RUN_OUT = 40  # steps at the end of a record that are not scored
+HOLD_BACK = 5  # one of so many windows of the training records is held back for early stopping: 8:2 again
 
 
 class Windows(NamedTuple):
@@ -264,17 +242,11 @@ class Windows(NamedTuple):
 
 @dataclass(frozen=True)
 class Seen:
-    """Inputs of a network: the samples, or the coefficients of the band-limited signal.
+    """Inputs of a network: the samples, or the coefficients of the band-limited signal."""
 
-    Attributes:
-        method: the discretisation.
-        terms: inputs a step.
-        delay_s: delay at which the inputs are taken.
-    """
-
-    method: Method
-    terms: int = 1
-    delay_s: float = 0.0
+    method: Method  # the discretisation
+    terms: int = 1  # inputs a step
+    delay_s: float = 0.0  # delay at which the inputs are taken
 
     def of(self, record: Record, unit: float) -> FloatArray:
         """Normalised inputs of a record, shape (samples, terms)."""

@@ -20,22 +20,15 @@ from vibrident.paper.dataset import SENSOR, Dataset, prepared
 from vibrident.records import Calibration, FloatArray, Record
 from vibrident.simulation import ChannelNoise, Sensor, simulate
 
-#: Scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it.
-VIBROMETER = 0.050
-#: Full scale of the converter, V.
-FULL_SCALE_V = 10.0
-#: Bits of the converter.
-BITS = 24
+VIBROMETER = 0.050  # scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it
+FULL_SCALE_V = 10.0  # full scale of the converter, V
+BITS = 24  # bits of the converter
 #: Noise of the velocity, (m/s)/√Hz. This and the next four are assumed, because the paper does not state them.
 VELOCITY_NOISE = 1e-7
-#: Noise of the sensor's channel, V rms.
-RESPONSE_NOISE_V = 1e-4
-#: Delay of the vibrometer behind the sensor's channel, s.
-VIBROMETER_DELAY_S = 5e-6
-#: Shaker's own vibration below the sine, dB.
-SHAKER_DB = 40.0
-#: Band of that vibration, Hz.
-SHAKER_BAND_HZ = (5.0, 4000.0)
+RESPONSE_NOISE_V = 1e-4  # noise of the sensor's channel, V rms
+VIBROMETER_DELAY_S = 5e-6  # delay of the vibrometer behind the sensor's channel, s
+SHAKER_DB = 40.0  # shaker's own vibration below the sine, dB
+SHAKER_BAND_HZ = (5.0, 4000.0)  # band of that vibration, Hz
 #: The vibrometer is later than the response, so the response's delay relative to it is negative.
 MSV_3000 = Sensor(
     "msv3000",
@@ -43,31 +36,20 @@ MSV_3000 = Sensor(
     "accelerometer+delay",
     {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S},
 )
-#: Half length of the filter from velocity to acceleration, samples.
-_HALF = 80
-#: Its upper edge, Hz.
-_EDGE_HZ = 5000.0
-#: Its Kaiser parameter β.
-_KAISER = 9.0
+_HALF = 80  # half length of the filter from velocity to acceleration, samples
+_EDGE_HZ = 5000.0  # its upper edge, Hz
+_KAISER = 9.0  # its Kaiser parameter β
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One set of data for section 5, twice prepared.
+    """One set of data for section 5, twice prepared."""
 
-    Attributes:
-        title: name of the data, stating whether measured or simulated.
-        simulated: True for simulated data.
-        own: reference as recorded, for the methods that model its quantity.
-        published: reference as acceleration (or drive), for the methods that need it so.
-        truth: true parameters, if known.
-    """
-
-    title: str
-    simulated: bool
-    own: Dataset
-    published: Dataset
-    truth: dict[str, float] | None
+    title: str  # name of the data, stating whether measured or simulated
+    simulated: bool  # True for simulated data
+    own: Dataset  # reference as recorded, for the methods that model its quantity
+    published: Dataset  # reference as acceleration (or drive), for the methods that need it so
+    truth: dict[str, float] | None  # true parameters, if known
 
 
 def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000) -> Experiment:
@@ -150,9 +132,7 @@ excitation = "sine"
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
     """The sine steps of an SM-3 seismometer: drive to laser; None if the files are missing.
 
-    Args:
-        data: folder that holds ``sm3``.
-        seed: of the split.
+    ``data``: folder that holds ``sm3``; ``seed``: of the split.
     """
     folder = data / "sm3"
     if not any(folder.glob("*Hz.csv")):

@@ -25,12 +25,10 @@ from vibrident.records import FloatArray
 
 Stacks = tuple[Stack, ...]
 
-#: Of figure 5.
-TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)
+TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)  # of figure 5
 SHOWN = (methods.PUBLISHED, methods.EXACT, methods.PLAIN)
 _SYMBOLS = {"sensitivity": "S0", "natural_frequency": "fn", "damping_ratio": "δ"}
-#: Least error drawn; below it is rounding.
-_LEAST = 1e-9
+_LEAST = 1e-9  # least error drawn; below it is rounding
 
 
 @dataclass(frozen=True)

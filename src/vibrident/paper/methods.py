@@ -36,42 +36,25 @@ NAMES: Mapping[Kind, str] = {"gru": "GRU", "lstm": "LSTM"}
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The outcome of one method on one set of data.
+    """The outcome of one method on one set of data."""
 
-    Attributes:
-        name: for tables.
-        weights: numbers that were fitted.
-        metrics: prediction of the test records, normalised; None if the method failed.
-        parameters: the sensor's, SI units; None for a method without parameters, or that failed.
-        epochs: of training; None if there was none.
-        converged: whether the stopping rule ended training, and not the limit.
-        seconds: of fitting, compilation included; differs from run to run.
-    """
-
-    name: str
-    weights: int
-    metrics: Metrics | None
-    parameters: dict[str, float] | None
-    epochs: int | None = None
-    converged: bool = True
-    seconds: float = field(default=0.0, compare=False)
+    name: str  # for tables
+    weights: int  # numbers that were fitted
+    metrics: Metrics | None  # prediction of the test records, normalised; None if the method failed
+    parameters: dict[str, float] | None  # the sensor's, SI units; None for a method without parameters, or that failed
+    epochs: int | None = None  # of training; None if there was none
+    converged: bool = True  # whether the stopping rule ended training, and not the limit
+    seconds: float = field(default=0.0, compare=False)  # of fitting, compilation included; differs from run to run
 
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Data for all methods, and the evaluation of parameters.
+    """Data for all methods, and the evaluation of parameters."""
 
-    Attributes:
-        own: reference as recorded, for the package's estimators.
-        published: reference as acceleration (or drive), for all others. The same records and samples.
-        schedule: of everything that is trained by Adam.
-        seed: of everything random.
-    """
-
-    own: Dataset
-    published: Dataset
-    schedule: Schedule
-    seed: int
+    own: Dataset  # reference as recorded, for the package's estimators
+    published: Dataset  # reference as acceleration (or drive), for all others. The same records and samples
+    schedule: Schedule  # of everything that is trained by Adam
+    seed: int  # of everything random
 
     def of(
         self,
@@ -158,8 +141,7 @@ def pinn(judge: Judge, near: Mapping[str, float], progress: Progress = silent) -
     return judge.sensor(PINN, fitted.weights, fitted.parameters, seconds, trained=fitted.trained)
 
 
-#: Epochs of the network of time for one of the others, which takes about as long.
-PINN_EPOCHS = 10
+PINN_EPOCHS = 10  # epochs of the network of time for one of the others, which takes about as long
 
 #: The methods that need no training by Adam, in the order of the tables.
 CLOSED: Mapping[str, Callable[[Judge], MethodResult]] = {

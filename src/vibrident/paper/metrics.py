@@ -16,8 +16,7 @@ import numpy as np
 from vibrident.models import SensorModel
 from vibrident.records import FloatArray
 
-#: Points of a curve over a band, equally spaced in log f.
-CURVE_POINTS = 401
+CURVE_POINTS = 401  # points of a curve over a band, equally spaced in log f
 
 
 @dataclass(frozen=True)
@@ -44,17 +43,11 @@ class Metrics:
 
 @dataclass(frozen=True)
 class CurveDeviation:
-    """Magnitude of one sensitivity curve relative to another, less one, in percent.
+    """Magnitude of one sensitivity curve relative to another, less one, in percent."""
 
-    Attributes:
-        frequency_hz: where.
-        percent: signed deviation there.
-        at_peak: signed deviation at the resonance; None if absent.
-    """
-
-    frequency_hz: tuple[float, ...]
-    percent: tuple[float, ...]
-    at_peak: float | None
+    frequency_hz: tuple[float, ...]  # where
+    percent: tuple[float, ...]  # signed deviation there
+    at_peak: float | None  # signed deviation at the resonance; None if absent
 
     @property
     def mean(self) -> float:

@@ -26,14 +26,10 @@ from vibrident.paper.dataset import Dataset
 from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import start_of_training
 
-#: Steps of a record for training, from the middle: the longest that it learns in a minute or two.
-SPAN = 1024
-#: The network sees sine and cosine of so many multiples of half the span's fundamental.
-HARMONICS = 64
-#: Neurons of each of the two tanh layers that follow.
-HIDDEN = 64
-#: Points a batch.
-BATCH = 128
+SPAN = 1024  # steps of a record for training, from the middle: the longest that it learns in a minute or two
+HARMONICS = 64  # the network sees sine and cosine of so many multiples of half the span's fundamental
+HIDDEN = 64  # neurons of each of the two tanh layers that follow
+BATCH = 128  # points a batch
 
 
 class CollocationPoints(NamedTuple):

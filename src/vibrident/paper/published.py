@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from vibrident.paper.metrics import Metrics
 
-#: Table 2.
-RESONANCE_HZ = 630.0
+RESONANCE_HZ = 630.0  # table 2
 SENSITIVITY_MV_PER_G = 1020.0
 DAMPING_RATIO = 0.182
 
@@ -47,9 +46,6 @@ class Deviation:
 SIMULATION = {"IPNN": Deviation(0.55, 1.25), "LSM": Deviation(4 * 0.55, 3.5)}
 #: Of the identified curve from the interferometer's points (section 5.2; LSM's mean from "approximately 65 % lower").
 EXPERIMENT = {"IPNN": Deviation(0.88, 1.4), "LSM": Deviation(0.88 / 0.35, 2.51)}
-#: Least reduction of the RMSE against GRU and LSTM (abstract).
-RMSE_REDUCTION = 0.60
-#: Least reduction of the mean deviation against LSM (section 5.2).
-DEVIATION_REDUCTION = 0.65
-#: Above this ratio of performance to deviation a prediction counts as highly reliable (section 4.2).
-RELIABLE_RPD = 3.0
+RMSE_REDUCTION = 0.60  # least reduction of the RMSE against GRU and LSTM (abstract)
+DEVIATION_REDUCTION = 0.65  # least reduction of the mean deviation against LSM (section 5.2)
+RELIABLE_RPD = 3.0  # above this ratio of performance to deviation a prediction counts as highly reliable (section 4.2)

@@ -29,29 +29,17 @@ KINDS: tuple[Kind, ...] = ("gru", "lstm")
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """All numbers of a run.
+    """All numbers of a run."""
 
-    Attributes:
-        settings: what was run.
-        simulation: section 4.
-        interferometer: section 5 on simulated data.
-        seismometer: section 5 on measured data; None if unavailable.
-        full_range: section 4 from 0.1 Hz; None unless asked for.
-        rates: the study of sampling rates.
-        noise: the study of noise.
-        residuals: the learned residual on sensors of known truth; empty if left out.
-        seconds: of the whole.
-    """
-
-    settings: Settings
-    simulation: PaperSection
-    interferometer: PaperSection
-    seismometer: PaperSection | None
-    full_range: PaperSection | None
-    rates: tuple[RatePoint, ...]
-    noise: NoiseStudy
-    residuals: tuple[Residual, ...]
-    seconds: float = field(compare=False)
+    settings: Settings  # what was run
+    simulation: PaperSection  # section 4
+    interferometer: PaperSection  # section 5 on simulated data
+    seismometer: PaperSection | None  # section 5 on measured data; None if unavailable
+    full_range: PaperSection | None  # section 4 from 0.1 Hz; None unless asked for
+    rates: tuple[RatePoint, ...]  # the study of sampling rates
+    noise: NoiseStudy  # the study of noise
+    residuals: tuple[Residual, ...]  # the learned residual on sensors of known truth; empty if left out
+    seconds: float = field(compare=False)  # of the whole
 
     @property
     def sections(self) -> tuple[PaperSection, ...]:
@@ -90,9 +78,7 @@ class Reproduction:
 def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     """Run every experiment of the paper.
 
-    Args:
-        settings: how much.
-        stages: shows progress.
+    ``settings``: how much; ``stages``: shows progress.
 
     Raises:
         InputError: the real data cannot be read.

@@ -20,10 +20,8 @@ from vibrident.paper.settings import Settings, Stages
 from vibrident.paper.unrolled import Activation, plain_model
 from vibrident.records import FloatArray
 
-#: Band of the paper's 21 sines.
-BAND_HZ = (10.0, 1000.0)
-#: Band of its 41 sines.
-FULL_BAND_HZ = (0.1, 1000.0)
+BAND_HZ = (10.0, 1000.0)  # band of the paper's 21 sines
+FULL_BAND_HZ = (0.1, 1000.0)  # band of its 41 sines
 #: Networks with physics in section 4: name, discretisation, hidden layer.
 TRAINED: tuple[tuple[str, str, Activation], ...] = (
     (methods.PUBLISHED, "euler", "linear"),
@@ -36,28 +34,19 @@ IN_EXPERIMENT = (methods.EXACT, methods.PLAIN, methods.WEIGHTED, methods.LIKELIH
 
 @dataclass(frozen=True, eq=False)
 class PaperSection:
-    """All methods on one set of data.
+    """All methods on one set of data."""
 
-    Attributes:
-        title: what the data are.
-        simulated: True for simulated data.
-        published: the data as the paper prepares them.
-        rows: one a method.
-        deviations: of each method's curve, by its name: from the true curve in section 4, from the interferometer's
-            points in section 5.
-        points: frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4.
-        truth: true parameters, if known.
-        band_hz: lowest and highest frequency.
-    """
-
-    title: str
-    simulated: bool
-    published: Dataset
-    rows: tuple[MethodResult, ...]
+    title: str  # what the data are
+    simulated: bool  # True for simulated data
+    published: Dataset  # the data as the paper prepares them
+    rows: tuple[MethodResult, ...]  # one a method
+    # of each method's curve, by its name: from the true curve in section 4, from the interferometer's points in section
+    # 5
     deviations: dict[str, CurveDeviation]
+    # frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4
     points: tuple[FloatArray, FloatArray]
-    truth: dict[str, float] | None
-    band_hz: tuple[float, float]
+    truth: dict[str, float] | None  # true parameters, if known
+    band_hz: tuple[float, float]  # lowest and highest frequency
 
     def row(self, name: str) -> MethodResult:
         """The row of that name."""

@@ -14,37 +14,24 @@ from vibrident.paper.training import Schedule
 
 @dataclass(frozen=True)
 class Settings:
-    """What is run. The defaults run everything; ``quick()`` is a trial whose networks are not trained to the end.
+    """What is run. The defaults run everything; ``quick()`` is a trial whose networks are not trained to the end."""
 
-    Attributes:
-        seed: of everything random.
-        rate_hz: sampling rate of sections 4 and 5; the paper does not state its own.
-        samples: of every record.
-        schedule: of everything trained by Adam.
-        discretisations: of the study of sampling rates, Euler's among them.
-        rates_hz: of the study of sampling rates.
-        levels: of response noise in the study of noise, as fractions of each record's rms; 0.01 must be among them.
-        draws: realisations at each level.
-        full_range: also 41 records from 0.1 to 1000 Hz.
-        data: folder of real calibrations; None leaves the measured experiment out.
-        residual: whether the learned residual is shown.
-        jobs: processes for the networks without physics.
-        trial: True for a trial, whose figures are not final.
-    """
-
-    seed: int = 20251111
-    rate_hz: float = 51200.0
-    samples: int = 16000
-    schedule: Schedule = field(default_factory=Schedule)
+    seed: int = 20251111  # of everything random
+    rate_hz: float = 51200.0  # sampling rate of sections 4 and 5; the paper does not state its own
+    samples: int = 16000  # of every record
+    schedule: Schedule = field(default_factory=Schedule)  # of everything trained by Adam
+    # of the study of sampling rates, Euler's among them
     discretisations: tuple[str, ...] = ("euler", "zoh", "foh", "tustin", "bandlimited")
+    # of the study of sampling rates
     rates_hz: tuple[float, ...] = (12800.0, 25600.0, 51200.0, 102400.0, 204800.0, 409600.0, 1024000.0)
+    # of response noise in the study of noise, as fractions of each record's rms; 0.01 must be among them
     levels: tuple[float, ...] = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-    draws: int = 12
-    full_range: bool = False
-    data: Path | None = None
-    residual: bool = True
-    jobs: int = 1
-    trial: bool = False
+    draws: int = 12  # realisations at each level
+    full_range: bool = False  # also 41 records from 0.1 to 1000 Hz
+    data: Path | None = None  # folder of real calibrations; None leaves the measured experiment out
+    residual: bool = True  # whether the learned residual is shown
+    jobs: int = 1  # processes for the networks without physics
+    trial: bool = False  # True for a trial, whose figures are not final
 
 
 def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> Settings:

@@ -31,30 +31,20 @@ BAND_HZ = (10.0, 1000.0)
 #: Motions of the study of rates: the same at every rate, so the excitation's noise ends below half the lowest rate.
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
 RATE_DURATION_S = 0.16
-#: Highest frequency of the excitation's noise.
-RATE_NOISE_HZ = 4000.0
+RATE_NOISE_HZ = 4000.0  # highest frequency of the excitation's noise
 PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
-#: Start of the search for the optimum.
-NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
+NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}  # start of the search for the optimum
 
 
 @dataclass(frozen=True)
 class RatePoint:
-    """One discretisation at one sampling rate; the values are None if the network is unstable.
+    """One discretisation at one sampling rate; the values are None if the network is unstable."""
 
-    Attributes:
-        discretisation: its name.
-        rate_hz: sampling rate.
-        errors: relative error by parameter, the resonance frequency among them.
-        mean_percent: mean deviation of the curve.
-        peak_percent: its signed deviation at the true resonance.
-    """
-
-    discretisation: str
-    rate_hz: float
-    errors: Mapping[str, float] | None
-    mean_percent: float | None
-    peak_percent: float | None
+    discretisation: str  # its name
+    rate_hz: float  # sampling rate
+    errors: Mapping[str, float] | None  # relative error by parameter, the resonance frequency among them
+    mean_percent: float | None  # mean deviation of the curve
+    peak_percent: float | None  # its signed deviation at the true resonance
 
 
 def error_by_rate(
@@ -142,38 +132,23 @@ NOISE_METHODS: Mapping[str, Callable[[Calibration], dict[str, float]]] = {
 
 @dataclass(frozen=True)
 class NoisePoint:
-    """One method at one level of white response noise: errors over the draws.
+    """One method at one level of white response noise: errors over the draws."""
 
-    Attributes:
-        method: its name.
-        level: noise as a fraction of each record's rms.
-        rms_error: root mean square of the relative error by parameter.
-        mean_percent: mean over band and draws of the curve's absolute deviation.
-        largest_percent: mean over the draws of its largest absolute deviation.
-    """
-
-    method: str
-    level: float
-    rms_error: Mapping[str, float]
-    mean_percent: float
-    largest_percent: float
+    method: str  # its name
+    level: float  # noise as a fraction of each record's rms
+    rms_error: Mapping[str, float]  # root mean square of the relative error by parameter
+    mean_percent: float  # mean over band and draws of the curve's absolute deviation
+    largest_percent: float  # mean over the draws of its largest absolute deviation
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseStudy:
-    """All methods at all levels, and the bound.
+    """All methods at all levels, and the bound."""
 
-    Attributes:
-        points: errors.
-        bound: of the training records.
-        bound_mean_percent: mean over the band of the least standard deviation of the curve at level 1, %.
-        draws: realisations at each level.
-    """
-
-    points: tuple[NoisePoint, ...]
-    bound: Bound
-    bound_mean_percent: float
-    draws: int
+    points: tuple[NoisePoint, ...]  # errors
+    bound: Bound  # of the training records
+    bound_mean_percent: float  # mean over the band of the least standard deviation of the curve at level 1, %
+    draws: int  # realisations at each level
 
     def over_bound(self, method: str, level: float) -> dict[str, float]:
         """RMS error over the bound's standard deviation, by parameter."""
@@ -218,8 +193,7 @@ def _seed(seed: int, level: int, draw: int) -> np.random.SeedSequence:
 
 RESIDUAL_RATE_HZ = 12800.0
 RESIDUAL_SAMPLES = 800
-#: Of the responses that are trained on, over their rms.
-RESIDUAL_NOISE = 1e-3
+RESIDUAL_NOISE = 1e-3  # of the responses that are trained on, over their rms
 #: Frequencies trained on, and others that are predicted.
 TRAINED_HZ = (60.0, 125.0, 250.0, 315.0, 400.0, 500.0, 630.0, 800.0, 1000.0)
 OTHER_HZ = (80.0, 200.0, 280.0, 450.0, 560.0, 700.0, 900.0, 100.0, 160.0)
@@ -228,25 +202,15 @@ RESIDUAL_SENSORS = ("two-mode", "cubic", "paper")
 
 @dataclass(frozen=True)
 class Residual:
-    """One sensor, without and with the learned part.
+    """One sensor, without and with the learned part."""
 
-    Attributes:
-        sensor: its name among the simulated sensors.
-        alone: RMSE on records not trained on, noise-free, by the physics alone, response unit.
-        together: the same with the learned part.
-        share: of the learned part in the output, in the training records.
-        errors_alone: relative error by parameter, physics alone.
-        errors: relative error by parameter, with the learned part.
-        moved: largest relative difference of a parameter between the two.
-    """
-
-    sensor: str
-    alone: float
-    together: float
-    share: float
-    errors_alone: dict[str, float]
-    errors: dict[str, float]
-    moved: float
+    sensor: str  # its name among the simulated sensors
+    alone: float  # RMSE on records not trained on, noise-free, by the physics alone, response unit
+    together: float  # the same with the learned part
+    share: float  # of the learned part in the output, in the training records
+    errors_alone: dict[str, float]  # relative error by parameter, physics alone
+    errors: dict[str, float]  # relative error by parameter, with the learned part
+    moved: float  # largest relative difference of a parameter between the two
 
 
 def learned_residuals(*, seed: int, progress: Progress = silent) -> list[Residual]:

@@ -22,21 +22,13 @@ Loss = Callable[[Any, Any], Any]
 
 @dataclass(frozen=True)
 class Schedule:
-    """Duration and rates of training.
+    """Duration and rates of training."""
 
-    Attributes:
-        learning_rate: of Adam.
-        batch: windows a step; the last, smaller batch of an epoch is left to the next shuffle.
-        patience: epochs without a gain after which training ends.
-        least_gain: relative fall of the held-back loss that counts as a gain.
-        most_epochs: limit.
-    """
-
-    learning_rate: float = 0.001
-    batch: int = 36
-    patience: int = 30
-    least_gain: float = 0.01
-    most_epochs: int = 400
+    learning_rate: float = 0.001  # of Adam
+    batch: int = 36  # windows a step; the last, smaller batch of an epoch is left to the next shuffle
+    patience: int = 30  # epochs without a gain after which training ends
+    least_gain: float = 0.01  # relative fall of the held-back loss that counts as a gain
+    most_epochs: int = 400  # limit
 
     @property
     def rule(self) -> str:
@@ -49,21 +41,13 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The outcome of training.
+    """The outcome of training."""
 
-    Attributes:
-        model: with the best epoch's weights.
-        training: mean loss of each epoch.
-        held_back: loss on the held-back windows after each epoch.
-        best_epoch: counted from 1; 0 if no epoch was better than the start.
-        converged: False if the limit of epochs ended it.
-    """
-
-    model: Any
-    training: tuple[float, ...]
-    held_back: tuple[float, ...]
-    best_epoch: int
-    converged: bool
+    model: Any  # with the best epoch's weights
+    training: tuple[float, ...]  # mean loss of each epoch
+    held_back: tuple[float, ...]  # loss on the held-back windows after each epoch
+    best_epoch: int  # counted from 1; 0 if no epoch was better than the start
+    converged: bool  # False if the limit of epochs ended it
 
 
 def train(

@@ -32,19 +32,12 @@ START = {"sensitivity": 0.9, "natural_frequency": 1.1, "damping_ratio": 1.5}
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """A network tied to the physics, in normalised units.
+    """A network tied to the physics, in normalised units."""
 
-    Attributes:
-        model: the sensor model, without delay.
-        dataset: its scales and quantity.
-        seen: its inputs.
-        activation: of the hidden layer.
-    """
-
-    model: SensorModel
-    dataset: Dataset
-    seen: Seen
-    activation: Activation = "linear"
+    model: SensorModel  # the sensor model, without delay
+    dataset: Dataset  # its scales and quantity
+    seen: Seen  # its inputs
+    activation: Activation = "linear"  # of the hidden layer
 
     def table(self, parameters: Mapping[str, Any], interval_s: float) -> dict[str, Any]:
         """W1…W4 for a sampling interval, normalised."""

@@ -28,8 +28,7 @@ _UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated"
 #: Neighbours on either side over which the noise of a result's own points is averaged: it is estimated, and the choice
 #: must not favour points with a low estimate.
 NEIGHBOURS = 2
-#: Points of the sensitivity curve.
-CURVE_POINTS = 101
+CURVE_POINTS = 101  # points of the sensitivity curve
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,12 +19,9 @@ from vibrident.records import FloatArray
 Criterion = Literal["D", "A"]
 CRITERIA: tuple[str, ...] = ("D", "A")
 
-#: Random starts of the exchange, beside the greedy one.
-STARTS = 20
-#: Most iterations of the multiplicative algorithm.
-MOST_ITERATIONS = 20_000
-#: Tolerance of the equivalence theorem.
-SETTLED = 1e-6
+STARTS = 20  # random starts of the exchange, beside the greedy one
+MOST_ITERATIONS = 20_000  # most iterations of the multiplicative algorithm
+SETTLED = 1e-6  # tolerance of the equivalence theorem
 
 
 def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:

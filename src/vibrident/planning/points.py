@@ -28,12 +28,9 @@ from vibrident.problem import Coordinates
 from vibrident.problem.frequency_domain import response_jacobian
 from vibrident.records import FloatArray, Quantity, Record
 
-#: Fewest periods that separate a tone from offset, drift and the sensor's free motion.
-FEWEST_PERIODS = 5.0
-#: Highest frequency over the sampling rate.
-HIGHEST = 0.45
-#: The free motion is reported beyond this factor on a tone's variance.
-RINGS = 1.1
+FEWEST_PERIODS = 5.0  # fewest periods that separate a tone from offset, drift and the sensor's free motion
+HIGHEST = 0.45  # highest frequency over the sampling rate
+RINGS = 1.1  # the free motion is reported beyond this factor on a tone's variance
 
 
 @dataclass(frozen=True)
@@ -78,19 +75,12 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The sensor that is planned for, and where.
+    """The sensor that is planned for, and where."""
 
-    Attributes:
-        model: linear.
-        values: of its parameters, SI units, frequencies in Hz.
-        quantity: of the reference.
-        frequency_hz: ascending, shape (n,).
-    """
-
-    model: SensorModel
-    values: Mapping[str, float]
-    quantity: Quantity
-    frequency_hz: FloatArray
+    model: SensorModel  # linear
+    values: Mapping[str, float]  # of its parameters, SI units, frequencies in Hz
+    quantity: Quantity  # of the reference
+    frequency_hz: FloatArray  # ascending, shape (n,)
 
     def response(self) -> ComplexArray:
         """Complex response per unit of the reference, shape (n,)."""
@@ -99,25 +89,16 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class PlannedPoints:
-    """Planned points and their information.
+    """Planned points and their information."""
 
-    Attributes:
-        coordinates: the map from z to parameters; the sensor is at its first.
-        subject: sensor and frequencies.
-        information: JᵀJ of each point, shape (n, p, p).
-        relative_deviation: standard deviation of each point's sensitivity over its size, shape (n,).
-        freedom: degrees of freedom of each point's noise estimate, infinite where uncertainties are stated; shape (n,).
-        equations: real residuals of a point.
-        findings: doubts in words.
-    """
-
-    coordinates: Coordinates
-    subject: Subject
-    information: FloatArray
-    relative_deviation: FloatArray
+    coordinates: Coordinates  # the map from z to parameters; the sensor is at its first
+    subject: Subject  # sensor and frequencies
+    information: FloatArray  # JᵀJ of each point, shape (n, p, p)
+    relative_deviation: FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
+    # degrees of freedom of each point's noise estimate, infinite where uncertainties are stated; shape (n,)
     freedom: FloatArray
-    equations: int
-    findings: tuple[str, ...] = ()
+    equations: int  # real residuals of a point
+    findings: tuple[str, ...] = ()  # doubts in words
 
 
 def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) -> PlannedPoints:

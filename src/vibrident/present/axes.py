@@ -12,10 +12,8 @@ from vibrident.present.numbers import plain
 from vibrident.present.views import Axis, FloatArray
 
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-#: Steps of a linear axis.
-_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
-#: Steps of an axis of angles in degrees.
-_ANGLES = (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.0)
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # steps of a linear axis
+_ANGLES = (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.0)  # steps of an axis of angles in degrees
 
 
 def usable(values: FloatArray, *, positive: bool = False) -> FloatArray:
@@ -42,11 +40,8 @@ def frequency(values: FloatArray, label: str = "Frequency in Hz") -> Axis:
 def size(label: str, values: FloatArray, low: FloatArray | None = None, high: FloatArray | None = None) -> Axis:
     """Of positive sizes: logarithmic where they span more than 3:1.
 
-    Args:
-        label: what they are, and their unit.
-        values: what must be in view.
-        low: ends of bars and bands, in view as far as a factor of two beyond the values.
-        high: as low.
+    ``label``: what they are, and their unit; ``values``: what must be in view; ``low``: ends of bars and bands, in view
+    as far as a factor of two beyond the values; ``high``: as low.
     """
     known = usable(values, positive=True)
     if known.size == 0:

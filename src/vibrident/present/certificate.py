@@ -51,8 +51,7 @@ _PLACED = {
     *("temperature_c", "temperature_uncertainty_c", "relative_humidity_percent", "air_pressure_hpa"),
     *("relative_humidity_uncertainty_percent", "air_pressure_uncertainty_hpa", "reference_frequency_hz"),
 }
-#: Data files listed; the result lists them all.
-MOST_FILES = 30
+MOST_FILES = 30  # data files listed; the result lists them all
 _SENSOR = {"manufacturer": "Manufacturer", "type": "Type", "serial_number": "Serial number"}
 _CURVE_NOTE = (
     "The values are those of the identified model at f. The nominal frequencies are those of ISO 266 inside the "

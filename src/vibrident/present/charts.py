@@ -15,18 +15,12 @@ from vibrident.present.formulas import in_a_line
 from vibrident.present.views import BLUE, Axis, Figure, FloatArray, Look, Panel, Series, Stack
 
 Chart = dict[str, Any]
-#: Measured points drawn of a series; more are thinned evenly, and the caption says so.
-MOST_POINTS = 800
-#: Samples of all records together that are drawn where one of them is chosen.
-MOST_SAMPLES = 12_000
-#: Pixels of an inch of a panel.
-_INCH = 125.0
-#: Pixels between panels.
-_BETWEEN = 16.0
-#: Pixels above all panels.
-_ABOVE = 40.0
-#: Pixels below all panels.
-_BELOW = 56.0
+MOST_POINTS = 800  # measured points drawn of a series; more are thinned evenly, and the caption says so
+MOST_SAMPLES = 12_000  # samples of all records together that are drawn where one of them is chosen
+_INCH = 125.0  # pixels of an inch of a panel
+_BETWEEN = 16.0  # pixels between panels
+_ABOVE = 40.0  # pixels above all panels
+_BELOW = 56.0  # pixels below all panels
 #: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands below them.
 _BUTTONS = 20.0
 _BAND = "rgba(86, 180, 233, 0.40)"

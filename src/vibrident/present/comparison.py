@@ -27,10 +27,8 @@ from vibrident.present.points import Point, nominal_points, reference_point, sen
 from vibrident.present.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
 from vibrident.result import Result
 
-#: Results in one table, including the first; more results need further tables.
-MOST_COLUMNS = 5
-#: Differences smaller than this carry a power of ten.
-_LEAST_FIXED = 1e-7
+MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
+_LEAST_FIXED = 1e-7  # differences smaller than this carry a power of ten
 EN = (
     "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that "
     "the two agree within their uncertainties. The covariance is that of the stated sources which both share, such as "
@@ -40,17 +38,11 @@ EN = (
 
 @dataclass(frozen=True)
 class Value:
-    """A quantity of one result: value and standard uncertainty in the unit of the whole row.
+    """A quantity of one result: value and standard uncertainty in the unit of the whole row."""
 
-    Attributes:
-        value: best estimate.
-        u: None where not known.
-        shared: what of u other results may share, by source.
-    """
-
-    value: float
-    u: float | None
-    shared: Mapping[str, float] = field(default_factory=dict)
+    value: float  # best estimate
+    u: float | None  # None where not known
+    shared: Mapping[str, float] = field(default_factory=dict)  # what of u other results may share, by source
 
     @property
     def expanded(self) -> float | None:
@@ -60,19 +52,12 @@ class Value:
 
 @dataclass(frozen=True)
 class ComparedQuantity:
-    """One quantity over several results, all in one unit.
+    """One quantity over several results, all in one unit."""
 
-    Attributes:
-        label: what it is.
-        scale: factor from the result's unit to the printed one, and that.
-        values: one a result; None where the result has no such quantity in this unit.
-        relative: its differences are relative ones (not those of a phase or of a delay near zero).
-    """
-
-    label: str
-    scale: Scale
-    values: tuple[Value | None, ...]
-    relative: bool = True
+    label: str  # what it is
+    scale: Scale  # factor from the result's unit to the printed one, and that
+    values: tuple[Value | None, ...]  # one a result; None where the result has no such quantity in this unit
+    relative: bool = True  # its differences are relative ones (not those of a phase or of a delay near zero)
 
 
 def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:

@@ -10,23 +10,16 @@ from vibrident.result import Result
 from vibrident.tails import f_tail
 
 _KEY = "effective_degrees_of_freedom"
-#: Effective degrees of freedom from which k = 2 covers 95 %.
-_NEARLY_NORMAL = 60.0
+_NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95 %
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Coverage of an expanded uncertainty.
+    """Coverage of an expanded uncertainty."""
 
-    Attributes:
-        factor: k.
-        degrees_of_freedom: effective ones; infinite where the distribution is normal, None where not stated.
-        probability: of the interval value ± U.
-    """
-
-    factor: float
-    degrees_of_freedom: float | None
-    probability: float
+    factor: float  # k
+    degrees_of_freedom: float | None  # effective ones; infinite where the distribution is normal, None where not stated
+    probability: float  # of the interval value ± U
 
     @property
     def text(self) -> str:

@@ -65,10 +65,7 @@ def spread(count: int, limit: int) -> list[int]:
 def envelope(time: FloatArray, values: FloatArray, bins: int = 1500) -> tuple[FloatArray, FloatArray]:
     """Thin a long line without losing its peaks: least and largest value of each bin, in the order of time.
 
-    Args:
-        time: shape (samples,).
-        values: shape (samples,).
-        bins: number of bins.
+    ``time``: shape (samples,); ``values``: shape (samples,); ``bins``: number of bins.
 
     Returns:
         time and values, both of shape (at most 2 bins + rest,).

@@ -20,14 +20,10 @@ from vibrident.result import Curve
 if TYPE_CHECKING:
     from vibrident.interferometer.ellipse import Ellipse  # loads SciPy, which the other pictures do not need
 
-#: Most records in a picture.
-MOST = 6
-#: Most records in a picture of raw light.
-MOST_LIGHT = 4
-#: Periods of a sine in an excerpt.
-PERIODS = 5.0
-#: Points of an ellipse.
-ROUND = 361
+MOST = 6  # most records in a picture
+MOST_LIGHT = 4  # most records in a picture of raw light
+PERIODS = 5.0  # periods of a sine in an excerpt
+ROUND = 361  # points of an ellipse
 
 
 def inspection(calibration: Calibration) -> Figure:

@@ -30,8 +30,7 @@ from vibrident.present.views import (
 )
 from vibrident.result import Result
 
-#: Data files listed in a report; the result lists them all.
-MOST_FILES = 100
+MOST_FILES = 100  # data files listed in a report; the result lists them all
 
 
 def report(result: Result, more: Sequence[Section] = ()) -> Document:

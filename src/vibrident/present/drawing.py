@@ -50,14 +50,11 @@ _SETTINGS: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "vibrident",  # same result, same file
 }
-#: Compression of a PNG: the usual one takes three times as long for a seventh less.
-LITTLE = 2
+LITTLE = 2  # compression of a PNG: the usual one takes three times as long for a seventh less
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "ps": {"CreationDate": None}}
 _DASHES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
-#: Most stacks drawn where one of many can be chosen elsewhere.
-PANELS = 6
-#: Widths in inches of a picture of one or two, and of three stacks beside each other.
-WIDTHS = (6.7, 6.7, 8.6)
+PANELS = 6  # most stacks drawn where one of many can be chosen elsewhere
+WIDTHS = (6.7, 6.7, 8.6)  # widths in inches of a picture of one or two, and of three stacks beside each other
 # Heights in points (1/72 inch) of a line of small print, a tick's label, an axis' label and a title.
 _SMALL = 10.0
 _TICK = 10.0

@@ -32,10 +32,8 @@ from vibrident.present.views import (
 )
 from vibrident.result import Result, Signal, Training
 
-#: Periods of a sine that show its shape.
-PERIODS = 6.0
-#: Most records to choose from.
-MOST_RECORDS = 60
+PERIODS = 6.0  # periods of a sine that show its shape
+MOST_RECORDS = 60  # most records to choose from
 
 
 def signals(result: Result) -> Figure | None:

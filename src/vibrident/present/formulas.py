@@ -35,10 +35,8 @@ def typeset(
 ) -> str:
     """Set the formulas in a text that is escaped already.
 
-    Args:
-        escaped: for the medium.
-        mark: from base, small text and ``sub`` or ``sup`` to what the medium writes.
-        escape: what the medium made of the formula.
+    ``escaped``: for the medium; ``mark``: from base, small text and ``sub`` or ``sup`` to what the medium writes;
+    ``escape``: what the medium made of the formula.
     """
     found = {escape(text): parts for text, parts in formulas().items()}
     pattern = "|".join(re.escape(text) for text in found)

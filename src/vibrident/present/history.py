@@ -22,23 +22,15 @@ _DERIVED = ("natural angular frequency", "resonance frequency", "conversion coef
 
 @dataclass(frozen=True)
 class History:
-    """Calibrations of one sensor in the order of their dates.
+    """Calibrations of one sensor in the order of their dates."""
 
-    Attributes:
-        sensor: one line.
-        dates: of each calibration.
-        labels: of each calibration: its date, and its name where a date is there twice.
-        results: in the same order.
-        quantities: that all or some of the results have, the sensitivity at the reference frequency first.
-        evaluated: a date is that of the evaluation, because no date of the calibration is stated.
-    """
-
-    sensor: str
-    dates: tuple[datetime.date, ...]
-    labels: tuple[str, ...]
-    results: tuple[Result, ...]
+    sensor: str  # one line
+    dates: tuple[datetime.date, ...]  # of each calibration
+    labels: tuple[str, ...]  # of each calibration: its date, and its name where a date is there twice
+    results: tuple[Result, ...]  # in the same order
+    # that all or some of the results have, the sensitivity at the reference frequency first
     quantities: tuple[ComparedQuantity, ...]
-    evaluated: bool
+    evaluated: bool  # a date is that of the evaluation, because no date of the calibration is stated
 
 
 def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[History, ...]:

@@ -102,9 +102,8 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
 def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]) -> tuple[Table, Sentence]:
     """Criteria for each model, and the recommended one.
 
-    Args:
-        results: name of the method to its result.
-        left_out: name of the method to its cross-validation, where one was made.
+    ``results``: name of the method to its result; ``left_out``: name of the method to its cross-validation, where one
+    was made.
     """
     rows = []
     for name, result in results.items():

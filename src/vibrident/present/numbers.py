@@ -17,37 +17,25 @@ from vibrident.nominal import nominal_value
 from vibrident.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 
-#: Coverage factor of every expanded uncertainty that is printed.
-COVERAGE_FACTOR = 2.0
-#: Digits of a value beyond which a float has nothing more to say.
-_MOST_DIGITS = 15
+COVERAGE_FACTOR = 2.0  # coverage factor of every expanded uncertainty that is printed
+_MOST_DIGITS = 15  # digits of a value beyond which a float has nothing more to say
 
 
 @dataclass(frozen=True)
 class Stated:
-    """A parameter ready for print, all in ``unit``.
+    """A parameter ready for print, all in ``unit``."""
 
-    Attributes:
-        value: to the place of the standard uncertainty's second digit.
-        standard: standard uncertainty u, two significant digits.
-        expanded: expanded uncertainty U = k u, two significant digits.
-        interval: the 95 % interval in words, open ends as ≤ and ≥.
-        unit: with the SI prefix that reads well; empty for the unit one.
-    """
-
-    value: str
-    standard: str
-    expanded: str
-    interval: str
-    unit: str
+    value: str  # to the place of the standard uncertainty's second digit
+    standard: str  # standard uncertainty u, two significant digits
+    expanded: str  # expanded uncertainty U = k u, two significant digits
+    interval: str  # the 95 % interval in words, open ends as ≤ and ≥
+    unit: str  # with the SI prefix that reads well; empty for the unit one
 
 
 def place(uncertainty: float, digits: int = 2) -> int:
     """Power of ten of the last digit kept of an uncertainty: −3 for 0.0123 and two digits, and for 0.00996 too.
 
-    Args:
-        uncertainty: positive and finite.
-        digits: significant digits kept.
+    ``uncertainty``: positive and finite; ``digits``: significant digits kept.
     """
     exact = Decimal(repr(float(uncertainty)))
     last = exact.adjusted() - digits + 1
@@ -69,9 +57,7 @@ def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
     Both are fixed-point, or both carry the same power of ten where fixed-point would need many zeros. Without a
     usable uncertainty (None, zero, not finite) the value has six significant digits; zero is printed as ``0``.
 
-    Args:
-        value: best estimate.
-        uncertainty: standard uncertainty, same unit.
+    ``value``: best estimate; ``uncertainty``: standard uncertainty, same unit.
     """
     texts = _aligned(value, uncertainty, [uncertainty])
     return texts[0], texts[1]

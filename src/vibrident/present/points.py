@@ -15,29 +15,19 @@ from vibrident.records import FloatArray
 from vibrident.result import Curve, Result
 from vibrident.sensor import IdentifiedSensor
 
-#: Relative distance within which a frequency is the curve's own point.
-_OWN = 1e-9
+_OWN = 1e-9  # relative distance within which a frequency is the curve's own point
 
 
 @dataclass(frozen=True)
 class Point:
-    """The model's sensitivity at one frequency, in the result's units; standard uncertainties.
+    """The model's sensitivity at one frequency, in the result's units; standard uncertainties."""
 
-    Attributes:
-        nominal: nominal frequency, as text in Hz.
-        frequency_hz: the frequency that the values belong to.
-        magnitude: response per unit of the reference.
-        phase_deg: None where the result has no phase.
-        magnitude_uncertainty: None where not known.
-        phase_deg_uncertainty: None where not known.
-    """
-
-    nominal: str
-    frequency_hz: float
-    magnitude: float
-    phase_deg: float | None
-    magnitude_uncertainty: float | None
-    phase_deg_uncertainty: float | None
+    nominal: str  # nominal frequency, as text in Hz
+    frequency_hz: float  # the frequency that the values belong to
+    magnitude: float  # response per unit of the reference
+    phase_deg: float | None  # None where the result has no phase
+    magnitude_uncertainty: float | None  # None where not known
+    phase_deg_uncertainty: float | None  # None where not known
 
 
 def measured_band(result: Result) -> tuple[float, float] | None:

@@ -16,12 +16,10 @@ from vibrident.present.views import Table, columns
 from vibrident.records import FloatArray
 from vibrident.result import Result
 
-#: Probability below which a test fails.
-LEVEL = 0.01
+LEVEL = 0.01  # probability below which a test fails
 #: One test: its name, the value found, the value expected of noise, whether it passes, and what a failure means.
 _Outcome = tuple[str, str, str, bool, str]
-#: Fewer points tell nothing of a pattern.
-FEWEST = 8
+FEWEST = 8  # fewer points tell nothing of a pattern
 
 
 def residual_tests(result: Result) -> Table:

@@ -33,8 +33,7 @@ from vibrident.present.views import Column, Doubt, Facts, Table, columns, count
 from vibrident.records import STANDARD_GRAVITY
 from vibrident.result import MeasuredCurve, Parameter, Result
 
-#: Rows of the table of measured points; more are thinned evenly, and the report says so.
-MOST_ROWS = 200
+MOST_ROWS = 200  # rows of the table of measured points; more are thinned evenly, and the report says so
 
 
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
@@ -325,19 +324,12 @@ _LAYERS = {
 
 @dataclass(frozen=True)
 class WeightRow:
-    """One weight for print.
+    """One weight for print."""
 
-    Attributes:
-        name: W1 … W4, or another name that the result holds.
-        layer: which neurons it connects; empty for other names.
-        meaning: what it is of the physics, under forward Euler at least.
-        numbers: rows of the matrix as text.
-    """
-
-    name: str
-    layer: str
-    meaning: str
-    numbers: tuple[tuple[str, ...], ...]
+    name: str  # W1 … W4, or another name that the result holds
+    layer: str  # which neurons it connects; empty for other names
+    meaning: str  # what it is of the physics, under forward Euler at least
+    numbers: tuple[tuple[str, ...], ...]  # rows of the matrix as text
 
 
 def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:

@@ -15,12 +15,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 _COLOURS = {"fine": "green", "doubt": "bold red", "note": "dim", "plain": ""}
-#: Longest word that is not broken.
-_WORD = 10
-#: Smallest width of a column of words.
-_LEAST = 6
-#: Blanks between two columns.
-_GAP = 2
+_WORD = 10  # longest word that is not broken
+_LEAST = 6  # smallest width of a column of words
+_GAP = 2  # blanks between two columns
 
 
 @dataclass(frozen=True)

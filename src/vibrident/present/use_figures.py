@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from vibrident.correction import Correction, Corrections, Peak
     from vibrident.planning import Plan
 
-#: Most records in a picture.
-MOST = 4
+MOST = 4  # most records in a picture
 #: Origins of uncertainty: how each is drawn and called. One that is nowhere a hundredth of the whole is left out.
 _ORIGINS = {
     "noise": (Look(BLUE, width=1.1), "noise"),
@@ -47,16 +46,13 @@ _ORIGINS = {
     "background": (Look(ORANGE, "dashed", 1.1), "disturbance seen at rest"),
 }
 _SHOWN = 0.01
-#: Part of the whole below which a line ends.
-_LEAST = 3e-3
+_LEAST = 3e-3  # part of the whole below which a line ends
 
 
 def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure:
     """Restored acceleration with its band of uncertainty, and under each record the sources of the uncertainty.
 
-    Args:
-        corrections: with at least one record.
-        sensor: manufacturer, type and serial number, for the heading.
+    ``corrections``: with at least one record; ``sensor``: manufacturer, type and serial number, for the heading.
     """
     every = corrections.corrections
     chosen = [every[i] for i in spread(len(every), MOST)]

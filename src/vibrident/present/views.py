@@ -15,10 +15,8 @@ FloatArray = NDArray[np.float64]
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#767676"
 
-#: Coverage factor of every band and bar.
-K = 2.0
-#: More points than this are drawn without bars, which would hide everything else.
-CROWD = 200
+K = 2.0  # coverage factor of every band and bar
+CROWD = 200  # more points than this are drawn without bars, which would hide everything else
 
 
 Marker = Literal["", "o", "s", "^", "D", "v", "x", "."]
@@ -29,19 +27,13 @@ Marker = Literal["", "o", "s", "^", "D", "v", "x", "."]
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table.
+    """A column of a table."""
 
-    Attributes:
-        title: what it holds.
-        kind: a ``number`` is set flush right; a ``share`` is a percentage, with a bar behind it where the medium can.
-        unit: of its numbers, ready for print.
-        spare: omitted in a narrow terminal, because other columns hold the same information.
-    """
-
-    title: str
+    title: str  # what it holds
+    # a ``number`` is set flush right; a ``share`` is a percentage, with a bar behind it where the medium can
     kind: Literal["text", "number", "share"] = "text"
-    unit: str = ""
-    spare: bool = False
+    unit: str = ""  # of its numbers, ready for print
+    spare: bool = False  # omitted in a narrow terminal, because other columns hold the same information
 
     @property
     def heading(self) -> str:
@@ -58,31 +50,20 @@ def columns(*titles: str, kind: Literal["text", "number"] = "text") -> tuple[Col
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text, and what is said before and after them.
+    """Cells as text, and what is said before and after them."""
 
-    Attributes:
-        columns: what each column holds.
-        rows: as many cells each as there are columns. A row whose first cell is empty belongs to the row above.
-        lead: paragraphs before the table.
-        notes: paragraphs after it.
-        title: heading, where the table has one of its own.
-        groups: number of a row to the words above it.
-        doubtful: numbers of rows that deserve a second look.
-        quoted: numbers of rows whose values are somebody else's; set in italics.
-        links: number of a row to the address that its first cell leads to, where the medium has links.
-        name: short name, for an anchor or a mark in a document.
-    """
-
-    columns: tuple[Column, ...]
+    columns: tuple[Column, ...]  # what each column holds
+    # as many cells each as there are columns. A row whose first cell is empty belongs to the row above
     rows: tuple[tuple[str, ...], ...]
-    lead: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    title: str = ""
-    groups: dict[int, str] = field(default_factory=dict)
-    doubtful: tuple[int, ...] = ()
-    quoted: tuple[int, ...] = ()
+    lead: tuple[str, ...] = ()  # paragraphs before the table
+    notes: tuple[str, ...] = ()  # paragraphs after it
+    title: str = ""  # heading, where the table has one of its own
+    groups: dict[int, str] = field(default_factory=dict)  # number of a row to the words above it
+    doubtful: tuple[int, ...] = ()  # numbers of rows that deserve a second look
+    quoted: tuple[int, ...] = ()  # numbers of rows whose values are somebody else's; set in italics
+    # number of a row to the address that its first cell leads to, where the medium has links
     links: dict[int, str] = field(default_factory=dict)
-    name: str = ""
+    name: str = ""  # short name, for an anchor or a mark in a document
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -190,29 +171,18 @@ LINES = (
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One thing drawn in a panel.
+    """One thing drawn in a panel."""
 
-    Attributes:
-        x: shape (points,).
-        y: shape (points,).
-        label: for the key; empty for no entry.
-        look: colour, dash and mark.
-        kind: a line, marks, marks on stems, or columns around x.
-        half: half width of a line's band or half lengths of the bars, shape (points,); None for neither.
-        band: what the band is called in the key.
-        texts: text of each point, beside its label.
-        names: record of each point.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    label: str = ""
-    look: Look = MODEL
-    kind: Literal["line", "points", "stems", "columns"] = "line"
+    x: FloatArray  # shape (points,)
+    y: FloatArray  # shape (points,)
+    label: str = ""  # for the key; empty for no entry
+    look: Look = MODEL  # colour, dash and mark
+    kind: Literal["line", "points", "stems", "columns"] = "line"  # a line, marks, marks on stems, or columns around x
+    # half width of a line's band or half lengths of the bars, shape (points,); None for neither
     half: FloatArray | None = None
-    band: str = ""
-    texts: tuple[str, ...] = ()
-    names: tuple[str, ...] = ()
+    band: str = ""  # what the band is called in the key
+    texts: tuple[str, ...] = ()  # text of each point, beside its label
+    names: tuple[str, ...] = ()  # record of each point
 
 
 @dataclass(frozen=True)
@@ -229,29 +199,17 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One of several drawings above each other that share x.
+    """One of several drawings above each other that share x."""
 
-    Attributes:
-        x: axis below the last panel.
-        y: axis at the left.
-        series: what is drawn.
-        height_in: in print, inches.
-        title: above the panel.
-        rules: values of y at which a line runs across.
-        marks: values of x at which a line runs down, with words.
-        empty: text shown if there is nothing to draw.
-        square: one unit is as long in x as in y.
-    """
-
-    x: Axis
-    y: Axis
-    series: tuple[Series, ...]
-    height_in: float = 1.8
-    title: str = ""
-    rules: tuple[float, ...] = ()
-    marks: tuple[tuple[float, str], ...] = ()
-    empty: str = ""
-    square: bool = False
+    x: Axis  # axis below the last panel
+    y: Axis  # axis at the left
+    series: tuple[Series, ...]  # what is drawn
+    height_in: float = 1.8  # in print, inches
+    title: str = ""  # above the panel
+    rules: tuple[float, ...] = ()  # values of y at which a line runs across
+    marks: tuple[tuple[float, str], ...] = ()  # values of x at which a line runs down, with words
+    empty: str = ""  # text shown if there is nothing to draw
+    square: bool = False  # one unit is as long in x as in y
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,30 +223,19 @@ class Stack:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A picture.
+    """A picture."""
 
-    Attributes:
-        name: of its file, without suffix.
-        title: what is shown.
-        stacks: beside each other; where ``choice`` is set, one can be chosen where the medium allows it, and a few are
-            drawn where it does not.
-        subject: model and sensor.
-        caption: what is drawn, and how to read it.
-        note: text in a figure that is shown alone.
-        choice: the stacks are alike, one a record.
-        across: stacks in a row; zero: all of them, or what fits where there is a choice.
-        width_in: in print, inches; zero: by the number of stacks in a row.
-    """
-
-    name: str
-    title: str
+    name: str  # of its file, without suffix
+    title: str  # what is shown
+    # beside each other; where ``choice`` is set, one can be chosen where the medium allows it, and a few are drawn
+    # where it does not
     stacks: tuple[Stack, ...]
-    subject: str = ""
-    caption: str = ""
-    note: str = ""
-    choice: bool = False
-    across: int = 0
-    width_in: float = 0.0
+    subject: str = ""  # model and sensor
+    caption: str = ""  # what is drawn, and how to read it
+    note: str = ""  # text in a figure that is shown alone
+    choice: bool = False  # the stacks are alike, one a record
+    across: int = 0  # stacks in a row; zero: all of them, or what fits where there is a choice
+    width_in: float = 0.0  # in print, inches; zero: by the number of stacks in a row
 
 
 # Documents
@@ -323,21 +270,13 @@ class Section:
 
 @dataclass(frozen=True)
 class Letterhead:
-    """Of a document that is issued.
+    """Of a document that is issued."""
 
-    Attributes:
-        lines: who issues it; empty for a blank.
-        number: None is a blank.
-        subject: on each page, beside the title.
-        foot: below each page.
-        date: of the document.
-    """
-
-    lines: tuple[str, ...]
-    number: str | None
-    subject: str
-    foot: str
-    date: datetime.date | None
+    lines: tuple[str, ...]  # who issues it; empty for a blank
+    number: str | None  # None is a blank
+    subject: str  # on each page, beside the title
+    foot: str  # below each page
+    date: datetime.date | None  # of the document
 
 
 @dataclass(frozen=True, eq=False)
