@@ -65,6 +65,8 @@ BENCH = {
     "locked": (NOISES[2], *(noise for noise in NOISES if noise.bits)),
     "rung": (NOISES[0], NOISES[2], NOISES[7], NOISES[8]),
 }
+#: A single record of a few tones, where little is left to judge a model by.
+FEW_SENSORS = ("in-light", "in-damped", "above-light", "in-light+delay", "in-damped+highpass", "pickup-below-damped")
 BENCH_SENSORS = ("in-light", "in-damped", "above-light", "pickup-below-damped")
 EACH = 3  # noises that each sensor and motion are tried with; each takes the next in turn
 
@@ -79,6 +81,8 @@ def cases() -> Cases:
     for motion, noises in BENCH.items():
         for sensor, noise in itertools.product(BENCH_SENSORS, noises):
             yield f"{sensor}/{motion}/{noise.name}", partial(_maker, sensor, motion, noise)
+    for sensor, noise in itertools.product(FEW_SENSORS, (NOISES[0], NOISES[7])):
+        yield f"{sensor}/few tones/{noise.name}", partial(_maker, sensor, "few tones", noise)
     for noise, motion in itertools.product(NOISES, ("sine", "multisine")):
         yield f"far-light+boxcar/{motion}/{noise.name}", partial(_maker, "far-light+boxcar", motion, noise)
 
@@ -95,7 +99,7 @@ def _maker(sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> 
     given = setting(sensor, rng)
     if motion == "rung":  # a beginning has lines of its own, which stand out of a displacement
         given = replace(given, quantity="acceleration")
-    if motion not in ("sine", "multisine", "mixed") and (noise.reference or noise.bits):
+    if motion not in ("sine", "multisine", "few tones", "mixed") and (noise.reference or noise.bits):
         given = readable(given)
     made = records(motion, given, noise, rng)
     allowed = {"reference_noise"} if noise.reference else set()

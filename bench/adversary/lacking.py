@@ -22,6 +22,13 @@ LACKS = {
     "boxcar": ("far-light+boxcar", "in-light+boxcar"),
 }
 MOTIONS = ("sine", "multisine", "random", "sweep", "shock", "mixed")
+#: What a single record of a few tones must not hide.
+HIDDEN = (
+    *(("delay", sensor) for sensor in LACKS["delay"]),
+    ("highpass", "in-light+highpass=1"),
+    ("mode2", "in-light+mode2=0.1"),
+    ("boxcar", "in-light+boxcar"),
+)
 NOISES = (Noise("0.1 %", 1e-3), Noise("1 %", 1e-2))
 #: Third harmonic over the fundamental, well below resonance, and rest points as parts of the largest V.
 BENDS = (0.001, 0.01, -0.01)
@@ -35,6 +42,8 @@ def cases() -> Cases:
         for sensor, motion in itertools.product(sensors, MOTIONS):
             noise = next(turn)
             yield f"{lacked}/{sensor}/{motion}/{noise.name}", partial(_lacking, lacked, sensor, motion, noise)
+    for lacked, sensor in HIDDEN:
+        yield f"{lacked}/{sensor}/few tones/0.1 %", partial(_lacking, lacked, sensor, "few tones", NOISES[0])
     for bend, rest, motion in itertools.product(BENDS, RESTS, ("sine", "multisine", "random", "sweep")):
         for asked in ("accelerometer", "accelerometer+cubic"):
             if asked == "accelerometer" and rest != "at zero":

@@ -36,9 +36,16 @@ SHAPES = {
     "mixed": (8, 1000),
     "locked": (8, 1000),
     "rung": (8, 1000),
+    "few tones": (1, 2000),
 }
 QUANTITIES = ("acceleration", "acceleration", "velocity", "displacement", "drive")
-DECLARED = {"burst": "random", "locked": "sine", "rung": "sine"}  # what is declared of each motion
+DECLARED = {
+    "burst": "random",
+    "locked": "sine",
+    "rung": "sine",
+    "few tones": "multisine",
+}  # what is declared of each motion
+FEW = 5  # tones of a multisine that tells hardly more than the parameters
 LOCKED = (5, 6, 8, 10, 16, 25, 50, 125)  # samples of a period of sines whose generator keeps in step with the recorder
 
 
@@ -101,8 +108,9 @@ def excite(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[i
     if motion == "sine":
         grid = np.geomspace(max(low, 3.1 * rate / samples), top, count)
         return [motions.sine(f * rng.uniform(0.97, 1.0), 10.0, rng) for f in grid]
-    if motion == "multisine":
-        return [motions.multisine(_spread(low, top, 15, rate / samples, rng), 10.0, rng) for _ in range(count)]
+    if motion in ("multisine", "few tones"):
+        tones = 15 if motion == "multisine" else FEW
+        return [motions.multisine(_spread(low, top, tones, rate / samples, rng), 10.0, rng) for _ in range(count)]
     if motion == "random":
         return [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
     if motion == "sweep":
