@@ -26,6 +26,8 @@ from vibrident.records import FloatArray, Record
 
 #: Interpolation by so many samples on either side is good to 1e-5.
 FINE = 32
+#: Hann's window parts a tone from offset and mirror image from so many periods on.
+FEWEST_PERIODS = 4.0
 #: Noise of the reference passes the network. Where it is this factor above the noise beside the tone, a plain sine with
 #: the free motion is fitted instead.
 LOUD = 3.0
@@ -108,7 +110,8 @@ def roughly_cleaned(
         record, series = evidence.records[index], predicted[index]
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
-        if used.sum() > 0.5 * record.mask.sum():
+        periods = frequency[place] * record.duration_s
+        if used.sum() > 0.5 * record.mask.sum() and periods > FEWEST_PERIODS:
             wave = turning(record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz)
             left = np.where(used, record.response - series, 0.0) * window
             cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
