@@ -34,8 +34,10 @@ ROUNDS = 2
 SETTLED = 0.02
 #: Nor is one behind a step whose length in standard deviations times that in coordinates is less, which is straight, …
 STRAIGHT = 3e-4
-#: … if the noise was read so many standard deviations from its end: there it leads a tenth of that further.
+#: … if the noise was read so many standard deviations from its end: there it leads a tenth of that further; …
 READ_NEAR = 0.2
+#: … and if by the residual's own spectrum the variances are at most so many times those by the noise as read.
+UNLIKE = 2.0
 #: Lines averaged for the covariance on either side of each: this part of the spectrum …
 SHARE = 1 / 128
 #: … but at least so many …
@@ -101,10 +103,12 @@ class Place:
     def end(self) -> FloatArray | None:
         """Where the step leads, shape (p,), if that is the optimum without another evaluation of the network.
 
-        It is if the noise was read there, and is the response's alone: that of the reference moves with the network.
+        It is if the noise was read there, weighs the lines as they scatter, and is the response's alone: that of the
+        reference moves with the network.
         """
         step = self.inverse @ self.gradient
-        straight = self.far <= LONG_STEP and self.far * float(np.max(np.abs(step))) <= STRAIGHT and not self.seen
+        straight = self.far <= LONG_STEP and self.far * float(np.max(np.abs(step))) <= STRAIGHT
+        straight &= not self.seen and bool(np.all(np.diag(self.covariance) <= UNLIKE * np.diag(self.inverse)))
         return self.z + step if straight and self._length(step - self.read_at) <= READ_NEAR else None
 
     def ahead(self, damping: float, bent: Bent | None, part: float = 1.0) -> FloatArray:

@@ -108,7 +108,7 @@ def reweighted(
     lines = problem.lines(z, coordinates, noise)
     cost, motions = equal_cost(lines), [motion_of(record) for record in lines]
     spectra = beside_hum(lines, motions)
-    alike = None  # equal weights here: only where the way leads on, or begins elsewhere
+    alike, first = None, tuple(spectra)  # equal weights here: only where the way leads on, or begins elsewhere
     if start is not None:
         alike = _spread(lines, spectra), _equal_information(lines)
         lines = problem.lines(start, coordinates, noise)
@@ -121,7 +121,7 @@ def reweighted(
     if here is None:
         return None
     if here.end is None and alike is None:
-        alike = _spread(lines, here.spectra), _equal_information(lines)
+        alike = _spread(lines, first), _equal_information(lines)
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
     here = _down(here, lines, evaluate, COSTLIER * cost, bent)
     end = here.end
