@@ -166,7 +166,7 @@ class _Count:
         tally.statuses.update(found["status"])
         rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
         tally.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
-        tally.warnings.update(code for codes in found["warnings"] for code in set(codes))
+        tally.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
         numbers = [self._sets.setdefault(units, len(self._sets)) for units in found["units"]]
         self._units_of.append(np.array(numbers, dtype=np.int32))
         self._finished.append(np.asarray(block["finished"].to_numpy(), dtype=float))
