@@ -52,44 +52,26 @@ LEAST_INFORMATION = 0.2
 
 @dataclass(frozen=True, eq=False)
 class _Share:
-    """The contribution of one record.
+    """The contribution of one record."""
 
-    Attributes:
-        information: of the lines about z, shape (p, p).
-        of_noise: the part of it that the noise of the reference makes up, shape (p, p).
-        gradient: shape (p,).
-        cost: weighted sum of squares of the residual.
-        imitated: what of each unknown the slopes hold, shape (unknowns, p).
-    """
-
-    information: FloatArray
-    of_noise: FloatArray
-    gradient: FloatArray
-    cost: float
-    imitated: FloatArray
+    information: FloatArray  # of the lines about z, shape (p, p)
+    of_noise: FloatArray  # the part of it that the noise of the reference makes up, shape (p, p)
+    gradient: FloatArray  # shape (p,)
+    cost: float  # weighted sum of squares of the residual
+    imitated: FloatArray  # what of each unknown the slopes hold, shape (unknowns, p)
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Coordinates, and the step from there in the metric of the noise.
+    """Coordinates, and the step from there in the metric of the noise."""
 
-    Attributes:
-        z: shape (p,).
-        spectra: of the records, as read there.
-        inverse: of the information less that of the noise, shape (p, p).
-        gradient: shape (p,).
-        covariance: of the estimate, shape (p, p).
-        cost: weighted sum of squares.
-        read_at: the step behind which the spectra were read, shape (p,).
-    """
-
-    z: FloatArray
-    spectra: tuple[NoiseSpectrum, ...]
-    inverse: FloatArray
-    gradient: FloatArray
-    covariance: FloatArray
-    cost: float
-    read_at: FloatArray
+    z: FloatArray  # shape (p,)
+    spectra: tuple[NoiseSpectrum, ...]  # of the records, as read there
+    inverse: FloatArray  # of the information less that of the noise, shape (p, p)
+    gradient: FloatArray  # shape (p,)
+    covariance: FloatArray  # of the estimate, shape (p, p)
+    cost: float  # weighted sum of squares
+    read_at: FloatArray  # the step behind which the spectra were read, shape (p,)
 
     @property
     def far(self) -> float:
