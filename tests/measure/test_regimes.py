@@ -61,7 +61,7 @@ def test_noise_of_any_colour_is_no_change(kind: str, colour: str, draws: int, rn
 
 @pytest.mark.draws(60, 300)
 def test_a_steep_filter_at_the_end_of_the_band_makes_no_change(draws: int, rng: np.random.Generator) -> None:
-    """That of a delta-sigma converter: what made its noise white met the cut ends of a slow sine as large steps."""
+    """A delta-sigma converter has one; whitening its noise made large steps of the cut ends of a slow sine."""
     filters, times = cheby2(8, 80.0, 0.9, output="sos"), np.arange(5 * N)
     for _ in range(draws):
         hz = rng.uniform(0.2, 2.0)

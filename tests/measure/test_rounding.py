@@ -35,7 +35,7 @@ def test_the_step_is_read_where_hardly_two_values_are_alike():
 
 @pytest.mark.parametrize("bits", [6, 10, 12, 14, 16, 18])
 def test_the_step_is_read_of_numbers_of_single_precision(bits):
-    """Whose own steps grow with the numbers; so was the step of 12 bits or more not found."""
+    """Their own steps grow with the numbers, which hid a converter's step of 12 bits or more."""
     times = np.arange(4000)
     for seed in range(5):
         rng = np.random.default_rng(seed)

@@ -108,7 +108,8 @@ def reweighted(
     lines = problem.lines(z, coordinates, noise)
     cost, motions = equal_cost(lines), [motion_of(record) for record in lines]
     spectra = beside_hum(lines, motions)
-    alike, first = None, tuple(spectra)  # equal weights here: only where the way leads on, or begins elsewhere
+    # What equal weights say is needed only where the way leads on from here, or begins elsewhere.
+    first, alike = tuple(spectra), None
     if start is not None:
         alike = _spread(lines, spectra), _equal_information(lines)
         lines = problem.lines(start, coordinates, noise)

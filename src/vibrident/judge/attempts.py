@@ -190,9 +190,9 @@ def _fitted_from(start: Mapping[str, float], best: Attempt) -> Attempt:
         other = best.begun_at(start)
     except (NotConverged, InputError):
         return best
-    declared, least = (one.judgement.adequacy.chi2_reduced for one in (best, other))
+    before, after = (one.judgement.adequacy.chi2_reduced for one in (best, other))
     lost = part_left(other.evidence.records, other.judgement.predicted) > MOST_LEFT
-    return best if lost or not (least or np.inf) < CLEARLY_LESS * (declared or 0.0) else other
+    return best if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0) else other
 
 
 def _weighed_start(found: Attempt) -> Mapping[str, float] | None:

@@ -105,13 +105,9 @@ def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
 
 def _step(values: FloatArray) -> float:
     """Smallest step between values that occur."""
-    return _step_of(np.sort(values))
-
-
-def _step_of(ordered: FloatArray) -> float:
-    """Smallest step between values that rise, or fall."""
-    steps = np.abs(ordered[1:] - ordered[:-1])
-    steps = steps[steps > SAME * abs(ordered[-1] - ordered[0])]
+    ordered = np.sort(values)
+    steps = np.diff(ordered)
+    steps = steps[steps > SAME * (ordered[-1] - ordered[0])]
     return float(np.min(steps)) if steps.size else 0.0
 
 

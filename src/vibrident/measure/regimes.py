@@ -186,7 +186,7 @@ def _change(record: Record, series: FloatArray, frequency: float | None, sensor:
         some[:] = fft.irfft(white * transforms(some), used.size)
     lines *= white
     del white
-    # The filter meets the record's cut ends as steps.
+    # The filter meets the record's cut ends as steps: half a block is left out there.
     inner = [parts[0][parts[0].size // 2 :], *parts[1:-1], parts[-1][: (parts[-1].size + 1) // 2]]
     found = best(Blocks.of(columns, np.asarray(fft.irfft(lines, used.size)), inner, rate))
     del lines, columns
