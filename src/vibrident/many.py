@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import itertools
 import os
 import time
 from collections import deque
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
 Given = Calibration | str | os.PathLike[str]  # a calibration, or the path of its file
 _Waiting = tuple[Given, "Future[Result | VibridentError]"]
 WINDOW = 2  # calibrations in work or waiting, for each worker
-TOGETHER = 64  # calibrations that are fitted together on a device; they are in memory at the same time
 _START_S = 1.0  # seconds that a process takes to start
 
 
@@ -35,7 +32,6 @@ def identify_many(
     uncertainty: Literal["auto", "noise", "inflated"] = ...,
     workers: int = ...,
     refused: Literal["raise"] = ...,
-    device: Literal["cpu", "gpu"] = ...,
 ) -> Iterator[Result]: ...
 
 
@@ -48,7 +44,6 @@ def identify_many(
     uncertainty: Literal["auto", "noise", "inflated"] = ...,
     workers: int = ...,
     refused: Literal["return"],
-    device: Literal["cpu", "gpu"] = ...,
 ) -> Iterator[Result | VibridentError]: ...
 
 
@@ -60,7 +55,6 @@ def identify_many(
     uncertainty: Literal["auto", "noise", "inflated"] = "auto",
     workers: int = 1,
     refused: Literal["raise", "return"] = "raise",
-    device: Literal["cpu", "gpu"] = "cpu",
 ) -> Iterator[Result | VibridentError]:
     """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
 
@@ -74,21 +68,13 @@ def identify_many(
             more than 1 needs the usual ``if __name__ == "__main__":``.
         refused: on an error of input or model: ``raise`` it, which ends the iteration, or ``return`` it in place of the
             result.
-        device: ``gpu`` fits tones and lines of several calibrations at once on the first GPU that JAX finds, in float64
-            and with the same numbers to 1e-9; the rest of the work stays on the processor. ``settings.device`` of each
-            result says where it was fitted, and why, where it was the processor. It is used with one worker.
 
     Raises:
-        ValueError: ``workers`` is below one, or ``refused`` or ``device`` is something else.
-        InputError: there is no GPU.
+        ValueError: ``workers`` is below one, or ``refused`` is something else.
     """
     if workers < 1 or refused not in ("raise", "return"):
         raise ValueError(f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, {refused!r}")
-    if device not in ("cpu", "gpu") or (device == "gpu" and workers > 1):
-        raise ValueError(f"device 'cpu', or 'gpu' with one worker, is needed, not {device!r} with {workers}")
     given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
-    if device == "gpu":
-        return _told(_together(calibrations, given), refused)
     found = (_identified(one, given) for one in calibrations) if workers == 1 else _beside(calibrations, given, workers)
     return _told(found, refused)
 
@@ -107,24 +93,6 @@ def _identified(calibration: Given, given: dict[str, Any]) -> Result | Vibrident
         return identify(calibration, **given)
     except VibridentError as error:
         return error
-
-
-def _together(calibrations: Iterable[Given], given: dict[str, Any]) -> Iterator[Result | VibridentError]:
-    """Some at a time, fitted on the GPU, which is looked for at once."""
-    from vibrident.batched import identified_together
-    from vibrident.batched.program import descend, gpu
-    from vibrident.identification import identify
-    from vibrident.io import read
-
-    on_device = functools.partial(descend, device=gpu())
-
-    def identified() -> Iterator[Result | VibridentError]:
-        waiting = iter(calibrations)
-        while some := list(itertools.islice(waiting, TOGETHER)):
-            read_in = [one if isinstance(one, Calibration) else read(one) for one in some]
-            yield from identified_together(read_in, lambda one: identify(one, **given), on_device)
-
-    return identified()
 
 
 def _beside(calibrations: Iterable[Given], given: dict[str, Any], workers: int) -> Iterator[Result | VibridentError]:

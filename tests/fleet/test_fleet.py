@@ -182,7 +182,7 @@ def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypa
     victims, answer = ["s001", "s003"], _Child.answer
 
     def killed_once(child, call, *rest):
-        if call["name"].endswith(":identified") and (folder := Path(call["args"][0][0][0]).parent.name) in victims:
+        if call["name"].endswith(":identified") and (folder := Path(call["args"][0][0]).parent.name) in victims:
             victims.remove(folder)
             child.popen.kill()
         return answer(child, call, *rest)

@@ -6,10 +6,8 @@ An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weight
 
 from __future__ import annotations
 
-import contextlib
 import functools
-from collections.abc import Callable, Iterator
-from contextvars import ContextVar
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -91,28 +89,6 @@ class Trace:
         return self.coordinates[-1]
 
 
-class Elsewhere(Protocol):
-    """Makes a descent in another place: one of many on a device. It returns None for one that it cannot make."""
-
-    def __call__(
-        self, objective: Objective, start: FloatArray, args: Any, tolerance: float, most: int, straight: int
-    ) -> Trace | None:
-        """As :func:`levenberg_marquardt`; ``straight``: most iterates of a descent that needs no bent steps."""
-
-
-_elsewhere: ContextVar[Elsewhere | None] = ContextVar("elsewhere", default=None)
-
-
-@contextlib.contextmanager
-def descended_by(elsewhere: Elsewhere) -> Iterator[None]:
-    """While it lasts, descents of this thread are made elsewhere."""
-    token = _elsewhere.set(elsewhere)
-    try:
-        yield
-    finally:
-        _elsewhere.reset(token)
-
-
 def levenberg_marquardt(
     objective: Objective,
     start: FloatArray,
@@ -141,11 +117,6 @@ def levenberg_marquardt(
     Raises:
         NotConverged: the cost is not finite at the start.
     """
-    elsewhere = _elsewhere.get()
-    if elsewhere is not None:
-        trace = elsewhere(objective, start, args, tolerance, most, most if bent is None else STRAIGHT)
-        if trace is not None:
-            return trace
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
         raise NotConverged(NOT_FINITE)

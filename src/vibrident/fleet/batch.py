@@ -23,7 +23,7 @@ from vibrident.fleet.key import Fingerprint
 from vibrident.fleet.orders import Orders, memory_limit
 from vibrident.fleet.parts import unwritable, write_part
 from vibrident.fleet.row import Row
-from vibrident.many import TOGETHER
+from vibrident.fleet.worker import Task
 from vibrident.process import Died, Limits, Process, WorkerError
 
 _START_S = 180.0  # longest time to load the libraries, in seconds; a network drive may be slow
@@ -55,8 +55,8 @@ class Identifier:
             self._start()
         return self._process.call(worker.fingerprints, paths, self.orders, limits=Limits(_HASHING_S, self.memory_bytes))
 
-    def identify(self, tasks: Sequence[tuple[str, str]]) -> list[Row]:
-        """The rows of calibrations, each a path and its key; more than one only for a device that takes many.
+    def identify(self, task: Task) -> Row:
+        """The row of a calibration, a path and its key.
 
         Raises:
             Died: the process ended during the calibration.
@@ -65,15 +65,15 @@ class Identifier:
         """
         if not self._process.alive:
             self._start()
-        limits = Limits(len(tasks) * self.orders.time_limit_s, self.memory_bytes)
+        limits = Limits(self.orders.time_limit_s, self.memory_bytes)
         try:
-            rows, held_bytes = self._process.call(worker.identified, tasks, self.orders, limits=limits)
+            row, held_bytes = self._process.call(worker.identified, task, self.orders, limits=limits)
         except WorkerError as error:
             raise Died("crash", f"a process that failed: {str(error).strip().rpartition(chr(10))[2]}") from error
-        self._done += len(tasks)
+        self._done += 1
         if self._done >= _MOST_DONE or held_bytes > _MOST_BYTES:
             self.close()
-        return rows
+        return row
 
     def end(self) -> None:
         """End the process from another thread; it is not started again."""
@@ -87,7 +87,7 @@ class Identifier:
     def _start(self) -> None:
         self._done = 0
         try:
-            self._process.call(worker.ready, self.orders.device, limits=Limits(_START_S, self.memory_bytes))
+            self._process.call(worker.ready, limits=Limits(_START_S, self.memory_bytes))
         except (Died, OSError) as death:
             printed = death.printed if isinstance(death, Died) else ""
             ending = death.ending if isinstance(death, Died) else str(death)
@@ -136,7 +136,7 @@ def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
         return [keys.fingerprint(path, orders) for path in paths]
 
 
-def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
+def work_off(tasks: Sequence[Task], orders: Orders) -> Done:
     """Identify calibrations, each a path and its key, and write their rows.
 
     Raises:
@@ -144,8 +144,7 @@ def work_off(tasks: Sequence[tuple[str, str]], orders: Orders) -> Done:
     """
     _require_same_version(orders)
     process = _process(orders)
-    size = TOGETHER if orders.device == "gpu" else 1
-    found = [row for at in range(0, len(tasks), size) for row in _rows(process, tasks[at : at + size])]
+    found = [_row(process, task) for task in tasks]
     try:
         part = write_part(orders.parts_folder, found, orders.time_limit_s, process.memory_bytes)
     except OSError as error:
@@ -173,26 +172,16 @@ def _process(orders: Orders) -> Identifier:
     return process
 
 
-def _rows(process: Identifier, tasks: Sequence[tuple[str, str]]) -> list[rows.Row]:
-    """Rows of calibrations that the process has at the same time; one by one if that ends it."""
-    if len(tasks) > 1:
-        try:
-            return process.identify(tasks)
-        except Died:
-            process.close()
-    return [_row(process, path, key) for path, key in tasks]
-
-
-def _row(process: Identifier, path: str, key: str) -> rows.Row:
+def _row(process: Identifier, task: Task) -> rows.Row:
     for _ in range(1 + _TRIES_ALONE):
         try:
-            return process.identify([(path, key)])[0]
+            return process.identify(task)
         except Died as death:
             last = death
             process.close()
             if death.reason == "time":
                 break
-    return _killed(last, process.orders, path, key)
+    return _killed(last, process.orders, *task)
 
 
 def lost(path: str, key: str, orders: Orders) -> rows.Row:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from vibrident import __version__
 
@@ -35,8 +35,6 @@ class Orders:
     # largest memory of one process; None: a share of the machine's, see ``memory_limit``
     memory_limit_bytes: int | None = None
     results: bool = True  # whether whole results are written
-    # where tones and lines are fitted: ``cpu``, or ``gpu`` for many calibrations at once
-    device: Literal["cpu", "gpu"] = "cpu"
     version: str = __version__  # of this package; a remote worker must have the same
     plug_ins: Sequence[str] = field(default_factory=plug_ins)  # packages that may change an outcome
     run: str = ""  # name of this run; it distinguishes its processes from those of another run
@@ -45,8 +43,6 @@ class Orders:
     def settings(self) -> dict[str, Any]:
         """The settings that change the numbers of an outcome."""
         chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
-        if self.device != "cpu":
-            chosen["device"] = self.device
         return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
 
     @property

@@ -12,7 +12,6 @@ from vibrident.errors import InputError, VibridentError
 from vibrident.result import Result
 
 IDENTIFIED, REFUSED, FAILED = "identified", "refused", "failed"
-_GPU = "gpu"  # what a result says that was fitted where it was asked for
 
 #: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate, chi2_reduced, warnings,
 #: seconds as in the table, ``parameters`` being name → [value, u, unit]; ``finished``: when, in seconds since 1970;
@@ -26,10 +25,8 @@ def identified(key: str, result: Result, seconds: float) -> Row:
         name: [_finite(one.value), _finite(one.standard_uncertainty), one.unit]
         for name, one in result.parameters.items()
     }
-    device = str(result.settings.get("device", _GPU))
-    message = "" if device == _GPU else f"Fitted on the {device}."
     return {
-        **_row(key, IDENTIFIED, message, dict(result.sensor), seconds),
+        **_row(key, IDENTIFIED, "", dict(result.sensor), seconds),
         "model": result.model,
         "estimator": result.estimator,
         "parameters": parameters,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +24,10 @@ _MOST_TRIES = 3  # how often a calibration is begun again whose files change whi
 Task = tuple[str, str]
 
 
-def ready(device: str) -> None:
-    """Load all that linear sensors need.
-
-    Raises:
-        InputError: the device is not there.
-    """
+def ready() -> None:
+    """Load all that linear sensors need."""
     import vibrident.identification
     import vibrident.io  # noqa: F401
-
-    if device == "gpu":
-        from vibrident.batched.program import gpu
-
-        gpu()
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
@@ -44,54 +35,34 @@ def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
     return [fingerprint(path, orders) for path in paths]
 
 
-def identified(tasks: Sequence[Task], orders: Orders) -> tuple[list[rows.Row], int]:
-    """The rows of calibrations, and the bytes that this process holds.
+def identified(task: Task, orders: Orders) -> tuple[rows.Row, int]:
+    """The row of a calibration, and the bytes that this process holds.
 
     Raises:
         InputError: a result cannot be written.
     """
-    found: dict[str, rows.Row] = {}
+    path, key = task
     try:
         for _ in range(_MOST_TRIES):
-            found |= {path: row for (path, _), row in zip(tasks, _identified(tasks, orders), strict=True)}
-            now = [(path, fingerprint(path, orders).key) for path, _ in tasks]
-            tasks = [task for task in now if task not in tasks]  # the files changed while they were read
-            if not tasks:
+            begin = time.perf_counter()
+            row = _row(path, key, _outcome(path, orders), orders, time.perf_counter() - begin)
+            if (now := fingerprint(path, orders).key) == key:
                 break
+            key = now  # the files changed while they were read
     except OSError as error:
         raise unwritable(error, orders.folder) from error
-    return list(found.values()), _held_bytes()
+    return row, _held_bytes()
 
 
-def _identified(tasks: Sequence[Task], orders: Orders) -> list[rows.Row]:
-    """Read, identify, write the results. The outcome does not depend on the folder of the files."""
-    from vibrident.many import identify_many
-
-    begin = time.perf_counter()
-    found: list[Any] = [_read(path) for path, _ in tasks]
-    whole = [one for one in found if not isinstance(one, Exception)]
-    try:
-        made = identify_many(whole, orders.model, orders.estimator, refused="return", device=orders.device)
-        ended: Iterator[Any] = iter(list(made))
-    except MemoryError:
-        raise
-    except Exception as error:
-        if len(tasks) > 1:  # which one it was shows one by one
-            return [row for task in tasks for row in _identified([task], orders)]
-        ended = iter([error])
-    found = [one if isinstance(one, Exception) else next(ended) for one in found]
-    seconds = (time.perf_counter() - begin) / len(tasks)
-    return [_row(*task, one, orders, seconds) for task, one in zip(tasks, found, strict=True)]
-
-
-def _read(path: str) -> Any:
-    """The calibration, or the exception that reading it raised."""
+def _outcome(path: str, orders: Orders) -> Any:
+    """The result, or the exception that reading or identifying raised. It does not depend on the folder of the files."""
+    from vibrident.identification import identify
     from vibrident.io import read
 
     folder, name = os.path.split(path)
     try:
         _enter(folder, path)
-        return read(name)
+        return identify(read(name), orders.model, orders.estimator)
     except MemoryError:
         raise
     except Exception as error:

@@ -40,12 +40,6 @@ def fleet(
     estimator: str = choice(
         "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", AUTO, "{estimators}"
     ),
-    device: str = choice(
-        "--device",
-        ("cpu", "gpu"),
-        "Where tones and lines are fitted; gpu: not measured on one, see docs/fleet.md.",
-        "cpu",
-    ),
     resume: bool = flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.", value=True),
     time_limit_s: float = between("--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9, 300.0),
     memory_limit_mb: float | None = between(
@@ -82,7 +76,6 @@ def fleet(
         time_limit_s,
         None if memory_limit_mb is None else int(memory_limit_mb * 1e6),
         results,
-        "gpu" if device == "gpu" else "cpu",
     )
     asked = Asked(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
     if store is not None:
